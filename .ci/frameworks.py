@@ -1,4 +1,4 @@
-"""Run the agents of the documentation, each in an environment of its own, with a scripted model.
+"""Run the agents of the documentation, each in a separate virtual environment, with a scripted model.
 
     python .ci/frameworks.py                                  # all of them
     python .ci/frameworks.py coding-agents                    # those of a page
@@ -6,8 +6,8 @@
     python .ci/frameworks.py --envs /tmp/frameworks python-agents#strands-agents
 
 A section of a page names what to install, with versions, in its first block that begins with `pip install` or `npm
-install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`). They are taken as
-they stand. `smartplay-tools agent`, in the Python that runs this script, starts the agent with the rule player behind
+install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`). Both are used
+unchanged. `smartplay-tools agent`, in the Python that runs this script, starts the agent with the rule player behind
 the window endpoint, and with `--only-game-tools` where the section or its page's introduction has that. Where the
 framework manages the context and reads calls from text, an endpoint writes the rule player's calls as the framework
 asks for them. An agent has to win the game, and no prompt of the window endpoint may exceed its cap. Environments are

@@ -23,9 +23,10 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.costs import cache_rules, calls_under
-from smartplay_tools.records import RequestLog, sent_prompts
-from smartplay_tools.records.requests import Request, Unit
+from smartplay_tools.evaluation.costs.caches import cache_rules
+from smartplay_tools.evaluation.costs.charges import calls_under
+from smartplay_tools.records import sent_prompts
+from smartplay_tools.records.requests import Request, RequestLog, Unit
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 STRATEGIES: dict[str, dict[str, Any]] = {

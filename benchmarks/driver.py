@@ -27,11 +27,11 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import PlayerConfig, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.attempt import Task, Times
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import RunLimits
-from smartplay_tools.evaluation.runs.plan import player_key
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, player_key
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag, following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler, Setup

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import estimate, make_cells, plan_episodes, run_plan
-from smartplay_tools.evaluation.runs.estimate import Range
+from smartplay_tools.evaluation.runs.estimate import Range, estimate
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.runner import run_plan
 
 TRIALS = 3
 REPLY_TOKENS = 300

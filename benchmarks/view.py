@@ -22,7 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.web.site import SiteRun, ViewServer
+from smartplay_tools.web.site import ViewServer
+from smartplay_tools.web.site.site_runs import SiteRun
 
 
 def large_run(folder: Path, count: int) -> Path:

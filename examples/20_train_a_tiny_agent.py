@@ -18,7 +18,7 @@ from pathlib import Path
 import tiny_agent
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.exports import export
 
 GAME = "RockPaperScissorBasic-v0"

@@ -11,7 +11,6 @@ Rows are those of runs, each with the calls of memory tools and with what the ep
 
 from __future__ import annotations
 
-import argparse
 import json
 import lzma
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,22 +19,22 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import complete, interval, publish, table_row
+from page_tables import arguments, complete, interval, show, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis import MEASURES, by_cell, mean_estimate
 from smartplay_tools.evaluation.analysis.area import Area, areas
-from smartplay_tools.evaluation.analysis.figures import areas_under_curves, save_figure
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate, mean_estimates
 from smartplay_tools.evaluation.analysis.names import strategy_name, way_name
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, tokens
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample, tokens
 from smartplay_tools.evaluation.analysis.windows import jointly
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
-from smartplay_tools.evaluation.runs import PlayerConfig, make_cells
-from smartplay_tools.evaluation.runs.plan import check_playable
+from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES
@@ -241,12 +240,10 @@ def _place(cell: PlayedCell) -> tuple[str, str, int | None]:
 
 def main() -> None:
     """Print the tables of the published rows, or play."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "runs/curves")
     parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
-    parser.add_argument("--out", type=Path, default=Path("runs/curves"), help="where the runs are")
     parser.add_argument("--game", action="append", choices=[*STAGES], help="play this game alone; repeatable")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
-    parser.add_argument("--publish", action="store_true", help="put tables and figure into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
         write_rows(_played(asked.game or STAGES, asked.out, asked.learned), asked.out / "rows.jsonl.xz")
@@ -254,10 +251,7 @@ def main() -> None:
     rows = read_rows(PUBLISHED)
     curves = areas_of(rows)
     for name, lines in {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(curves)}.items():
-        written = "\n".join(lines)
-        print(written, "\n")
-        if asked.publish:
-            publish(PAGE, name, written)
+        show(PAGE, name, "\n".join(lines), publishes=asked.publish)
     if asked.publish:
         drawn = [each for each in curves if each.name.startswith(SUBJECT.name)]
         save_figure(areas_under_curves(drawn), PAGE.parent / "figures" / "arena-areas", formats=["svg"])

@@ -20,9 +20,12 @@ from pathlib import Path
 
 from context_questions import CONTROL, QUESTIONS
 from context_tables import table
-from page_tables import mark, publish as publish_table
+from page_tables import arguments, mark, publish as publish_table
+from strategy_figure import ALONG, effects_of_strategies
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 
 __all__ = ["CONTROL", "QUESTIONS", "main", "table"]
@@ -46,7 +49,7 @@ def main() -> None:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="What a smaller context costs in score, and saves in tokens.")
+    parser = arguments("What a smaller context costs in score, and saves in tokens.", "runs/context")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
     parser.add_argument("--base-url", help="the address of the server of openai:MODEL")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=list(QUESTIONS), help="all by default")
@@ -55,8 +58,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     parser.add_argument("--reply-tokens", type=int, help="cap on every reply, which a model needs")
     parser.add_argument("--run-tokens", type=int, help="cap on the tokens of each question")
-    parser.add_argument("--out", type=Path, default=Path("runs/context"), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put figures and tables into the documentation")
     return parser.parse_args()
 
 
@@ -79,6 +80,9 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
         left = played.run.planned - len(played.rows)
         sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
     played.write()
+    if name == "strategies":
+        drawn = effects_of_strategies(compare_windows(played.rows, along=ALONG))
+        save_figure(drawn, asked.out / name / "figures" / "strategies")
     return played
 
 

@@ -16,9 +16,8 @@ from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
 from page_tables import publish as publish_table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import MeanEstimate, mean_estimate
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, t_quantile
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate, t_quantile
 from smartplay_tools.evaluation.analysis.windows import jointly
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ import sys
 from pathlib import Path
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board import build_board
-from smartplay_tools.evaluation.board.submissions import prepare_submission
+from smartplay_tools.evaluation.board.site import build_board
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 
 PLAYERS = {
     "rule": "Rules written for each game, which read the prompt and nothing else.",

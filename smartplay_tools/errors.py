@@ -36,13 +36,8 @@ __all__ = [
     "StrategyError",
     "TranscriptError",
     "UnknownNameError",
-    "check_choice",
-    "damage_named",
     "extra_named",
-    "file_named",
     "in_one_line",
-    "is_disk_full",
-    "similar",
 ]
 
 

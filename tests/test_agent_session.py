@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 import smartplay_tools as sp
 from smartplay_tools.episode import AsyncGameTools, GameTools, tool_specs
 from smartplay_tools.records import replay
-from smartplay_tools.transcript import comparable
+from smartplay_tools.transcript.file import comparable
 from tests import scripts
 
 HANOI = "Hanoi3Disk-v0"

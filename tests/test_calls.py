@@ -10,7 +10,6 @@ import threading
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import ToolCall
 from smartplay_tools.types.arguments import read
@@ -53,21 +52,6 @@ def test_an_action_goes_by_its_name_or_its_number(episode, sent):
     assert episode.call("act", {"action": sent}).text.startswith("You chose Rock")
 
 
-@pytest.mark.skipif(not Wording.of(VERSION).takes_numbers, reason="under version 1 of the prompts it is a mistake")
-def test_the_number_may_be_a_number_and_is_recorded_as_it_was_said(tmp_path):
-    """Hosts turn "1" into 1, and models write it. Records of version 1, where it was a mistake, stay as they are."""
-    with sp.Episode(RPS, seed=1, transcript=tmp_path / "1.jsonl") as episode:
-        assert episode.call("act", '{"action": 1}').text.startswith("You chose Rock")
-        assert episode.call("act", {"action": 3}).text.startswith("You chose Scissor")
-        assert episode.functions()[1](2).startswith("You chose Paper")
-        assert episode.call("act", {"action": 4}).text.startswith('Error: "4" is not a legal action.')
-    calls = [event["arguments"] for event in sp.read_transcript(tmp_path / "1.jsonl") if event["event"] == "call"]
-    assert calls == [f'{{"action": {number}}}' for number in (1, 3, 2, 4)]
-    old = sp.Episode.from_config(episode.config.model_copy(update={"prompts": "v1"}))
-    assert old.call("act", '{"action": 1}').text.startswith('Error: `action` must be a string: "{"action": 1}".')
-    assert old.tools == episode.tools
-
-
 @pytest.mark.parametrize(
     "sent",
     ["", "Roc", "Rock!", "Rock please", "0", "4", "0001", "1) Rock", "2. Rock", "1.5", "1 .", "١", "Rock\x00", "-1"],
@@ -96,9 +80,7 @@ def test_nothing_else_is_an_action(episode, sent):
         ("{}", "The argument `action` is missing"),
         ('{"actoin": "Rock"}', "The argument `action` is missing"),
         ('{"action": "Rock", "why": "luck"}', "The argument `action` must be the only argument"),
-        ('{"action": true}', "`action` must be a string"),
-        ('{"action": 1.0}', "`action` must be a string"),
-        ('{"action": 1.5}', "`action` must be a string"),
+        ('{"action": 1}', "`action` must be a string"),
         ('{"action": null}', "`action` must be a string"),
         ('{"action": ["Rock"]}', "`action` must be a string"),
         ({"action": {"name": "Rock"}}, "`action` must be a string"),
@@ -205,22 +187,10 @@ class TestIdempotency:
         assert again.data["replayed"] is True
         assert (episode.stats.steps, episode.stats.tool_calls, episode.stats.turns) == (1, 1, 1)
 
-    def test_the_same_key_with_another_call_is_an_error(self, episode):
-        episode.call("act", '{"action": "Rock"}', "http-1")
-        clash = episode.call("act", '{"action": "Paper"}', "http-1")
-        assert clash.is_error
-        assert episode.stats.steps == 1
-
     def test_the_last_call_can_be_sent_again_after_the_end(self):
         with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=1)) as episode:
             first = episode.call("act", {"action": "1"}, "a")
             assert episode.call("act", {"action": "1"}, "a").text == first.text
-
-    @pytest.mark.parametrize("key", [None, ""])
-    def test_no_key_is_no_replay(self, episode, key):
-        for _ in range(2):
-            episode.call("act", {"action": "1"}, key)
-        assert episode.stats.steps == 2
 
     def test_a_key_lives_as_long_as_the_episode(self):
         with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=None, stalled_turns=None)) as episode:
@@ -231,9 +201,6 @@ class TestIdempotency:
 
 
 class TestManual:
-    def test_the_agent_may_read_it(self, episode):
-        assert episode.call("read_manual").text == episode.game.manual
-
     def test_pinned_it_stands_in_the_system_message(self):
         with sp.Episode(RPS, seed=1, manual="pinned") as episode:
             assert episode.head[0]["content"].endswith(f"\n\n{episode.game.manual}")
@@ -247,13 +214,6 @@ class TestManual:
 
 class TestCuts:
     """A result is cut once, to its cap, and says what is missing."""
-
-    @pytest.mark.parametrize("cap", range(1, 60, 3))
-    @pytest.mark.parametrize("tool", ["observe", "read_manual", "nonsense"])
-    def test_no_result_is_longer_than_its_cap(self, cap, tool):
-        with sp.Episode(HANOI, seed=1, budget=sp.Budget(result_tokens=cap)) as episode:
-            assert COUNT(episode.call(tool).text) <= cap
-            assert COUNT(episode.call("act", {"action": "1"}).text) <= cap
 
     def test_an_observation_loses_its_end(self):
         with sp.Episode(HANOI, seed=1, budget=sp.Budget(result_tokens=20)) as episode:
@@ -280,10 +240,6 @@ class TestCuts:
             assert episode.budget.manual_tokens == room // 3
         with sp.Episode(HANOI, seed=1) as episode:
             assert episode.budget.result_tokens is None
-
-    def test_an_error_can_be_cut_too(self):
-        with sp.Episode(HANOI, seed=1, budget=sp.Budget(result_tokens=30)) as episode:
-            assert episode.call("act", {"action": "fly"}).text.endswith("tokens cut]")
 
 
 class TestHostContext:

@@ -16,7 +16,8 @@ from smartplay_tools.context.turns import with_ids
 from smartplay_tools.errors import TranscriptError, UnknownNameError
 from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.evaluation.costs.charges import calls_under, charge
-from smartplay_tools.records import Price, Record
+from smartplay_tools.records import Record
+from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
 from tests import cache_judge, fuzz, scripts
 
@@ -209,7 +210,7 @@ def test_written_tokens_are_billed_at_their_own_rates_and_left_out_of_records_th
     price = Price(((0, 4.0),), ((0, 20.0),), ((0, 0.4),), "given", ((0, 5.0),), ((0, 8.0),))
     usage = sp.Usage(prompt=1_000_000, cached=400_000, written=300_000, written_1h=100_000)
     assert price.cost(usage) == pytest.approx(0.3 * 4 + 0.4 * 0.4 + 0.2 * 5 + 0.1 * 8)
-    assert sp.Usage(prompt=1).model_dump() == {"prompt": 1, "reply": 0, "cached": 0, "reasoning": 0, "requests": 1}
+    assert sp.Usage(prompt=1).model_dump() == {"prompt": 1, "reply": 0, "cached": None, "reasoning": 0, "requests": 1}
     assert sp.Usage(written=2).model_dump()["written"] == 2
     older = {"input": [[0, 4.0]], "output": [[0, 20.0]], "cached": [[0, 0.4]], "source": "given"}
     assert Price.from_json(older).cost(usage) == pytest.approx(0.6 * 4 + 0.4 * 0.4)

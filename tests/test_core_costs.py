@@ -9,6 +9,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context import turns
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import arguments, prompt
 
 RPS = "RockPaperScissorBasic-v0"
@@ -50,6 +51,18 @@ def test_of_a_turn(counted):
             assert counted == {}, "nothing is parsed, and nothing is copied before it is read"
             shown = len(prompt.messages)
             assert len(prompt.messages) == shown == counted["copied"], "every message is copied once"
+
+
+def test_a_reply_is_counted_once(monkeypatch):
+    counted, count = [], TokenCounter.message
+    monkeypatch.setattr(TokenCounter, "message", lambda *given: counted.append(given[1]["role"]) or count(*given))
+    with sp.Episode(RPS, seed=1, tokenizer="approximate") as episode:
+        conversation = sp.Conversation(episode)
+        conversation.prompt()
+        counted.clear()
+        conversation.receive(sp.call("act", action="1"))
+        conversation.prompt()
+    assert counted == ["assistant", "tool"]
 
 
 def test_of_a_turn_that_is_recorded(counted, tmp_path):

@@ -17,9 +17,12 @@ import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
+from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
@@ -112,12 +115,14 @@ class P:
 """
 
 
-def shown_and_digest(strategy: str) -> tuple[list[int], str]:
-    """The turns that the last prompt of an episode shows, and the digest on its record."""
-    result, events = played(strategy)
+def shown_by(turns: str) -> list[int]:
+    """Write the file, and return the turns that the last prompt of an episode with its strategy shows."""
+    Path("s.py").write_text(choosing(turns), encoding="utf-8")
+    result, events = played("s.py:S")
     assert result.end_reason == "rollout"
-    [view] = [event["turns"] for event in events if event["event"] == "view"][-1:]
-    return view, events[0]["config"]["strategy_sha256"]
+    assert events[0]["config"]["strategy_sha256"] == digest_of("s.py")
+    assert sp.get_player("s.py:P").turns == turns
+    return [event["turns"] for event in events if event["event"] == "view"][-1]
 
 
 def digest_of(path: str) -> str:
@@ -126,14 +131,8 @@ def digest_of(path: str) -> str:
 
 def test_a_file_that_was_rewritten_is_a_new_strategy(file):
     """As in a notebook: the same name, another content, of the same size and within the same second."""
-    seen = []
-    for turns in ("range(1)", "range(0)", "range(1)"):
-        Path("s.py").write_text(choosing(turns), encoding="utf-8")
-        shown, digest = shown_and_digest("s.py:S")
-        assert digest == digest_of("s.py")
-        assert sp.get_player("s.py:P").turns == turns
-        seen.append(shown)
-    assert seen[0] == seen[2] != seen[1]
+    first, second, third = map(shown_by, ("range(1)", "range(0)", "range(1)"))
+    assert first == third != second
 
 
 def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch):
@@ -141,11 +140,7 @@ def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch
     for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
         (tmp_path / folder).mkdir()
         monkeypatch.chdir(tmp_path / folder)
-        Path("s.py").write_text(choosing(turns), encoding="utf-8")
-        shown, digest = shown_and_digest("s.py:S")
-        assert digest == digest_of("s.py")
-        assert sp.get_player("s.py:P").turns == turns
-        seen.append(shown)
+        seen.append(shown_by(turns))
     assert seen[0] != seen[1]
 
 
@@ -235,9 +230,9 @@ def test_the_commands_take_it(file, tmp_path):
 
 def test_a_choice_costs_what_it_shows(monkeypatch):
     """The window itself looks at no turn that is neither shown nor pinned."""
-    sums = []
-    original = TokenIndex.whole
-    monkeypatch.setattr(TokenIndex, "whole", lambda *given: sums.append(1) or original(*given))
+    runs = []
+    original = WindowState.run
+    monkeypatch.setattr(WindowState, "run", lambda *given: runs.append(1) or original(*given))
     good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
     monkeypatch.setitem(custom._NAMED, "good", good)
     counts = []
@@ -245,10 +240,10 @@ def test_a_choice_costs_what_it_shows(monkeypatch):
     with sp.Episode(RPS, seed=1, budget=budget) as episode:
         conversation = sp.Conversation(episode)
         for _ in range(200):
-            sums.clear()
+            runs.clear()
             conversation.receive(sp.call("observe"))
             conversation.prompt()
-            counts.append(len(sums))
+            counts.append(len(runs))
     assert max(counts[100:]) <= max(counts[:100])
 
 
@@ -280,6 +275,61 @@ def test_a_run_that_was_interrupted_goes_on_in_another_process(file, tmp_path, m
     record = Record.read(done.transcript(done.rows[0]["key"]))
     assert record.resumes, "the episode was continued, not begun again"
     assert replay(record.events).identical
+
+
+def test_a_record_has_no_path_and_the_manifest_has_it(file, tmp_path):
+    """A file is one cell however its path is written, and nothing that is published says where it was."""
+    keys = set()
+    spellings = (file, f"./{file}", f"{tmp_path}/{file}", f"{tmp_path}/../{tmp_path.name}/{file}")
+    for number, place in enumerate(spellings):
+        out = tmp_path / f"run-{number}"
+        run = sp.evaluate(
+            *([RPS], ["rule"]), trials=1, budgets=sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2"), out=out
+        )
+        [row] = run.rows
+        keys.add(row["key"])
+        record = Record.read(run.transcript(row["key"]))
+        assert record.config.budget.strategy == row["asked"]["strategy"] == f"{file}:turns=2"
+        assert record.config.strategy_sha256 == row["strategy_sha256"] == digest_of("first_and_newest.py")
+        assert str(tmp_path) not in (out / "results.jsonl").read_text() + record.path.read_text()
+        assert run.folder.manifest().strategy_files == {row["strategy_sha256"]: str(Path(place.partition(":")[0]))}
+    assert len(keys) == 1
+
+
+@pytest.mark.slow
+def test_worker_processes_find_the_file_of_a_strategy_in_another_folder(file, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    budget = sp.Budget(prompt_tokens=800, strategy=f"../{file}")
+    run = sp.evaluate([RPS], ["rule"], trials=2, budgets=budget, out=tmp_path / "run", executor="processes", workers=2)
+    assert run.complete
+
+
+def test_two_files_of_one_name_are_two_cells(file, tmp_path):
+    for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
+        Path(folder).mkdir()
+        Path(folder, "s.py").write_text(choosing(turns), encoding="utf-8")
+    budgets = [sp.Budget(prompt_tokens=800, strategy=f"{folder}/s.py:S") for folder in ("a", "b")]
+    run = sp.evaluate([RPS], ["rule"], trials=2, budgets=budgets, out=tmp_path / "run", executor="inline")
+    cells = summarize(run.rows)
+    labels = [cells.label_of(cell) for cell in cells.cells]
+    assert [cell.episodes for cell in cells.cells] == [2, 2]
+    assert [label.rpartition("file ")[2] for label in labels] == [digest_of(f"{at}/s.py")[:8] for at in ("a", "b")]
+    assert all(replay(run.transcript(row["key"])).identical for row in run.rows)
+
+
+def test_a_run_whose_records_have_the_path_is_continued_as_it_is(file, tmp_path):
+    """Earlier versions recorded the path as it was written, and the keys of the episodes follow from it."""
+    asked = {"budgets": sp.Budget(prompt_tokens=800, strategy=f"./{file}"), "executor": "inline"}
+    cell = cell_config(RPS, budget=asked["budgets"], player="rule")
+    cell = cell.model_copy(update={"budget": asked["budgets"]})
+    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run")
+    [row] = earlier.rows
+    assert row["asked"]["strategy"] == f"./{file}"
+    extended = sp.evaluate([RPS], ["rule"], trials=2, out=tmp_path / "run", **asked)
+    assert [row["asked"]["strategy"] for row in extended.rows] == [f"./{file}"] * 2
+    assert extended.rows[0] == row
+    assert all(replay(extended.transcript(row["key"])).identical for row in extended.rows)
 
 
 def test_a_run_file_names_it(file, tmp_path):

@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 
 DATA = Path(__file__).parent / "data" / "first_layout"

@@ -12,7 +12,9 @@ import smartplay_tools as sp
 from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.episode.cells import cell_config
-from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records import sent_prompts
 from smartplay_tools.types.arguments import read

@@ -40,11 +40,12 @@ ELSEWHERE = {
 """Adapters with an environment of their own, and their pages."""
 
 OF_SUB_PACKAGES = (
-    *("evaluation.analysis.summarize", "evaluation.analysis.compare", "records.Price", "evaluation.runs.estimate"),
+    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "records.prices.Price"),
     *(
-        "evaluation.analysis.figures.frontier",
-        "evaluation.analysis.figures.write_figures",
-        "evaluation.pages.report.write_report",
+        "evaluation.runs.estimate.estimate",
+        "evaluation.analysis.figures.frontier.frontier",
+        "evaluation.analysis.figures.run.write_figures",
+        "evaluation.pages.report.page.write_report",
     ),
     *("records.sent_prompts", "testing.CHECKS", "players.Reading"),
 )
@@ -56,7 +57,7 @@ def assert_signatures_have_fields(pages: str) -> None:
     for name, fields in {
         "Budget": ("history='game'", "prompt_tokens=None", "slack=0.0"),
         "EpisodeConfig": ("seed", "manual='tool'"),
-        "evaluation.PlayerConfig": ("name", "concurrency=None"),
+        "evaluation.runs.players.PlayerConfig": ("name", "concurrency=None"),
     }.items():
         signature = re.search(rf'<dt [^>]*id="smartplay_tools\.{re.escape(name)}">(.*?)</dt>', pages, flags=re.DOTALL)
         assert signature, name

@@ -7,7 +7,7 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs import PlayerConfig
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 
 HANOI = "Hanoi3Disk-v0"
 

@@ -1,9 +1,9 @@
-"""The player `anthropic:MODEL`: a model behind Anthropic's interface.
+"""The player `anthropic:MODEL`, and the tools of an episode for the `tool_runner` of the `anthropic` client.
 
 The environment's proxies are not used for a server on this machine. The client's own retries are switched off, because
 `ModelPlayer` retries and counts attempts.
 
-The tools of an episode for the `tool_runner` of the `anthropic` client, which calls tools by itself.
+The client's runner calls tools by itself:
 
     runner = client.beta.messages.tool_runner(model=..., max_tokens=1024, messages=[...], tools=tools(episode))
     runner.until_done()

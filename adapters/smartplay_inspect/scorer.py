@@ -1,6 +1,6 @@
 """The scorer, which reads the episode's result, and this package's intervals as metrics of Inspect's.
 
-The records of a log's episodes as files, which replay.
+`save_records` writes the records of a log's episodes to files, which can be replayed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from inspect_ai.util import store_as
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.analysis import mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript import write_records
 

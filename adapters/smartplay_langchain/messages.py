@@ -175,7 +175,7 @@ def _to_langchain(message: Message, pictures: Mapping[str, Picture]) -> AnyMessa
             valid.append(ToolCall(name=name, args=arguments, id=call["id"], type="tool_call"))
     item = kept_item(message, ITEM) or {}
     kept = {"content": text, **item.get("message", {})}
-    pairs = zip(item.get("calls", ()), message.get("tool_calls", ()), strict=False)
+    pairs = zip(item.get("call_ids", item.get("calls", ())), message.get("tool_calls", ()), strict=False)
     kept["content"] = _with_calls(kept["content"], pairs)
     return AIMessage(**kept, tool_calls=valid, invalid_tool_calls=invalid)
 
@@ -221,7 +221,7 @@ def _from_reply(reply: AIMessage) -> Message:
         return reply_message(_words(reply), listed)
     kept = reply.model_dump(mode="json", include={"content", "additional_kwargs"})
     kept["response_metadata"] = {k: v for k, v in reply.response_metadata.items() if k == "model_provider"}
-    sent = {"calls": [call["id"] or "" for call in calls]} if calls else {}
+    sent = {"call_ids": [call["id"] or "" for call in calls]} if calls else {}
     blocks = [block for block in reply.content_blocks if block["type"] == "reasoning"]
     reasoning = "".join(str(block.get("reasoning", "")) for block in blocks)
     return reply_message(_words(reply), listed, {"type": ITEM, "message": kept, **sent}, reasoning)

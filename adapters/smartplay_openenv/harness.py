@@ -115,9 +115,7 @@ class SmartPlayHarness(HarnessAdapter):
 
     def run_black_box(self, session: ResourceSession, limits: HarnessRunLimits | None = None) -> HarnessRolloutResult:
         """Refuse: a harness that samples for itself is a player; use `smartplay_tools.play`."""
-        raise InvalidArgumentError(
-            "SmartPlayHarness has no model of its own; use run_white_box, or smartplay_tools.play."
-        )
+        raise InvalidArgumentError("SmartPlayHarness has no model; use run_white_box, or smartplay_tools.play.")
 
 
 class _Rollout:

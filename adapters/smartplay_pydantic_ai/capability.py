@@ -8,11 +8,10 @@ touched: what a capability does to a request is not kept there.
 A reply of words only, or of calls that the agent cannot run (an unknown tool, broken arguments), is answered by the
 session and followed by another attempt in the same step, so the agent's own retry limits are not used up.
 
-What a Pydantic AI model is sent for its provider's cache: marks in the messages, and the episode's key.
+Models of Anthropic and OpenAI are sent marks in the messages and the episode's key, for the provider's cache. Others
+have no place for them: a mark would leave an empty message behind there.
 
-Anthropic's and OpenAI's models have a place for them. Others do not: a mark would leave an empty message behind there.
-
-Players of this package as models of Pydantic AI's, with which an agent can be tried without a key.
+`PlayerModel` is a player of this package as a model of Pydantic AI's, with which an agent can be tried without a key.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ from smartplay_tools.context.prompts import (
 )
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
-from smartplay_tools.evaluation.costs import CacheFields, openai_cache_fields
+from smartplay_tools.evaluation.costs.caches import CacheFields, openai_cache_fields
 
 
 def cache_key(prompt: Prompt, model: Model, cache: CacheMarks) -> dict[str, Any]:

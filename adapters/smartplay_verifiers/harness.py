@@ -12,7 +12,7 @@ from typing import Any
 
 import verifiers.v1 as vf
 
-from smartplay_tools import Conversation, Episode, EpisodeConfig, EpisodeResult, get_player
+from smartplay_tools import Conversation, Episode, EpisodeResult, get_player
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript import Event
 from smartplay_verifiers.tasks import INFO, SmartPlayData, outcome
@@ -22,7 +22,7 @@ CANCELLED = "cancelled"
 
 
 class SmartPlayHarnessConfig(vf.HarnessConfig):
-    """The harness has no options of its own: the taskset decides what is played."""
+    """The harness has no options: the taskset decides what is played."""
 
     id: str = "smartplay_verifiers"
 
@@ -35,7 +35,7 @@ class SmartPlayHarness(vf.Harness[SmartPlayHarnessConfig]):
 
     def new_episode(self, data: SmartPlayData, record: list[Event]) -> Episode:
         """Return the episode of a task. A harness of your own may make another one, with `record` as its transcript."""
-        return Episode.from_config(EpisodeConfig(**data.config), transcript=record)
+        return data.episode(record)
 
     async def launch(
         self,

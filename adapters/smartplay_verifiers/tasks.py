@@ -1,10 +1,8 @@
 """The taskset: a task is one episode, and its reward is the episode's.
 
-Options are the taskset's, not the harness's, because a task has to say by itself what is played.
-
-SmartPlayEnv: one agent plays each task. It differs from verifiers' own only in needing no sandbox.
-
-The records of an evaluation's episodes as files, which replay.
+Options are the taskset's, not the harness's, because a task has to say by itself what is played. In `SmartPlayEnv` one
+agent plays each task; it differs from verifiers' environment only in needing no sandbox. `save_records` writes the
+records of an evaluation's episodes to files, which can be replayed.
 """
 
 from __future__ import annotations
@@ -20,9 +18,10 @@ import verifiers.v1 as vf
 from pydantic import Field, ValidationError, create_model
 
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import TranscriptError, in_one_line
-from smartplay_tools.evaluation.run_folder import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.transcript import Event, write_records
 
 INFO = "smartplay"
@@ -38,6 +37,15 @@ class SmartPlayData(vf.TaskData):
     config: dict[str, Any]
     """The `EpisodeConfig`, seed included."""
     reward: RewardName
+    strategy: str | None = None
+    """The budget's strategy as the taskset names it, with the path of its file, which a config does not have."""
+
+    def episode(self, record: list[Event]) -> Episode:
+        """Return the task's episode, with `record` as its transcript."""
+        config = EpisodeConfig(**self.config)
+        if self.strategy is not None:
+            load_strategy(self.strategy, config.strategy_sha256)
+        return Episode.from_config(config, transcript=record)
 
 
 def outcome(episode: Episode, reward: RewardName, record: Sequence[Event]) -> dict[str, Any]:
@@ -91,7 +99,7 @@ class SmartPlayTask(vf.Task[SmartPlayData, vf.State, vf.TaskConfig]):
 def _play(data: SmartPlayData, player: str | None) -> dict[str, Any]:
     """Play a task without a model: by a scripted player, or not at all."""
     record: list[Event] = []
-    with Episode.from_config(EpisodeConfig(**data.config), transcript=record) as episode:
+    with data.episode(record) as episode:
         if player is not None:
             play(episode, get_player(player))
     return outcome(episode, data.reward, record)
@@ -144,9 +152,10 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
     def load(self) -> Iterator[SmartPlayTask]:
         """Yield a task for every trial."""
         chosen = self.config
+        budget = chosen.budget.budget()
         factory = EpisodeFactory(
             chosen.game,
-            budget=chosen.budget.budget(),
+            budget=budget,
             reward=chosen.reward,
             tokenizer=chosen.tokenizer,
             **chosen.options,
@@ -158,6 +167,7 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
                 prompt=f"Play {factory.game}, trial {trial}.",
                 config=config.to_json(),
                 reward=chosen.reward,
+                strategy=budget.strategy,
             )
             yield SmartPlayTask(data, chosen.task)
 

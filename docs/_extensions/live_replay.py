@@ -20,7 +20,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report import write_excerpt
+from smartplay_tools.evaluation.pages.report.page import write_excerpt
 
 SEED = 7
 

@@ -27,7 +27,8 @@ from smartplay_tools.cli.serve_window import (
 )
 
 if TYPE_CHECKING:
-    from smartplay_tools.evaluation.runs import Held, RunProgress
+    from smartplay_tools.evaluation.runs.agents import Held
+    from smartplay_tools.evaluation.runs.scheduler import RunProgress
 
 LAST_WORDS = 300
 """Characters of a failed program's output that its error shows."""
@@ -67,7 +68,9 @@ def agent(
     Example: smartplay-tools agent Hanoi3Disk-v0 --episodes 20 --prompt-tokens 2000 -- python my_agent.py
     """
     from smartplay_tools.cli.evaluate import print_run
-    from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, run_plan
+    from smartplay_tools.evaluation.runs.players import PlayerConfig
+    from smartplay_tools.evaluation.runs.run_options import RunOptions
+    from smartplay_tools.evaluation.runs.runner import run_plan
 
     shown: dict[str, Any] = {"only_game_tools": only_game_tools, "show_system": show_system}
     endpoint = open_endpoint(player, base_url, seed, idle=math.inf, **shown)
@@ -96,14 +99,14 @@ class _Programs:
         self._endpoint, self._command, self._timeout, self._output = endpoint, command, timeout, output
 
     async def play(self, held: Held) -> None:
-        """Play an episode with a program of its own."""
+        """Play an episode with a new process of the program."""
         handle = self._endpoint.serve(held.episode)
         self._output.mkdir(exist_ok=True)
         printed = self._output / f"{held.key}.txt"
         try:
             status = await self._run(handle, held, printed)
             if status and not held.is_over:
-                from smartplay_tools.evaluation.runs import AgentFailedError
+                from smartplay_tools.evaluation.runs.agents import AgentFailedError
 
                 words = " ".join(printed.read_text(encoding="utf-8", errors="replace").split())[-LAST_WORDS:]
                 raise AgentFailedError(f"The program has ended with status {status}: {words or 'it printed nothing'}")

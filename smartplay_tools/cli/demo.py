@@ -102,7 +102,7 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
         f"{most:.0%} of it), and {player} played on from what it could still see."
     )
     try:
-        from smartplay_tools.evaluation.pages.report import write_report
+        from smartplay_tools.evaluation.pages.report.page import write_report
 
         typer.echo(f"Every turn, and what was in sight: {write_report(folder, folder / 'demo.html', title='The demo')}")
     except MissingExtraError as error:

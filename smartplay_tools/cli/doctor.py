@@ -4,7 +4,7 @@ There are four kinds of parts. The core has to work everywhere. Engines are prog
 default is part of the core; `minedojo install` sets up the one that is the real game. Extras are optional dependencies;
 their requirements are read from the metadata of the installed package, and the modules that meet them are imported in a
 separate process, so that a library that crashes or hangs does no harm. Models are files that the player `local` plays,
-which `model get` downloads; one that is here is loaded and timed, in a process of its own, too.
+which `model get` downloads; one that is here is loaded and timed, in a separate process as well.
 """
 
 from __future__ import annotations

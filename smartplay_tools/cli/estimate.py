@@ -17,21 +17,20 @@ from rich.markup import escape
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.quantities import duration, short
-from smartplay_tools.evaluation.runs import (
-    Caps,
+from smartplay_tools.evaluation.runs.estimate import (
+    SECONDS_A_CALL,
+    TOKENS_A_SECOND,
     Estimate,
-    Plan,
-    PlayerConfig,
-    Run,
-    RunOptions,
-    cell_name,
+    Range,
     estimate,
-    player_of,
+    estimate_from,
 )
-from smartplay_tools.evaluation.runs.estimate import SECONDS_A_CALL, TOKENS_A_SECOND, Range, estimate_from
 from smartplay_tools.evaluation.runs.executors import WAITING_AT_ONCE
-from smartplay_tools.evaluation.runs.plan import prices_in_tables
-from smartplay_tools.evaluation.runs.players import given_prices
+from smartplay_tools.evaluation.runs.limits import Caps
+from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, prices_in_tables
+from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import grouped
 
 CUT_SHARE = 0.05
@@ -101,7 +100,7 @@ def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
 def _hours(estimates: Sequence[Estimate], players: Sequence[PlayerConfig], workers: int | None) -> tuple[Range, int]:
     """The hours of a run, and the most episodes at a time.
 
-    A player with a limit of its own (`concurrency`) may take longer than all the others together.
+    A player with its own limit (`concurrency`) may take longer than all the others together.
     """
     slots = workers or WAITING_AT_ONCE
     limits = {config.name: config.concurrency for config in players}

@@ -26,8 +26,10 @@ from smartplay_tools.evaluation.analysis.stopping import (
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import plain, summary_json
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
-from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, make_cells, plan_episodes, plan_suite
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
+from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.records.rows import unplayed
 from smartplay_tools.types import Budget

@@ -142,8 +142,8 @@ def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
 
     Without a `transcript` the record is a temporary file. Afterwards the page is served on until Ctrl-C.
     """
-    from smartplay_tools.web.site import SiteRecord, ViewServer
-    from smartplay_tools.web.site.site_record import PLAYING
+    from smartplay_tools.web.site import ViewServer
+    from smartplay_tools.web.site.site_record import PLAYING, SiteRecord
 
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"

@@ -31,7 +31,7 @@ def replay(
         typer.Option(help="The tokenizer of the record, if its file was moved: hf:PATH_OR_NAME or a name."),
     ] = None,
     strategy: Annotated[
-        str | None, typer.Option(help="The strategy that the records name, FILE.py:CLASS, if it is in a file.")
+        str | None, typer.Option(help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS.")
     ] = None,
     as_json: options.Json = False,
 ) -> None:

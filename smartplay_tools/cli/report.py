@@ -45,8 +45,8 @@ def report(
     Example: smartplay-tools report runs/first --out first.html
     """
     # Reading records and drawing games needs imports that no other command needs.
-    from smartplay_tools.evaluation.costs import tariffs_of
-    from smartplay_tools.evaluation.pages.report import write_report
+    from smartplay_tools.evaluation.costs.tariffs import tariffs_of
+    from smartplay_tools.evaluation.pages.report.page import write_report
 
     processes = workers or os.cpu_count() or 1
     tariffs = tariffs_of(cache, caches=caches) if cache else ()
@@ -73,7 +73,7 @@ def share(
     Example: smartplay-tools share episode.jsonl --turns 20-40 --out lost.html
     """
     from smartplay_tools.evaluation.pages.cards import write_card, write_gif
-    from smartplay_tools.evaluation.pages.report import write_excerpt
+    from smartplay_tools.evaluation.pages.report.page import write_excerpt
 
     if out.suffix not in (".html", ".png", ".gif"):
         raise InvalidArgumentError(f"The name of what is shared ends in .html, .png or .gif, unlike {out}.")

@@ -16,9 +16,11 @@ from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import Until
-from smartplay_tools.evaluation.runs import Plan, PlayerConfig, Run, RunOptions, player_of, run_plan
-from smartplay_tools.evaluation.runs.players import check_prices, player_named
+from smartplay_tools.evaluation.runs.plan import Plan, player_of
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import not_shown
+from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import unplayed

@@ -18,7 +18,10 @@ from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_ep
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.evaluation.runs import Held, Plan, PlayerConfig, RunProgress
+    from smartplay_tools.evaluation.runs.agents import Held
+    from smartplay_tools.evaluation.runs.plan import Plan
+    from smartplay_tools.evaluation.runs.players import PlayerConfig
+    from smartplay_tools.evaluation.runs.scheduler import RunProgress
 
 ADAPTER = "smartplay_openai"
 """The adapter that serves windows; imported at first use."""
@@ -83,7 +86,7 @@ def window(
     )
     typer.echo(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
     if out is not None:
-        from smartplay_tools.evaluation.runs import PlayerConfig
+        from smartplay_tools.evaluation.runs.players import PlayerConfig
 
         offered = _Offered(endpoint, out)
         config = PlayerConfig(name=player, agent=offered, options={**server(base_url), **chosen(shown)})
@@ -115,7 +118,7 @@ def chosen(options: Mapping[str, bool]) -> dict[str, Any]:
 
 def plan_of(game: str, player: PlayerConfig, episodes: int, seed: int, episode: EpisodeOptions) -> Plan:
     """Return the plan of a run of one cell."""
-    from smartplay_tools.evaluation.runs import make_cells, plan_episodes
+    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 
     where: dict[str, Any] = {"engine": episode.engine, "tokenizer": episode.tokenizer}
     cells = make_cells([game], [player], [episode.budget], options=episode.options, **where, **episode.rules)
@@ -180,7 +183,8 @@ def _serve_episodes(endpoint: Any, game: str, seeds: range, episode: EpisodeOpti
 
 def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:
     from smartplay_tools.cli.evaluate import print_run
-    from smartplay_tools.evaluation.runs import RunOptions, run_plan
+    from smartplay_tools.evaluation.runs.run_options import RunOptions
+    from smartplay_tools.evaluation.runs.runner import run_plan
 
     with endpoint:
         how = RunOptions(workers=len(plan.episodes), on_progress=offered.tell)
@@ -200,7 +204,7 @@ class _Offered:
     goes_on = True
 
     def __init__(self, endpoint: Any, out: Path) -> None:
-        from smartplay_tools.evaluation.runs import Watch
+        from smartplay_tools.evaluation.runs.agents import Watch
 
         self._endpoint, self._file, self._watch = endpoint, out / "handles.json", Watch()
         self._handles: dict[str, str] = json.loads(self._file.read_text()) if self._file.exists() else {}

@@ -134,7 +134,7 @@ def _groups(rows: Sequence[tuple[str, ...]]) -> list[list[tuple[str, ...]]]:
 def _widths(table: TextTable, width: int) -> list[int]:
     """The widths of the columns: those of their contents or, if these are too wide, less.
 
-    Headings wrap first, then words, then numbers with an interval, which goes to a line of its own.
+    Headings wrap first, then words, then numbers with an interval, which goes to a separate line.
     """
     rows = [row for row in table.rows if len(row) > 1]
     cells = [[row[at] for row in rows] for at in range(len(table.columns))]

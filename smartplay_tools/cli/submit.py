@@ -44,7 +44,7 @@ def prepare(
 
     Example: smartplay-tools submit prepare runs/mine --name "My agent 1.0" --suite tools-v1 -o mine.zip
     """
-    from smartplay_tools.evaluation.board.submissions import prepare_submission
+    from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 
     facts = _read_facts(metadata)
     if notes is not None:
@@ -98,7 +98,10 @@ def check(
 
     Example: smartplay-tools submit check mine.zip --seeds seeds.jsonl --report mine.json
     """
-    from smartplay_tools.evaluation.board.submissions import Allowed, Limits, check_submission, report_json, report_text
+    from smartplay_tools.evaluation.board.submissions.bundle import Limits
+    from smartplay_tools.evaluation.board.submissions.check import check_submission
+    from smartplay_tools.evaluation.board.submissions.check_report import report_json, report_text
+    from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed
 
     checked = check_submission(
         bundle,
@@ -129,7 +132,7 @@ def seed(
 
     Example: smartplay-tools submit seed --name "My agent 1.0" --suite tools-v1
     """
-    from smartplay_tools.evaluation.board.submissions import issue_seed
+    from smartplay_tools.evaluation.board.submissions.issued_seeds import issue_seed
     from smartplay_tools.evaluation.suites import get_suite
 
     if suite is not None:
@@ -158,9 +161,9 @@ def board(
 
     Example: smartplay-tools board bundles --out site
     """
-    from smartplay_tools.evaluation.board import build_board
-    from smartplay_tools.evaluation.board.submissions import Checked, Limits
-    from smartplay_tools.evaluation.board.submissions.bundle import printable
+    from smartplay_tools.evaluation.board.site import build_board
+    from smartplay_tools.evaluation.board.submissions.bundle import Limits, printable
+    from smartplay_tools.evaluation.board.submissions.check import Checked
 
     def say(checked: Checked) -> None:
         typer.echo(f"{printable(checked.bundle)}: {checked.verdict}")

@@ -17,8 +17,8 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
-from smartplay_tools.evaluation.runs import plan_episodes
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
+from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
 
 

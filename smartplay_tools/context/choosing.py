@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from itertools import islice, zip_longest
 
-from smartplay_tools.context.prefix import Side, common_head, common_messages
+from smartplay_tools.context.prefix import common_head, common_messages
 from smartplay_tools.context.strategies import Choice, Past, PastTurn
 from smartplay_tools.context.strategies.choices import PastTurns
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection, View
-from smartplay_tools.context.window import Contents, ContextWindow
-from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.context.window import ContextWindow
+from smartplay_tools.context.window_state import Contents, WindowState
 from smartplay_tools.errors import PromptOverflowError, StrategyError
 from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types.messages import Message
@@ -54,7 +54,7 @@ class ChoosingWindow(ContextWindow):
             raise StrategyError("The strategy has failed.") from self._failure
         before, prefix = self._before, 0
         if before is not None:
-            prefix = self._prefix((before.state, before.selection), (state, chosen))
+            prefix = self._prefix(before, self._now)
         return self._view_of(self._now, tokens, prefix)
 
     def canonical(self, view: View) -> list[bytes]:
@@ -112,10 +112,10 @@ class ChoosingWindow(ContextWindow):
         turns = sum(_turn_tokens(state, chosen, index) for index in chosen)
         return state.head.tokens + turns + sum(map(self._text_tokens, chosen.texts.values()))
 
-    def _prefix(self, before: Side, now: Side) -> int:
+    def _prefix(self, before: Contents, now: Contents) -> int:
         """The tokens at the beginning that are the same as in the view before the latest turn."""
-        (state, chosen), (state_before, chosen_before) = now, before
-        shared, is_same = common_head(state_before.head, state.head, self._tools_tokens, self._counter)
+        state, chosen, chosen_before = now.state, now.selection, before.selection
+        shared, is_same = common_head(before.state.head, state.head, self._tools_tokens, self._counter)
         if not is_same:
             return shared
         for index, was in zip_longest(chosen, chosen_before):

@@ -12,23 +12,19 @@ from itertools import takewhile
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Head, Selection
-from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.context.window_state import Contents
 from smartplay_tools.types.messages import Message
 
 SUMMARY = -1
 """Stands for the summary among the numbers of turns."""
 
-Side = tuple[WindowState, Selection]
 
-
-def common_tokens(
-    before: Side, now: Side, summary_before: Message | None, summary: Message | None, tools: int, counter: TokenCounter
-) -> int:
+def common_tokens(before: Contents, now: Contents, tools: int, counter: TokenCounter) -> int:
     """Return the tokens of tools and messages at the beginning of two neighbouring views that are the same."""
-    shared, is_same = common_head(before[0].head, now[0].head, tools, counter)
+    shared, is_same = common_head(before.state.head, now.state.head, tools, counter)
     if not is_same:
         return shared
-    return shared + _common_turns(before, now, summary_before, summary, counter)
+    return shared + _common_turns(before, now, counter)
 
 
 def common_head(was: Head, head: Head, tools: int, counter: TokenCounter) -> tuple[int, bool]:
@@ -41,38 +37,35 @@ def common_head(was: Head, head: Head, tools: int, counter: TokenCounter) -> tup
     return tools + counter.messages(message for message, _ in takewhile(_are_equal, pairs)), False
 
 
-def _common_turns(
-    before: Side, now: Side, summary_before: Message | None, summary: Message | None, counter: TokenCounter
-) -> int:
+def _common_turns(before: Contents, now: Contents, counter: TokenCounter) -> int:
     """The tokens of the turns, and of the messages of the first turn that differs, that both views begin with."""
-    (state, chosen), (_, chosen_before) = now, before
-    shared = 0
+    chosen, chosen_before, shared = now.selection, before.selection, 0
     # Pinned turns are compared one by one; past them both views are runs of neighbours.
-    pinned, pinned_before = _before_run(chosen, summary), _before_run(chosen_before, summary_before)
+    pinned, pinned_before = _before_run(now), _before_run(before)
     most = max(len(pinned), len(pinned_before))
     for place in range(most):
         index, was = _at(chosen, pinned, place), _at(chosen_before, pinned_before, place)
         if index is None or index != was:
             return shared
         if index == SUMMARY:
-            if summary is None or summary != summary_before:
+            if now.summary is None or now.summary != before.summary:
                 return shared
-            shared += counter.message(summary)
+            shared += now.summary.tokens
             continue
-        turn = state.index.turns[index]
+        turn = now.state.index.turns[index]
         tokens, is_whole = common_messages(turn, chosen_before, chosen, counter)
         shared += tokens
         if not is_whole:
             return shared
-    first, first_before = _at(chosen, pinned, most), _at(chosen_before, pinned_before, most)
-    if first is None or first != first_before:
+    first, first_before = chosen.first + most - len(pinned), chosen_before.first + most - len(pinned_before)
+    if first != first_before or first > min(chosen.last, chosen_before.last):
         return shared
     return shared + _common_run(before, now, first, counter)
 
 
-def _common_run(before: Side, now: Side, first: int, counter: TokenCounter) -> int:
+def _common_run(before: Contents, now: Contents, first: int, counter: TokenCounter) -> int:
     """The tokens that two runs from a turn have in common, up to the first message that is shown in another way."""
-    (state, chosen), (state_before, chosen_before) = now, before
+    state, chosen, state_before, chosen_before = now.state, now.selection, before.state, before.selection
     stop = chosen_before.last + 1
     stripped = state.index.first_wordy(max(first, state_before.spoken), min(stop, state.spoken))
     if stripped is not None:
@@ -103,9 +96,10 @@ def _first_change(turn: Turn, before: Selection, now: Selection) -> int | None:
     return next((at for at, (was, is_now) in enumerate(pairs) if was is not is_now), None)
 
 
-def _before_run(chosen: Selection, summary: Message | None) -> Sequence[int]:
+def _before_run(contents: Contents) -> Sequence[int]:
     """The pinned turns before a run, and the summary where it stands."""
-    if summary is None:
+    chosen = contents.selection
+    if contents.summary is None:
         return chosen.pinned
     return (*chosen.pinned[: chosen.front], SUMMARY, *chosen.pinned[chosen.front :])
 

@@ -29,8 +29,8 @@ class TokenIndex:
         """The tokens of the words in the replies before each turn, and the turns whose replies have words."""
         self.turns: list[Turn] = []
         self._counter = counter
-        self._whole, self._masked = [0], [0]
-        """Tokens of the turns before each, with no observation masked, and with all of them masked."""
+        self.whole, self.masked = [0], [0]
+        """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
         self._steps: list[int] = []
         self._showing: list[int] = []
         """The turns that show an observation."""
@@ -43,8 +43,8 @@ class TokenIndex:
     def append(self, turn: Turn) -> None:
         """Add a turn."""
         tokens = turn.tokens(self._counter)
-        self._whole.append(self._whole[-1] + tokens)
-        self._masked.append(self._masked[-1] + tokens - self.saved(turn, turn.step + 1))
+        self.whole.append(self.whole[-1] + tokens)
+        self.masked.append(self.masked[-1] + tokens - self.saved(turn, turn.step + 1))
         if self._with_words:
             self._spoken.append(self._spoken[-1] + turn.spoken(self._counter))
             if turn.is_wordy:
@@ -71,14 +71,6 @@ class TokenIndex:
             self._lines.extend(turn.canonical)
         return self._lines[self._starts[first] : self._starts[stop]]
 
-    def whole(self, first: int, stop: int) -> int:
-        """Tokens of the turns from `first` to before `stop`, with no observation masked."""
-        return self._whole[stop] - self._whole[first]
-
-    def masked(self, first: int, stop: int) -> int:
-        """Tokens of the turns from `first` to before `stop`, with every observation masked."""
-        return self._masked[stop] - self._masked[first]
-
     def spoken(self, first: int, stop: int) -> int:
         """Tokens of the words in replies from `first` to before `stop`, which bare replies save."""
         return self._spoken[stop] - self._spoken[first] if first < stop else 0
@@ -102,10 +94,9 @@ class TokenIndex:
         The number is negative if the marker is longer than what it replaces.
         """
         tokens, old = 0, turn.masked(oldest)
-        if old:
-            masked = [turn.items[at] for at in old]
-            marker = self._counter.text(masked[0].words("observation_left"))
-            tokens = sum(self._counter.content(item.message) for item in masked) - len(masked) * marker
+        for at in old:
+            item = turn.items[at]
+            tokens += self._counter.content(item.message) - self._counter.text(item.words("observation_left"))
         if pictures:
             for item in [turn.items[at] for at in turn.left_out(pictures) if at not in old]:
                 tokens += self._counter.content(item.message) - self._counter.content(item.unpictured)
@@ -119,8 +110,3 @@ class TokenIndex:
         """The first turn from `first` to before `stop` that shows an observation."""
         at = bisect_left(self._showing, first)
         return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None
-
-    def last_showing(self, first: int, stop: int) -> int | None:
-        """The last turn from `first` to before `stop` that shows an observation."""
-        at = bisect_left(self._showing, stop) - 1
-        return self._showing[at] if at >= 0 and self._showing[at] >= first else None

@@ -95,6 +95,8 @@ class Turn:
     """The newest turn with notes, this one included; None while there are no notes."""
     first_picture: int = 0
     """How many pictures the turns before it have."""
+    reply_tokens: int | None = field(default=None, repr=False, compare=False)
+    """The budget tokens of the assistant message as prompts hold it, where they have been counted."""
     sent: Message | None = field(default=None, repr=False)
     """The message as prompts hold it, if that differs from what the model said: see `context.prompts.history`."""
     shown: Message = field(init=False, repr=False, compare=False)
@@ -109,8 +111,6 @@ class Turn:
     """The dates of the results that age, in their order; the last is its step."""
     messages: tuple[Message, ...] = field(init=False, repr=False, compare=False)
     """All its messages, unmasked."""
-    pictured: tuple[int, ...] = field(init=False, repr=False, compare=False)
-    """The indices of the items with a picture."""
 
     def __post_init__(self) -> None:
         if not self.calls and calls_of(self.assistant):
@@ -129,7 +129,11 @@ class Turn:
         if True in [item.brings_back for item in items]:
             self.dates = tuple([date for item in items if (date := item.date) is not None])
         self.messages = (self.shown, *[item.message for item in items])
-        self.pictured = tuple([at for at, item in enumerate(items) if pictures_of(item.message)])
+
+    @cached_property
+    def pictured(self) -> tuple[int, ...]:
+        """The indices of the items with a picture."""
+        return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
 
     @cached_property
     def hidden(self) -> tuple[Message, ...]:
@@ -172,14 +176,14 @@ class Turn:
     def masked(self, oldest: int, pictures: int = 0) -> list[int]:
         """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
         old: list[int] = []
-        if not self._is_young(oldest):
+        if not self.is_young(oldest):
             old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
         if pictures and (left_out := self.left_out(pictures)):
             empty = {at for at in left_out if self.items[at].unpictured is self.items[at].masked}
             return sorted(empty.union(old))
         return old
 
-    def _is_young(self, oldest: int) -> bool:
+    def is_young(self, oldest: int) -> bool:
         """Whether none of its results is older than `oldest`."""
         return not self.dates or oldest <= self.dates[0]
 
@@ -194,7 +198,7 @@ class Turn:
         """
         if bare and self.is_wordy:
             return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
-        is_young = self._is_young(oldest)
+        is_young = self.is_young(oldest)
         left_out = self.left_out(pictures) if pictures else ()
         if is_young and not left_out:
             return self.messages
@@ -213,8 +217,10 @@ class Turn:
 
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of its messages, unmasked."""
-        items = sum(counter.message(item.message) for item in self.items)
-        return counter.message(self.shown, self.arguments) + items
+        reply = self.reply_tokens
+        if reply is None:
+            reply = counter.message(self.shown, self.arguments)
+        return reply + sum([counter.message(item.message) for item in self.items])
 
     @cached_property
     def canonical(self) -> tuple[bytes, ...]:
@@ -285,7 +291,9 @@ class TurnBuilder:
         self._results: dict[int, Item] = {}
         self._others: list[Item] = []
         self._latest: Turn | None = None
-        self._first_picture = 0
+        self._reply_tokens: int | None = None
+        self._pictures = self._first_picture = 0
+        """How many pictures there are so far, and how many there are before the latest turn."""
 
     def apply(self, event: Mapping[str, Any]) -> None:
         """Take an event of a record; kinds that make no turn are ignored."""
@@ -301,16 +309,15 @@ class TurnBuilder:
                     self.edit(event["position"], event["arguments"])
                 self.add_result(event["position"], event["text"], event["data"])
 
-    def open(self, number: int, message: Message, calls: Sequence[Call]) -> None:
-        """Begin a turn with a reply; the turn before is complete."""
+    def open(self, number: int, message: Message, calls: Sequence[Call], tokens: int | None = None) -> None:
+        """Begin a turn with a reply, of `tokens` if they are known; the turn before is complete."""
         self.close()
         self.number, self.is_open, self.calls = number, True, tuple(calls)
         self._assistant, self._made_at = with_ids(message, [call.id for call in calls]), self.step
         self._sent = self._history.sent(self._assistant, self.calls)
         self.waiting = tuple(range(len(calls)))
-        self._results, self._others, self._latest = {}, [], None
-        before = self.turns[-1] if self.turns else None
-        self._first_picture = 0 if before is None else before.first_picture + len(before.pictured)
+        self._reply_tokens, self._results, self._others, self._latest = tokens, {}, [], None
+        self._first_picture = self._pictures
 
     def edit(self, position: int, arguments: str) -> None:
         """Replace the arguments of a call, as a host may before it is played."""
@@ -319,7 +326,7 @@ class TurnBuilder:
         self._assistant = edited
         self.calls = read_calls(edited, [call.id for call in self.calls])
         self._sent = self._history.sent(edited, self.calls)
-        self._latest = None
+        self._reply_tokens = self._latest = None
 
     def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
         """Add the game's answer to a call."""
@@ -333,6 +340,7 @@ class TurnBuilder:
         content: str | list[dict[str, Any]] = text
         if (picture := data.get("picture")) is not None:
             content = [{"type": "text", "text": text}, picture_part(picture)]
+            self._pictures += 1
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
         is_back = not BROUGHT_BACK.isdisjoint(data)
         self._answer(position, Item(message, self.step, observation, position, is_back, words=self._words))
@@ -364,7 +372,8 @@ class TurnBuilder:
             return self.turns[-1] if self.turns else None
         if self._latest is None:
             items = (*[self._results[at] for at in sorted(self._results)], *self._others)
-            facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture, self._sent
+            tokens = self._reply_tokens if self._sent is None else None  # counted as the model said it
+            facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture, tokens, self._sent
             self._latest = Turn(self.number, self._assistant, items, *facts)
         return self._latest
 

@@ -10,9 +10,8 @@ from itertools import takewhile
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.transcript.hashing import head_bytes
-from smartplay_tools.types import Prompt, Purpose, ToolSpec
+from smartplay_tools.types import Purpose, ToolSpec
 from smartplay_tools.types.messages import Message, copy_of, text_of
-from smartplay_tools.types.pictures import Picture
 
 
 @dataclass(slots=True)
@@ -110,18 +109,6 @@ class View:
     def purpose(self) -> Purpose:
         """What the prompt asks for."""
         return "summary" if self.asks_for_summary else "play"
-
-    def prompt(
-        self,
-        max_tokens: int | None,
-        prefix_messages: int,
-        cache_key: str,
-        pictures: Mapping[str, Picture],
-        version: str,
-    ) -> Prompt:
-        """Return the prompt, which copies the window's messages when they are first read."""
-        facts = prefix_messages, self.purpose, cache_key, pictures, version
-        return Prompt(self.shown, self.tools, max_tokens, *facts)
 
     @property
     def messages(self) -> list[Message]:

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from smartplay_tools.context.prefix import common_tokens
 from smartplay_tools.context.prompts.wording import VERSION, Wording
@@ -29,22 +29,12 @@ from smartplay_tools.context.strategies import Strategies, Summary, share_kept
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import Head, Selection, View, with_manual
-from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.context.view import Head, View, with_manual
+from smartplay_tools.context.window_state import Contents, WindowState
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types import ResolvedBudget, ToolSpec
 from smartplay_tools.types.messages import Message
-
-
-@dataclass(slots=True)
-class Contents:
-    """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
-
-    state: WindowState
-    selection: Selection
-    summary: Summary | None
-    question: Message | None = None
 
 
 class ContextWindow:
@@ -113,21 +103,23 @@ class ContextWindow:
 
     def _after(self, turn: Turn) -> WindowState:
         """Add a turn; return what is old and what is pinned after it."""
-        self._before, self._leaving = self._now, None
+        self._before, self._leaving, before = self._now, None, self._now.state
         self._index.append(turn)
         last = len(self._index.turns) - 1
         if turn.shows and turn.shows[-1] == turn.step:
             self._newest = last
-        self._stretches.append(last, has_step=turn.step > self._now.state.step)
-        oldest = self._ageing.oldest(turn.step, self.budget.history, self._now.state.oldest)
-        words = 0 if self._stripping is None else self._stripping.bare(turn.step, self._now.state.words)
+        self._stretches.append(last, has_step=turn.step > before.step)
+        oldest = self._ageing.oldest(turn.step, self.budget.history, before.oldest)
+        words = 0 if self._stripping is None else self._stripping.bare(turn.step, before.words)
         pictures = 0
         if self._picturing is not None:
             shown = turn.first_picture + len(turn.pictured)
-            pictures = self._picturing.left_out(shown, self._now.state.pictures)
+            pictures = self._picturing.left_out(shown, before.pictures)
         state = WindowState.after(self._index, oldest, self._newest, self._head(turn.manual), words, pictures)
-        notes = None if self._pinning is None else self._pinning.pinned(turn)
-        return self._anchor(self._pin(state, notes))
+        if self._pinning is not None:
+            self._pin(state, self._pinning.pinned(turn))
+        self._anchor(state)
+        return state
 
     def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
@@ -167,10 +159,7 @@ class ContextWindow:
         tokens += 0 if contents.summary is None else contents.summary.tokens
         prefix = 0
         if self._before is not None:
-            before = self._before
-            summaries = (_message_of(before.summary), _message_of(contents.summary))
-            states = ((before.state, before.selection), (contents.state, contents.selection))
-            prefix = common_tokens(*states, *summaries, self._tools_tokens, self._counter)
+            prefix = common_tokens(self._before, contents, self._tools_tokens, self._counter)
         return self._view_of(contents, tokens, prefix)
 
     def request(self) -> View:
@@ -234,22 +223,19 @@ class ContextWindow:
             self._heads[manual] = Head(tuple(messages), tokens, self._tools)
         return self._heads[manual]
 
-    def _pin(self, state: WindowState, notes: int | None) -> WindowState:
+    def _pin(self, state: WindowState, notes: int | None) -> None:
         """Pin the notes if they fit beside the other pinned parts; the newest turn and the current one are pinned."""
         if notes is None or notes in (state.last, state.newest):
-            return state
+            return
         cap = self.budget.prompt_tokens
         if cap is None or state.tokens(state.last) + state.masked(notes) + self._reserve <= cap:
             state.notes = notes
-        return state
 
-    def _anchor(self, state: WindowState) -> WindowState:
+    def _anchor(self, state: WindowState) -> None:
         """Pin as many of the first turns as fit beside the other pinned parts."""
-        most = self._strategies.first_turns
-        if not most:
-            return state
-        cap = self.budget.prompt_tokens
-        return state.with_anchors(most, math.inf if cap is None else cap - self._reserve)
+        if most := self._strategies.first_turns:
+            cap = self.budget.prompt_tokens
+            state.pin_first(most, math.inf if cap is None else cap - self._reserve)
 
     # Selection of the turns to keep.
 
@@ -258,9 +244,9 @@ class ContextWindow:
         if self._share != 1 and self._holds(state, before, summary):
             self._overflows = False
             return before
-        cap = self.budget.prompt_tokens
-        self._overflows = cap is not None and state.tokens(state.last) + self._reserve > cap
-        return state.last if self._overflows else self._fill(state)
+        cap, pins = self.budget.prompt_tokens, state.tokens(state.last)
+        self._overflows = cap is not None and pins + self._reserve > cap
+        return state.last if self._overflows else self._fill(state, pins)
 
     def _holds(self, state: WindowState, first: int, summary: int) -> bool:
         """Whether the view that begins at `first` is within the limits, and leaves room to ask for another summary."""
@@ -269,15 +255,17 @@ class ContextWindow:
             return False
         return cap is None or state.tokens(first) + question + summary <= cap
 
-    def _fill(self, state: WindowState) -> int:
-        """Return the first turn to keep when unpinned turns may take a share of the room and of the history."""
+    def _fill(self, state: WindowState, pins: int) -> int:
+        """Return the first turn to keep when unpinned turns may take a share of the room and of the history.
+
+        `pins` are the tokens of the pinned parts.
+        """
         history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
         if history is not None and self._ageing.drops:
             low = min(last, self._index.first_from(state.step - math.ceil(self._share * history)))
             low = max(low, self._stretches.first_after_move)
         if cap is None:
             return low
-        pins = state.tokens(last)
         most = pins + math.floor(self._share * (cap - self._reserve - pins))
 
         def first_that_fits(low: int, high: int) -> int:
@@ -291,7 +279,3 @@ class ContextWindow:
         if first > notes + 1 or state.tokens(notes) > most:
             return first
         return first_that_fits(low, notes)
-
-
-def _message_of(summary: Summary | None) -> Message | None:
-    return None if summary is None else summary.message

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
+from smartplay_tools.context.strategies import Summary
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.view import Head, Selection
 from smartplay_tools.types.messages import Message
@@ -34,15 +36,17 @@ class WindowState:
     """w: replies of turns older than this step are bare."""
     spoken: int = 0
     """The first turn that is not older than `words`: replies before it are bare."""
-    pictures: int = 0
+    first_whole: int = 0
+    """The first turn from which on no observation is masked, no reply is bare and no picture is left out."""
+    pictures: int = field(default=0, init=False)
     """p: how many of the first pictures are left out."""
-    pictured: int = 0
+    pictured: int = field(default=0, init=False)
     """The first turn with a picture after these: the only one of which only some can be left out."""
-    left_out: int = 0
+    left_out: int = field(default=0, init=False)
     """The tokens that leaving these out saves in `pictured`, unless it is the boundary or before it."""
-    anchors: int = 0
+    anchors: int = field(default=0, init=False)
     """a: how many of the first turns stay."""
-    notes: int | None = None
+    notes: int | None = field(default=None, init=False)
     """q, the turn with the notes, while it is pinned as that and nothing else."""
 
     @classmethod
@@ -51,22 +55,25 @@ class WindowState:
     ) -> WindowState:
         """Return the state after all turns of an index, without notes."""
         turns = index.turns
-        boundary = index.first_from(oldest)
-        saved = index.saved(turns[boundary], oldest, pictures) if boundary < len(turns) else 0
+        boundary = first_whole = index.first_from(oldest)
+        saved = 0
+        if boundary < len(turns) and (pictures or not turns[boundary].is_young(oldest)):
+            saved, first_whole = index.saved(turns[boundary], oldest, pictures), boundary + 1
         spoken = index.first_from(words) if words else 0
         step = turns[-1].step if turns else 0
-        state = cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken)
+        first_whole = max(first_whole, spoken)
+        state = cls(index, len(turns), step, oldest, boundary, saved, newest, head, words, spoken, first_whole)
         if pictures:
             state.pictures, state.pictured = pictures, index.first_pictured(pictures)
+            state.first_whole = max(state.first_whole, state.pictured + 1)
             if boundary < state.pictured < len(turns):
                 state.left_out = index.saved(turns[state.pictured], 0, pictures)
         return state
 
-    def with_anchors(self, most: int, room: float) -> WindowState:
-        """Return the state with as many of the first turns, at most `most`, as fit into a room beside the pins."""
+    def pin_first(self, most: int, room: float) -> None:
+        """Pin as many of the first turns, at most `most`, as fit into a room beside the pins."""
         least, numbers = self.tokens(self.last), range(1, min(most, self.last) + 1)
-        number = bisect_right(numbers, room - least, key=self._anchors_tokens)
-        return replace(self, anchors=number) if number else self
+        self.anchors = bisect_right(numbers, room - least, key=self._anchors_tokens)
 
     @property
     def last(self) -> int:
@@ -83,18 +90,23 @@ class WindowState:
 
     def masked(self, turn: int) -> int:
         """Tokens of a turn with every observation masked."""
-        return self.index.masked(turn, turn + 1) - self.index.spoken(turn, min(turn + 1, self.spoken))
+        sums = self.index.masked
+        return sums[turn + 1] - sums[turn] - self.index.spoken(turn, min(turn + 1, self.spoken))
 
     def run(self, first: int, stop: int) -> int:
         """Tokens of the turns from `first` to before `stop`, as they are shown: without what is too old."""
-        if first > self.boundary:
-            tokens = self.index.whole(first, stop)
-        elif stop <= self.boundary:
-            tokens = self.index.masked(first, stop)
+        whole = self.index.whole
+        if first >= self.first_whole:
+            return whole[stop] - whole[first]
+        masked, boundary = self.index.masked, self.boundary
+        if first > boundary:
+            tokens = whole[stop] - whole[first]
+        elif stop <= boundary:
+            tokens = masked[stop] - masked[first]
         else:
-            tokens = self.index.masked(first, self.boundary) + self.index.whole(self.boundary, stop) - self.saved
+            tokens = masked[boundary] - masked[first] + whole[stop] - whole[boundary] - self.saved
         if self.pictures:
-            low = max(first, self.boundary + 1)
+            low = max(first, boundary + 1)
             tokens -= self.index.unpictured(low, min(stop, self.pictured))
             tokens -= self.left_out if low <= self.pictured < stop else 0
         return tokens if first >= self.spoken else tokens - self.index.spoken(first, min(stop, self.spoken))
@@ -110,16 +122,16 @@ class WindowState:
 
     def _anchors_tokens(self, stop: int) -> int:
         """Tokens of the first turns to before `stop`, without those that are pinned for another reason."""
-        others = {index for index in (self.newest, self.notes) if index is not None and index < stop}
-        return self.run(0, stop) - sum(self.run(index, index + 1) for index in others)
+        return self.run(0, stop) - sum(self.run(index, index + 1) for index in self._pinned_before(stop))
+
+    def _pinned_before(self, stop: int) -> set[int]:
+        """The turns before `stop` that are pinned for another reason than that they are among the first."""
+        return {index for index in (self.newest, self.notes) if index is not None and index < stop}
 
     def selected(self, first: int) -> Selection:
         """Return the selection whose run begins at `first`."""
-        hidden = self.notes if self.notes is not None and self.notes < first else None
-        newest = self.newest if self.newest is not None and self.newest < first else None
-        anchors = min(self.anchors, first)
-        others = [index for index in (newest, hidden) if index is not None]
-        pinned = tuple(sorted({*others, *range(anchors)})) if anchors else tuple(sorted(others))
+        pinned = tuple(sorted(self._pinned_before(first).union(range(min(self.anchors, first)))))
+        hidden = self.notes if self.notes in pinned else None
         return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors, self.pictures)
 
     def selection_tokens(self, chosen: Selection) -> int:
@@ -131,26 +143,21 @@ class WindowState:
 
     def messages(self, chosen: Selection, summary: Sequence[Message]) -> list[Message]:
         """Return the messages of the selected turns, and the summary after the first turns that stay."""
-        whole, turns, front = self._whole_from(chosen), self.index.turns, chosen.front
-        messages = [message for index in chosen.pinned[:front] for message in chosen.seen(turns[index])]
-        messages += summary
-        for index in (*chosen.pinned[front:], *range(chosen.first, whole)):
-            messages += chosen.seen(turns[index])
-        return messages + self.index.messages(whole, chosen.last + 1)
+        whole, turns = self._whole_from(chosen), self.index.turns
+        shown = [chosen.seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
+        shown.insert(chosen.front, summary)
+        return [*chain.from_iterable(shown), *self.index.messages(whole, chosen.last + 1)]
 
     def lines(self, chosen: Selection, summary: Sequence[bytes]) -> list[bytes]:
         """Return the canonical JSON of `messages`."""
-        whole, turns, front = self._whole_from(chosen), self.index.turns, chosen.front
-        lines = [line for index in chosen.pinned[:front] for line in chosen.canonical_seen(turns[index])]
-        lines += summary
-        for index in (*chosen.pinned[front:], *range(chosen.first, whole)):
-            lines += chosen.canonical_seen(turns[index])
-        return lines + self.index.lines(whole, chosen.last + 1)
+        whole, turns = self._whole_from(chosen), self.index.turns
+        shown = [chosen.canonical_seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
+        shown.insert(chosen.front, summary)
+        return [*chain.from_iterable(shown), *self.index.lines(whole, chosen.last + 1)]
 
     def _whole_from(self, chosen: Selection) -> int:
-        """The turn of a selection's run from which on no observation is masked, no reply bare, no picture left out."""
-        pictured = self.pictured + 1 if self.pictures else 0
-        return min(max(chosen.first, self.boundary + 1, self.spoken, pictured), chosen.last + 1)
+        """The first turn of a selection's run that is shown whole, as all later ones are."""
+        return min(max(chosen.first, self.first_whole), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
@@ -165,9 +172,7 @@ class WindowState:
         first = self.index.first_showing(max(chosen.first, boundary), stop)
         if first is None:
             return 0
-        last = self.index.last_showing(first, stop)
-        assert last is not None
-        return self.index.turns[last].step + 1 - self._first_visible(first)
+        return self.index.turns[chosen.last].step + 1 - self._first_visible(first)
 
     @property
     def _seen_from(self) -> int:
@@ -180,4 +185,15 @@ class WindowState:
         return self.oldest if has_words else max(self.oldest, item.step)
 
     def _first_visible(self, index: int) -> int:
-        return next(step for step in self.index.turns[index].shows if step >= self._seen_from)
+        shows = self.index.turns[index].shows
+        return shows[bisect_left(shows, self._seen_from)]
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
+
+    state: WindowState
+    selection: Selection
+    summary: Summary | None
+    question: Message | None = None

@@ -66,7 +66,9 @@ class Pending:
 
     def prompt(self) -> Prompt:
         """Return the prompt."""
-        return self.view.prompt(self.max_tokens, self.prefix_messages, self.cache_key, self.pictures, self.version)
+        view = self.view
+        facts = self.prefix_messages, view.purpose, self.cache_key, self.pictures, self.version
+        return Prompt(view.shown, view.tools, self.max_tokens, *facts)
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -260,27 +262,17 @@ class BaseConversation(ABC):
         sent = [call["id"] for call in calls_of(reply.message)]
         ids = self._ids.take(sent, number)
         calls = read_calls(reply.message, ids)
-        self._ledger.record(*self._reply_events(number, reply, sent, ids, calls, pending))
-        self._pending, self._ledger.if_closed = None, None
-        self._builder.open(number, reply.message, calls)
-        return calls
-
-    def _reply_events(
-        self,
-        number: int,
-        reply: CheckedReply,
-        sent: list[str],
-        ids: list[str],
-        calls: Sequence[Call],
-        pending: Pending | None,
-    ) -> list[Event]:
+        tokens = self.episode.counter.message(reply.message, [call.arguments.canonical for call in calls])
         message = reply.event("message", number, by="player")
         if ids != sent:
             message["ids"] = ids
-        if pending is None:
-            return [message]
-        tokens = self.episode.counter.message(reply.message, [call.arguments.canonical for call in calls])
-        return [message, {"event": "usage", "turn": number, **pending.cost(tokens), "provider": reply.usage}]
+        events = [message]
+        if pending is not None:
+            events.append({"event": "usage", "turn": number, **pending.cost(tokens), "provider": reply.usage})
+        self._ledger.record(*events)
+        self._pending, self._ledger.if_closed = None, None
+        self._builder.open(number, reply.message, calls, tokens)
+        return calls
 
     def _next_prompt(self) -> Pending | None:
         try:
@@ -338,7 +330,7 @@ class BaseConversation(ABC):
         return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
-        self._ledger.record(
+        self._ledger.write(
             {
                 "event": "view",
                 "turn": self.episode.stats.turns,

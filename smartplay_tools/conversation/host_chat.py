@@ -1,13 +1,11 @@
 """HostChat: an episode in the chat of a host that keeps the messages itself.
 
 A LangGraph graph, an agent framework's runner or a client of the window endpoint has a list of all messages, to which
-it adds results and words of its own. An adapter converts the new messages to canonical form; what each of them means
+it adds results and further words. An adapter converts the new messages to canonical form; what each of them means
 for the episode's session is decided here, in the order of the calls.
 
-HostHistory: notices when a host shortens its own messages, which changes no prompt but may cost model calls.
-
-Agents that summarise or trim what they keep do so in vain here, because the window decides what the model sees. A
-summary is a model call of the agent's own, which no budget counts, so what leaves is logged once, for whoever pays.
+`HostHistory` notices when a host shortens its messages. That changes no prompt, because the window decides what the
+model sees, but a summary may cost the host a model call that no budget counts, so it is logged once.
 """
 
 from __future__ import annotations
@@ -107,7 +105,7 @@ class HostChat:
         messages is the host's answer; to one of the game's own calls it is a refusal. Of the other calls, those that no
         host can run, because their tool does not exist or their arguments are not an object, are answered here, and the
         rest as not run. A call of a foreign tool whose arguments are not an object is a mistake even if the host has
-        answered it: frameworks differ in who does, and a model that repeats it must not play on for ever. Results of
+        answered it: frameworks differ in who does, and only a counted mistake ends a model that repeats it. Results of
         foreign tools that ran are the host's own and not returned; in these, a part without text, such as a picture, is
         replaced by its name, because its tokens cannot be counted.
 

@@ -1,6 +1,6 @@
 """play and aplay: the loop between a player and a conversation, synchronous and asynchronous.
 
-Calls moved to another thread: of code that runs an event loop where one already runs, or that would block one.
+Code that would block a running event loop, or start a second one in its thread, is run in another thread.
 """
 
 from __future__ import annotations

@@ -196,10 +196,11 @@ class ToolConversation(BaseConversation):
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:
-        if (waiting := self._foreign_waiting()) and not self.episode.done:
-            raise InvalidArgumentError(f"The foreign calls {waiting} have no result yet: `add` them.")
-        for call in self.open_calls:
-            self._settle(call)
+        if self._builder.waiting:
+            if (waiting := self._foreign_waiting()) and not self.episode.done:
+                raise InvalidArgumentError(f"The foreign calls {waiting} have no result yet: `add` them.")
+            for call in self.open_calls:
+                self._settle(call)
         self._builder.close()
         for turn in self._builder.turns[len(self._window.turns) :]:
             self._window.append(turn)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies import load_strategy, name_on_record
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
@@ -45,10 +45,10 @@ def cell_config(
         raise InvalidArgumentError(
             f"{spec.id} has no engine {engine!r}; its engines: {', '.join(kind.engines) or 'only one'}."
         )
-    counter = counter or shared_counter()
+    counter, budget = counter or shared_counter(), budget or Budget()
     which = {name: rules[name] for name in ("context", "protocol", "observation")}
-    check_strategies(budget or Budget(), spec, **which)
-    check_carry(Rules(**rules), budget or Budget())
+    check_strategies(budget, spec, **which)
+    check_carry(Rules(**rules), budget)
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":
         _check_pictures(spec, kind, engine, options, rules)
@@ -56,23 +56,30 @@ def cell_config(
     plain = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     plain = kind.options_to_record(plain)
     try:
-        return CellConfig(
+        cell = CellConfig(
             game=spec.id,
             setting=Setting.of(spec),
             engine=engine,
             options=plain,
-            budget=budget or Budget(),
+            budget=budget,
             tokenizer=counter.tokenizer.name,
             tokenizer_sha256=sha256_of(counter),
-            strategy_sha256=None
-            if budget is None or budget.strategy is None
-            else load_strategy(budget.strategy).sha256,
+            strategy_sha256=None if budget.strategy is None else load_strategy(budget.strategy).sha256,
             player=player,
             player_options=dict(player_options or {}),
             **rules,
         )
     except TypeError as error:
         raise InvalidArgumentError(f"Options are recorded, so they must be JSON ({error}).") from None
+    return with_recorded_name(cell)
+
+
+def with_recorded_name(cell: CellConfig) -> CellConfig:
+    """Return a cell that names a strategy's file without its folders; earlier versions recorded them."""
+    if cell.budget.strategy is None:
+        return cell
+    budget = cell.budget.model_copy(update={"strategy": name_on_record(cell.budget.strategy)})
+    return cell.model_copy(update={"budget": budget})
 
 
 def _check_pictures(

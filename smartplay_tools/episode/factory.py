@@ -1,6 +1,6 @@
-"""EpisodeFactory: the episodes of one game that a training framework asks for, seed by seed.
+"""EpisodeFactory: the episodes of one game that a training framework asks for, seed by seed, and their rewards.
 
-The reward of an episode for training: three choices, the same in every training framework.
+The reward of an episode is one of three (`RewardName`), the same in every training framework.
 """
 
 from __future__ import annotations

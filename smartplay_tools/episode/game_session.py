@@ -78,6 +78,9 @@ class GameSession:
             head = counter.messages(prompts.head(self.words, context=context)) + counter.tools(self.tools.game_specs)
         self._picture_tokens = 0 if observation == "text" else counter.image(*game.picture_shape)
         self.budget: ResolvedBudget = budgets.resolve(asked, spec, head, self._picture_tokens)
+        cap = self.budget.result_tokens
+        self._cap_on_words = None if cap is None else cap - self._picture_tokens
+        """The cap on the words of an observation: what its picture leaves of a result."""
         self.manual_text = self._cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
         self.head = prompts.head(self.words, self.manual_text if manual == "pinned" else None, context=context)
@@ -158,8 +161,6 @@ class GameSession:
         return answer
 
     def _play(self, call: ParsedCall) -> Answer:
-        if (tool := self.tools.added.get(call.tool)) is not None:
-            return self._use(tool, call.text if call.values is None else call.values)
         match call.tool:
             case "act":
                 assert call.action is not None
@@ -171,7 +172,9 @@ class GameSession:
                 return answer
             case "read_manual" if self.manual == "tool":
                 return Answer(self.manual_text, {"step": self.steps, "manual": True}, cut=self.manual_is_cut)
-        return self._show(self.words("manual_is_above" if self.manual == "pinned" else "no_manual"))
+            case "read_manual":
+                return self._show(self.words("manual_is_above" if self.manual == "pinned" else "no_manual"))
+        return self._use(self.tools.added[call.tool], call.text if call.values is None else call.values)
 
     def _use(self, tool: StrategyTool, given: str | Mapping[str, Any]) -> Answer:
         """Answer a call of a strategy's tool."""
@@ -218,24 +221,20 @@ class GameSession:
         """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
         shown = self.words("picture_shown") if self.observation == "picture" else text
         shown = f"{shown}\n{last_line}" if last_line else shown
-        words, data = self._beginning(shown), {"step": self.steps, "observation_step": self.steps, **data}
+        words = self._cut(shown, self._cap_on_words, self._cut_observation)
+        data = {"step": self.steps, "observation_step": self.steps, **data}
         if self.observation == "text":
             return Answer(words, data, cut=words != shown)
         picture = self.game.picture() if self.on_picture is None else self.on_picture(self.game.picture())
         return Answer(words, {**data, "picture": picture.facts}, cut=words != shown, picture=picture)
 
-    def _beginning(self, observation: str) -> str:
-        """The words of an observation, cut to their cap, or the first page of them."""
-        cap, shortening, results = self._cap_on_words, self.strategies.shortening, self.budget.result_tokens
-        if shortening is None or cap is None or results is None:
-            return self._cut(observation, cap, truncation.cut_end)
-        return self._cut(observation, cap, lambda text, cap, *_: shortening.shorten(text, cap, results))
-
-    @property
-    def _cap_on_words(self) -> int | None:
-        """The cap on the words of an observation: what its picture leaves of a result."""
-        cap = self.budget.result_tokens
-        return None if cap is None else cap - self._picture_tokens
+    def _cut_observation(self, text: str, cap: int, count: truncation.Count, notice: truncation.Notice) -> str:
+        """Return the words of an observation that are over their cap: their beginning, or the first page of them."""
+        shortening, results = self.strategies.shortening, self.budget.result_tokens
+        if shortening is None or results is None:
+            return truncation.cut_end(text, cap, count, notice)
+        page: str = shortening.shorten(text, cap, results)
+        return page
 
     def _show(self, text: str, **data: Any) -> Answer:
         shown = self._cut(text, self.budget.result_tokens, truncation.cut_end)

@@ -149,15 +149,20 @@ class Ledger:
         self._answered[key] = ((name, meaning(arguments)), result)
 
     def record(self, *events: Mapping[str, Any]) -> None:
-        """Write events to the transcript, if there is one, and count them. After the end nothing is recorded."""
+        """Write events, and count them. After the end nothing is recorded."""
         if self.result is None:
-            if self.writer is not None:
-                self.writer.append(*events)
+            self.write(*events)
             for event in events:
                 self.stats.apply(event)
                 self.stalls.apply(event)
-                for listener in self.listeners:
-                    listener(dict(event))
+
+    def write(self, *events: Mapping[str, Any]) -> None:
+        """Write events to the transcript, if there is one, and tell the listeners. A view is written, not counted."""
+        if self.writer is not None:
+            self.writer.append(*events)
+        for listener in self.listeners:
+            for event in events:
+                listener(dict(event))
 
     def complete_turn(self) -> None:
         """End the episode if too many turns in a row showed nothing new; called after each turn."""

@@ -3,11 +3,10 @@
 A live episode, a replay and a reader of records count with the same code, so their counts agree. The counters have the
 names of the fields of `EpisodeResult`.
 
-Stalls: how many turns in a row have shown the model nothing new, computed from an episode's events one by one.
-
-A turn brings nothing if it plays no step and shows nothing new: it has no call, or each of its calls is a mistake, was
-refused, or repeats what the model has seen. A model in such a state rarely leaves it, but would go on until its calls
-are spent; `Budget.stalled_turns` ends the episode. `docs/budgets.md` is the exact definition.
+`Stalls` counts the turns in a row that have shown the model nothing new. Such a turn plays no step and shows nothing
+new: it has no call, or each of its calls is a mistake, was refused, or repeats what the model has seen. A model in such
+a state rarely leaves it, but would go on until its calls are spent; `Budget.stalled_turns` ends the episode.
+`docs/budgets.md` is the exact definition.
 """
 
 from __future__ import annotations
@@ -122,10 +121,12 @@ class EpisodeStats:
             self.reward += data["reward"]
 
     def _charge(self, event: Mapping[str, Any]) -> None:
-        usage = Usage.reported(event)
-        self.unusable_usages += usage is None and event["provider"] is not None
-        if usage is not None:
-            self._provider = usage if self._provider is None else self._provider + usage
+        if event["provider"] is not None:
+            usage = Usage.reported(event)
+            if usage is None:
+                self.unusable_usages += 1
+            else:
+                self._provider = usage if self._provider is None else self._provider + usage
         sums, prompt, reply = self._sums, event.get("prompt", 0), event.get("reply", 0)
         sums["prompt"] += prompt
         sums["reply"] += reply
@@ -173,10 +174,11 @@ class Stalls:
                 self._open(event["turn"])
                 if not event["is_error"] and self._shows_something_new(event):
                     self._is_new = True
-            case "message" if event["by"] == "player":
-                self._open(event["turn"])
-            case "message" if "position" in event:
-                self._is_foreign = True
+            case "message":
+                if event["by"] == "player":
+                    self._open(event["turn"])
+                elif "position" in event:
+                    self._is_foreign = True
 
     def _open(self, turn: int) -> None:
         """Begin a turn, unless it is the latest."""
@@ -187,9 +189,8 @@ class Stalls:
     def _shows_something_new(self, call: Mapping[str, Any]) -> bool:
         """Whether an answer is a step, the first reading of the manual, or anything else that was not shown before."""
         name, data = call["name"], call["data"]
-        if "observation_step" in data:
-            is_new = data["observation_step"] > self._observation
-            self._observation = max(self._observation, data["observation_step"])
+        if (step := data.get("observation_step")) is not None:
+            is_new, self._observation = step > self._observation, max(self._observation, step)
             return is_new or "reward" in data
         if data.get("manual"):
             was_read, self._manual_was_read = self._manual_was_read, True

@@ -1,13 +1,12 @@
-"""The tools: their descriptions for the model, and how its calls are parsed.
+"""The tools: their descriptions for the model, how its calls are parsed, and the same tools as Python functions.
 
-Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others.
+Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others. `GameTools` has the three as
+callables, for frameworks that read names, annotations and docstrings.
 
 A call is played as it was sent or refused with a reason, never repaired: a benchmark that guesses what a model meant
 measures the guess. An action is given by its exact name or by its number in the game's manual, as a text or as a whole
 number: some hosts turn the text "1" into the number 1, whatever the model wrote. The legal actions are listed in the
 description of `act`, not in an enum, because frameworks disagree on who rejects an enum violation.
-
-The tools of an episode as Python callables, for frameworks that read names, annotations and docstrings.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ class MistakeError(Exception):
         self.kind = kind
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class ParsedCall:
     """A call that can be played."""
 

@@ -2,12 +2,9 @@
 
 A text game is a Gymnasium environment whose observation is the text that a player reads. A subclass defines rules and
 texts (`_reset`, `_step`, `_state`); the base class provides what all games share: the score, the history text as the
-original prints it, the `info` dictionary and the state hash that replays compare. Games do not count steps: the rollout
-limit is enforced by Gymnasium's `TimeLimit` and by `Episode`.
-
-The history text of the original: past observations in one message, oldest first.
-
-The observation space of text games, which Gymnasium cannot share between processes.
+original prints it (past observations in one message, oldest first), the `info` dictionary and the state hash that
+replays compare. Its observation space is `Words`, which Gymnasium cannot share between processes. Games do not count
+steps: the rollout limit is enforced by Gymnasium's `TimeLimit` and by `Episode`.
 """
 
 from __future__ import annotations

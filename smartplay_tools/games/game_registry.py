@@ -168,7 +168,7 @@ class Games(Mapping[str, GameSpec]):
                 f"{spec.id!r} cannot be an id: write letters, digits and a version, as in Nim-v0."
             )
         if spec.id in self._benchmark:
-            raise InvalidArgumentError(f"{spec.id} is a setting of the benchmark; give yours an id of its own.")
+            raise InvalidArgumentError(f"{spec.id} is a setting of the benchmark; give yours another id.")
         self._specs[spec.id] = spec
         if gymnasium_is_ready():
             _register_with_gymnasium(spec)

@@ -58,7 +58,7 @@ class Reading:
         refusal = next((latest.removeprefix(error) for error in beginnings("error") if latest.startswith(error)), "")
         return latest.endswith(in_any_version("game_is_over")) or refusal.startswith(beginnings("episode_is_over"))
 
-    @cached_property
+    @property
     def actions(self) -> tuple[str, ...]:
         """The legal actions in the manual's numbering, read from the tool `act`; without tools, from the manual."""
         described = [tool.description for tool in self.prompt.tools if tool.name == "act"] or [self.system]

@@ -139,7 +139,7 @@ class RuleNotesPlayer(RulePlayer):
         return {**message, "content": text} if cap is None else noted(message, text)
 
     def _beside_the_play(self, reading: Reading) -> Message | None:
-        """The newest memory that the request quotes: a host may ask for a summary in words and lists of its own."""
+        """The newest memory that the request quotes: a host may ask for a summary in other words and lists."""
         quoted = newest_quoted(reading)
         if quoted is None or any(rules.plays(reading) for rules in self.rules if reading.actions):
             return super()._beside_the_play(reading)

@@ -1,25 +1,21 @@
-"""The scripted player: gives prepared replies, for tests and demonstrations.
+"""Players that need no model: for tests, for lower and upper bounds of scores, and to measure other frameworks.
 
-The first player: always plays the first action of the game.
+`ScriptedPlayer` gives prepared replies.
 
-The original plays this action, without reporting it, if it finds no action in a model's answer. This player therefore
-scores as much as a model whose answers never name an action. It reads messages only.
+`FirstPlayer` always plays the first action of the game. The original plays this action, without reporting it, if it
+finds no action in a model's answer, so the player scores as much as a model whose answers never name an action.
 
-The random player: a legal action, drawn at every prompt; a lower bound for other players.
+`RandomPlayer` draws a legal action at every prompt, a lower bound for other players. It calls a tool if the prompt has
+tools, and otherwise answers with the action's name (the paper's protocol).
 
-It calls a tool if the prompt has tools, and otherwise answers with the action's name (the paper's protocol).
+`OraclePlayer` plays the best action, computed from the game's state, an upper bound for games with a known optimum: in
+the bandit it always pulls the better machine, in Rock Paper Scissors it plays the hand that is best against the
+opponent's true probabilities, in Hanoi it makes the next move of the shortest solution. It is privileged: it takes the
+game from its episode (`Episode.privileged_game`), and every record and result of its play notes this.
 
-The oracle: plays the best action, computed from the game's state; an upper bound for games with a known optimum.
-
-It is privileged: it takes the game from its episode (`Episode.privileged_game`), and every record and result of its
-play notes this. In the bandit it always pulls the better machine, in Rock Paper Scissors it plays the hand that is best
-against the opponent's true probabilities, in Hanoi it makes the next move of the shortest solution.
-
-A player that records its prompts in the episode of a host: it measures what another framework shows its model.
-
-A framework that manages the context itself sends prompts that this library has not made. With this player behind an
-endpoint in the place of its model, every prompt is counted and recorded as it came (`Episode.note_prompt`), and the
-framework needs no change.
+`NotedPlayer` records the prompts of another player in the episode of a host. A framework that manages the context
+itself sends prompts that this library has not made. With this player behind an endpoint in the place of its model,
+every prompt is counted and recorded as it came (`Episode.note_prompt`), and the framework needs no change.
 """
 
 from __future__ import annotations

@@ -20,32 +20,20 @@ from typing import TYPE_CHECKING
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.records.prices import Price as Price
-    from smartplay_tools.records.prompts import (
-        SentPrompt as SentPrompt,
-        recorded_turns as recorded_turns,
-        sent_prompts as sent_prompts,
-    )
+    from smartplay_tools.records.prompts import sent_prompts as sent_prompts
     from smartplay_tools.records.record import Record as Record
-    from smartplay_tools.records.replays import (
-        Replay as Replay,
-        recorded_pictures as recorded_pictures,
-        replay as replay,
-    )
-    from smartplay_tools.records.requests import RequestLog as RequestLog, requests_of as requests_of
-    from smartplay_tools.records.resumption import Resumed as Resumed, fork as fork, resume as resume
-    from smartplay_tools.records.spent import Spent as Spent
+    from smartplay_tools.records.replays import recorded_pictures as recorded_pictures, replay as replay
+    from smartplay_tools.records.requests import requests_of as requests_of
+    from smartplay_tools.records.resumption import resume as resume
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.records.replays": "recorded_pictures Replay replay",
-            "smartplay_tools.records.prices": "Price",
-            "smartplay_tools.records.prompts": "SentPrompt recorded_turns sent_prompts",
+            "smartplay_tools.records.prompts": "sent_prompts",
             "smartplay_tools.records.record": "Record",
-            "smartplay_tools.records.requests": "RequestLog requests_of",
-            "smartplay_tools.records.resumption": "Resumed fork resume",
-            "smartplay_tools.records.spent": "Spent",
+            "smartplay_tools.records.replays": "recorded_pictures replay",
+            "smartplay_tools.records.requests": "requests_of",
+            "smartplay_tools.records.resumption": "resume",
         },
     )

@@ -2,9 +2,8 @@
 
 Budget tokens of messages add up, so a prompt is the sum of its parts to the token, and what a turn would have needed is
 known for prompts that it was not in. Only records of conversations that were counted with a tokenizer of this package
-have accounts: any other name in a record could cause a download.
-
-What a prompt showed of each turn before it, as a word for each turn; from the record alone, without a tokenizer.
+have accounts: any other name in a record could cause a download. `shown_turns` needs no tokenizer: it says what a
+prompt showed of each turn before it, as a word for each turn.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ LATER = ("write", "write_1h")
 class Price:
     """The price of a model's tokens.
 
-    Tokens that are read from a cache and those that are written to it are parts of the prompt with rates of their own.
+    Tokens that are read from a cache and those that are written to it are parts of the prompt with separate rates.
     """
 
     input: Rates

@@ -3,12 +3,11 @@
 A `view` event says which turns a prompt showed and which results were masked; `head`, `message`, `call` and `summary`
 events contain the texts. The sha256 in the `view` event verifies the rebuilt prompt.
 
-A whole conversation: every message of an episode, as if there had been no window.
-
-In the record of a window, the manual that a model has read is in the head of every later prompt, and the result that
-read it refers to it there; in a whole conversation the manual is that result. The record of an episode whose host
-managed the context has calls and answers only: its conversation has a message for each turn of calls, and the head is
-that of a new episode of the same config. The words that the host's model said with its calls are in no record.
+`WholeConversation` is every message of an episode, as if there had been no window. In the record of a window, the
+manual that a model has read is in the head of every later prompt, and the result that read it refers to it there; in a
+whole conversation the manual is that result. The record of an episode whose host managed the context has calls and
+answers only: its conversation has a message for each turn of calls, and the head is that of a new episode of the same
+config. The words that the host's model said with its calls are in no record.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""What a record's player was sent, as a cache sees it: each request as units, equal ones with the same number.
+"""The requests of an episode as a provider's cache sees them: sequences of units, and the prefixes that they share.
 
-The requests of an episode as a cache sees them: sequences of units, and the prefixes that they have in common.
-
-The units of a request are the tools as one, then each message. Inside the first unit that differs nothing is common: a
-head to which the manual is added counts as new from there on. Priming belongs to no unit, since no request shares it.
+Equal units have the same number. The units of a request are the tools as one, then each message. Inside the first unit
+that differs nothing is common: a head to which the manual is added counts as new from there on. Priming belongs to no
+unit, since no request shares it.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ The record is played again on a new game, and every new event is compared with t
 The episode is then in its recorded state, and further events are appended to the record. Servers use this after a
 restart, runs after an interruption, and the replay page to draw a game's states.
 
-Chains of trials in the records of a run: what a trial leaves, and whether the next one has begun with it.
+For chains of trials in a run (`Rules.carry`), `left_by` reads what a trial leaves, and `chain_fault` says whether the
+next one has begun with it.
 """
 
 from __future__ import annotations

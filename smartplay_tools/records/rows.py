@@ -1,13 +1,11 @@
 """Rows: the results of episodes as plain data, read from the records of attempts.
 
 A row is one line of `results.jsonl`. Playing, statistics and reports all use this module, so that `runs` and `analysis`
-need not import each other.
+need not import each other. `grouped` groups them, or anything else, in the order in which they come.
 
 An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
 by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
 is not a result: it is in no mean, and the episode is continued or played again.
-
-Items in groups by what they have in common, in the order in which they come: nothing has to be sorted first.
 """
 
 from __future__ import annotations
@@ -35,17 +33,20 @@ __all__ = [
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
 
-COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "prompts", "budget", "asked")
+COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "strategy_sha256", "prompts", "budget", "asked")
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation"})
+LATER = frozenset({"peak_prompt_tokens", "observation", "strategy_sha256"})
 """The fields that rows of older versions do not have."""
+
+_OPTIONAL = {*Rules.later, "strategy_sha256"}
+"""The fields that a row has only where there is something to say."""
 
 
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
-    copied = {name: record.facts[name] for name in COPIED if name not in Rules.later or record.facts[name] is not None}
+    copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
 
@@ -82,6 +83,7 @@ class _Row(EpisodeResult):
     batch: str
     options: dict[str, Any]
     tokenizer: str
+    strategy_sha256: str | None = None
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget

@@ -1,7 +1,4 @@
-"""The tokens and cost that episodes have used, added up.
-
-What the events of a record add up to, counted while the record grows.
-"""
+"""The tokens and cost that episodes have used, added up: as a sum (`Spent`), and counted while a record grows."""
 
 from __future__ import annotations
 

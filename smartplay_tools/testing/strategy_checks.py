@@ -1,4 +1,4 @@
-"""The contract test of strategies: what prompts, records and replays rely on, for everybody who brings one.
+"""The contract test of strategies: what prompts, records and replays rely on, for everybody who adds one.
 
 `check_strategy` plays random hostile episodes under a strategy, here and in another process, and raises an
 `AssertionError` that says what the strategy does wrong. With pytest:

@@ -1,7 +1,7 @@
 """The transcript of an episode: its events, the file that contains them, and the hashes that verify them."""
 
 from smartplay_tools.transcript.events import EVENTS, FORMAT, Event, concerns_summary
-from smartplay_tools.transcript.file import TranscriptWriter, comparable, read_transcript, write_records
+from smartplay_tools.transcript.file import TranscriptWriter, read_transcript, write_records
 from smartplay_tools.transcript.times import keep_times, read_times
 
 __all__ = [
@@ -9,7 +9,6 @@ __all__ = [
     "FORMAT",
     "Event",
     "TranscriptWriter",
-    "comparable",
     "concerns_summary",
     "keep_times",
     "read_times",

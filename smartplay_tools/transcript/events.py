@@ -4,7 +4,7 @@ A record has two kinds of information. The events about what happened (`start`, 
 `call`, `reveal`, `picture`, `end`) can be replayed on a new game. The events about what was shown (`head`, `view`)
 allow every prompt to be rebuilt exactly. A test compares the table in `docs/architecture.md` with these classes.
 
-Errors in a record, reported in one sentence with the number of the event.
+`ErrorLocation` reports an error in a record in one sentence, with the number of the event.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.events import FORMAT, Event
-from smartplay_tools.transcript.hashing import chain_after, event_line, with_chain
+from smartplay_tools.transcript.hashing import chained_lines, event_line
 from smartplay_tools.transcript.lines import AppendedFile, complete_lines, parse_json, parse_lines
 from smartplay_tools.transcript.times import TimesWriter
 from smartplay_tools.types.arguments import canonical
@@ -101,14 +101,9 @@ class TranscriptWriter:
 
     def append(self, *events: Mapping[str, Any]) -> None:
         """Write events in one operation: the record contains all of them, or its last line is incomplete."""
-        lines = b""
-        for event in events:
-            plain = event_line(event)
-            self._chain = chain_after(self._chain, plain)
-            line = with_chain(plain, self._chain)
-            if self._events is not None:
-                self._events.append(json.loads(line))
-            lines += line + b"\n"
+        lines, self._chain = chained_lines(events, self._chain)
+        if self._events is not None:
+            self._events += map(json.loads, lines.splitlines())
         if self._memory is not None:
             self._memory.append(lines)
         if self._file is not None:
@@ -222,7 +217,7 @@ def broken_links(events: Iterable[Event]) -> Iterator[int]:
     before = ""
     for number, event in enumerate(events, start=1):
         plain = {name: value for name, value in event.items() if name != "chain"}
-        if event.get("chain") != chain_after(before, event_line(plain)) or next(reversed(event)) != "chain":
+        if event.get("chain") != chained_lines([plain], before)[1] or next(reversed(event)) != "chain":
             yield number
         before = str(event.get("chain"))
 

@@ -22,14 +22,17 @@ def event_line(event: Mapping[str, Any]) -> bytes:
     return _event_text(event).encode("ascii")
 
 
-def chain_after(before: str, line: bytes) -> str:
-    """Return the chain after an event, from the chain before it and the event's line without its chain."""
-    return hashlib.sha256(before.encode("ascii") + line).hexdigest()[:32]
+def chained_lines(events: Iterable[Mapping[str, Any]], before: str) -> tuple[bytes, str]:
+    """Return the lines of events, each with the chain up to it as its last field, and the chain after the last one.
 
-
-def with_chain(line: bytes, chain: str) -> bytes:
-    """Return an event's line with its chain added as the last field."""
-    return b'%b, "chain": "%b"}' % (line[:-1], chain.encode("ascii"))
+    The chain after an event is a digest of the chain before it and of the event's line without its chain.
+    """
+    lines, chain = b"", before
+    for event in events:
+        line = event_line(event)
+        chain = hashlib.sha256(chain.encode("ascii") + line).hexdigest()[:32]
+        lines += b'%b, "chain": "%b"}\n' % (line[:-1], chain.encode("ascii"))
+    return lines, chain
 
 
 def message_bytes(message: Message, call_ids: Sequence[str], arguments: Sequence[str] = ()) -> bytes:

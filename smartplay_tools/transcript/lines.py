@@ -1,13 +1,12 @@
-"""The lines of JSON Lines files, of records as well as of rows: all of them, the new ones, or the first and the last.
+"""The lines of JSON Lines files, of records as well as of rows: read whole, as they grow or at both ends, and appended.
 
 A file may be read while another process writes it, or after that process was killed. A last line that is incomplete is
 then left out; it counts when it has its line break, or is JSON without one.
 
-AppendedFile: a file to which lines are appended; any number of these can be open at once.
-
-A process may hold few file handles, often 256 or 1,024, and a program may play ten thousand episodes at once. So only
-the files that were written last keep their handle; any other is opened again when it is written. What is written is
-handed to the operating system at once, so nothing is in memory when a handle is closed.
+Any number of files can be open for appending (`AppendedFile`). A process may hold few file handles, often 256 or 1,024,
+and a program may play ten thousand episodes at once. So only the files that were written last keep their handle; any
+other is opened again when it is written. What is written is handed to the operating system at once, so nothing is in
+memory when a handle is closed.
 """
 
 from __future__ import annotations
@@ -146,7 +145,6 @@ class AppendedFile:
             written = file.write(lines)
             while written < len(lines):  # all at once, unless the disk is full
                 written += file.write(lines[written:])
-            self._size += written
             with _LOCK:
                 _OPEN.move_to_end(self._reference)
 
@@ -182,5 +180,6 @@ class AppendedFile:
     def _let_go(self) -> None:
         file, self._file = self._file, None
         if file is not None:
+            self._size = file.tell()
             with suppress(OSError):
                 file.close()

@@ -15,11 +15,8 @@ if TYPE_CHECKING:
     from smartplay_tools.types.budget import (
         STRATEGIES as STRATEGIES,
         WORDS as WORDS,
-        BeyondHistory as BeyondHistory,
-        BeyondResult as BeyondResult,
         Budget as Budget,
         Cap as Cap,
-        Count as Count,
         Recorded as Recorded,
         RecordedBudget as RecordedBudget,
         ResolvedBudget as ResolvedBudget,
@@ -34,7 +31,6 @@ if TYPE_CHECKING:
     from smartplay_tools.types.result import (
         MEMORY_TOOL as MEMORY_TOOL,
         MISTAKES as MISTAKES,
-        MOST_TOKENS as MOST_TOKENS,
         NOTES_TOOL as NOTES_TOOL,
         PAGES_TOOL as PAGES_TOOL,
         RECALL_TOOL as RECALL_TOOL,
@@ -57,12 +53,10 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.types.budget": (
-                "STRATEGIES WORDS BeyondHistory BeyondResult Budget Cap Count Recorded RecordedBudget ResolvedBudget"
-            ),
+            "smartplay_tools.types.budget": ("STRATEGIES WORDS Budget Cap Recorded RecordedBudget ResolvedBudget"),
             "smartplay_tools.types.prompt": "AsyncPlayer Player Prompt Purpose Reply",
             "smartplay_tools.types.result": (
-                "MEMORY_TOOL MISTAKES MOST_TOKENS NOTES_TOOL PAGES_TOOL RECALL_TOOL TOOL_NAMES CarriedStore EndReason "
+                "MEMORY_TOOL MISTAKES NOTES_TOOL PAGES_TOOL RECALL_TOOL TOOL_NAMES CarriedStore EndReason "
                 "EpisodeResult ObservationForm Progress SampledTokens Tokens ToolCall ToolResult ToolSpec Usage "
                 "facts_as_html"
             ),

@@ -3,10 +3,8 @@
 Some frameworks pass the text as the model wrote it, others the object that they parsed from it. `read` treats the two
 alike, so that the same call counts the same tokens, compares equal and is recorded in the same form everywhere.
 
-JSON text: written as Python's `json` writes it, but faster, and read where it may hold any value.
-
-`json` creates an encoder in C for every call, which takes longer than encoding a small value, and a turn encodes a
-dozen of these. Here an encoder is created once.
+JSON is written as Python's `json` writes it, but faster: `json` creates an encoder in C for every call, which takes
+longer than encoding a small value, and a turn encodes a dozen of these. Here an encoder is created once.
 """
 
 from __future__ import annotations
@@ -17,22 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = [
-    "DEEPEST",
-    "Arguments",
-    "Problem",
-    "as_text",
-    "canonical",
-    "canonical_text",
-    "encoder",
-    "is_strict",
-    "meaning",
-    "number_as_text",
-    "object_in",
-    "read",
-    "value_in",
-    "well_formed",
-]
+__all__ = ["Arguments", "meaning", "object_in", "read", "value_in"]
 
 
 def object_in(text: str | bytes | bytearray) -> dict[str, Any] | None:
@@ -101,7 +84,7 @@ class Problem:
     values: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Arguments:
     """The arguments of one call, read. Exactly one of `values` and `problem` is None."""
 

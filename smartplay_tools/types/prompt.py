@@ -42,7 +42,7 @@ class Prompt:
 
     messages: _Messages = _Messages()
     """The messages, which the player may change."""
-    tools: tuple[ToolSpec, ...]  # type: ignore[misc]  # mypy does not see that the descriptor is not a default
+    tools: tuple[ToolSpec, ...] = ()
     max_tokens: int | None = None
     prefix_messages: int = field(default=0, compare=False)
     """How many messages at the beginning are the same as in the previous prompt: a provider's cache can serve them."""

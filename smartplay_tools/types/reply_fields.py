@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+__all__ = ["NOT_COUNTED", "NOT_SENT", "REPLY_FIELDS", "merged"]
+
 
 @dataclass(frozen=True, slots=True)
 class ReplyField:
@@ -72,9 +74,22 @@ NOT_SENT = frozenset(field.name for field in _CHAT if not field.is_sent)
 """The fields of a chat completion's message that requests must not have."""
 
 NOT_COUNTED = frozenset(
-    {"id", "call_id", "tool_call_id", "type", "kind", "part_kind", "role", "phase", "format", "status", "index"}
-    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index", "cache_control"}
-    | {"model_name", "model_provider", "provider_name"}
+    {
+        "id",
+        "call_id",
+        "call_ids",
+        "tool_call_id",
+        "type",
+        "kind",
+        "part_kind",
+        "role",
+        "phase",
+        "format",
+        "status",
+        "index",
+    }
+    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index"}
+    | {"cache_control", "model_name", "model_provider", "provider_name"}
 )
 """The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of providers."""
 

@@ -1,9 +1,4 @@
-"""The state of an episode, and its result.
-
-Tools, their calls and their results, and the names of the tools that an agent can have.
-
-The tokens of a reply: those that a provider reports, and those that a model drew.
-"""
+"""The results of calls and of episodes, with the tools that are called and the tokens of replies."""
 
 from __future__ import annotations
 
@@ -107,8 +102,8 @@ class Usage(Recorded):
 
     prompt: int = 0
     reply: int = 0
-    cached: int | None = 0
-    """None if the provider does not say; then they cost as any other."""
+    cached: int | None = None
+    """None if the provider does not say; then all tokens of the prompt cost the same."""
     written: int = 0
     written_1h: int = 0
     """The part of `written` that is kept for an hour, where a provider reports it separately."""

@@ -17,35 +17,19 @@ if TYPE_CHECKING:
         Bounded as Bounded,
         hosted_or_refusal as hosted_or_refusal,
     )
-    from smartplay_tools.web.guard import (
-        LOCAL as LOCAL,
-        Guard as Guard,
-        Names as Names,
-        carries as carries,
-        check_address as check_address,
-        guarded as guarded,
-        is_from_own_page as is_from_own_page,
-        is_loopback as is_loopback,
-    )
-    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode, check_budget as check_budget
+    from smartplay_tools.web.guard import carries as carries, check_address as check_address, guarded as guarded
+    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode
     from smartplay_tools.web.server import Server as Server
-    from smartplay_tools.web.store import (
-        EpisodeStore as EpisodeStore,
-        FullError as FullError,
-        Hosted as Hosted,
-        Store as Store,
-    )
+    from smartplay_tools.web.store import EpisodeStore as EpisodeStore, FullError as FullError, Store as Store
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.web.guard": (
-                "LOCAL Guard Names carries check_address guarded is_from_own_page is_loopback"
-            ),
+            "smartplay_tools.web.guard": "carries check_address guarded",
             "smartplay_tools.web.bodies": "LARGEST_REQUEST UNAUTHORIZED Bounded hosted_or_refusal",
-            "smartplay_tools.web.hosted": "HostedEpisode check_budget",
-            "smartplay_tools.web.store": "EpisodeStore FullError Hosted Store",
+            "smartplay_tools.web.hosted": "HostedEpisode",
+            "smartplay_tools.web.store": "EpisodeStore FullError Store",
             "smartplay_tools.web.server": "Server",
         },
     )

@@ -98,7 +98,7 @@ def guarded(
         Guard(app, admit, names, largest),
         allow_origin_regex=names.origin_pattern,
         allow_methods=["GET", "POST", "DELETE"],
-        # Every client for browsers sends headers of its own, and the page was allowed by its name.
+        # Each client library for browsers sends other headers, and the page was allowed by its name.
         allow_headers=["*"],
         expose_headers=READ_IN_BROWSERS,
     )

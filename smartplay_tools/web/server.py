@@ -1,8 +1,6 @@
 """A server for an ASGI application: in the foreground for a command, or in a thread beside a script or a test.
 
-Every server of the package is one of these.
-
-The socket that a server listens on.
+Every server of the package is one of these, on a socket that `listening` opens.
 """
 
 from __future__ import annotations

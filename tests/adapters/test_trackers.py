@@ -19,7 +19,7 @@ from wandb.proto import wandb_internal_pb2
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import summarize
+from smartplay_tools.evaluation.analysis.summary import summarize
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 GAME = "Hanoi3Disk-v0"

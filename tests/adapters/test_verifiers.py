@@ -33,7 +33,8 @@ from smartplay_verifiers.tasks import BudgetConfig, SmartPlayData
 from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder import trial_seed
+from smartplay_tools.context.strategies import custom
+from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records import Record
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub
@@ -98,6 +99,17 @@ def test_tasks_are_the_trials_of_an_evaluation():
     config = sp.EpisodeConfig(**trials[0].data.config)
     assert (config.budget.prompt_tokens, config.budget.history) == (700, None)
     assert trials[2].data.name == f"{GAME}-2"
+
+
+def test_a_task_finds_its_strategy_in_another_process(monkeypatch, tmp_path):
+    """A config names the file without its folders, so the task has the path beside it."""
+    path = Path(__file__).parents[2] / "experiments" / "first_and_newest.py"
+    (task,) = tasks(1, game=GAME, budget=BudgetConfig(strategy=f"{path}:FirstAndNewest"))
+    assert task.data.config["budget"]["strategy"] == "first_and_newest.py:FirstAndNewest"
+    monkeypatch.setattr(custom, "_READ", {})
+    monkeypatch.chdir(tmp_path)
+    with task.data.episode([]) as episode:
+        assert episode.ledger.strategies.custom is not None
 
 
 @pytest.mark.parametrize(("game", "gold"), [("Hanoi3Disk-v0", "valid"), ("MessengerL1-v0", "unchecked")])

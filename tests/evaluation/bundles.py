@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board.submissions import prepare_submission
-from smartplay_tools.transcript.hashing import chain_after, event_line
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
+from smartplay_tools.transcript.hashing import chained_lines
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -71,9 +71,6 @@ def edit_record(files: Files, name: str, change: Callable[[list[dict[str, Any]]]
 
 
 def chained(events: list[dict[str, Any]]) -> bytes:
-    chain, lines = "", []
     for event in events:
         event.pop("chain", None)
-        chain = chain_after(chain, event_line(event))
-        lines.append(event_line({**event, "chain": chain}) + b"\n")
-    return b"".join(lines)
+    return chained_lines(events, "")[0]

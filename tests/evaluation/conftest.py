@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from smartplay_tools.evaluation.pages.report import write_report
+from smartplay_tools.evaluation.pages.report.page import write_report
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (

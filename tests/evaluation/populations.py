@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import by_cell, pairs
+from smartplay_tools.evaluation.analysis import pairs
+from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Values
 
 BANDIT, RPS, HANOI, MESSENGER = (

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board import build_board
-from smartplay_tools.evaluation.pages.report import write_excerpt, write_report
+from smartplay_tools.evaluation.board.site import build_board
+from smartplay_tools.evaluation.pages.report.page import write_excerpt, write_report
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.web.site import BrowserGames
 from tests.evaluation import bundles

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.evaluation.runs.runner import Run
 
 HANOI = "Hanoi3Disk-v0"
 BUDGET = sp.Budget(prompt_tokens=700)
@@ -111,8 +111,8 @@ def test_a_cap_of_the_run_pauses_an_agent_s_episode_which_then_starts_over_and_s
     assert 0 < spent < whole // 2 + 8_000, "the cap is exact but for a reply, which has no cap"
     assert "began again" not in caplog.text
     again = run("run", run_tokens=4 * whole)
-    assert caplog.text.count("began again from its start: Its agent has a memory of its own.") == 1
-    assert again.folder.beginnings() == {"Its agent has a memory of its own": 1}
+    assert caplog.text.count("began again from its start: The record does not have the state of its agent.") == 1
+    assert again.folder.beginnings() == {"The record does not have the state of its agent": 1}
     assert [row["score"] for row in again.rows] == [3.0]
     assert again.spending.total.tokens == whole + spent
 

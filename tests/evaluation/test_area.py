@@ -7,7 +7,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
-from smartplay_tools.evaluation.analysis.figures import areas_under_curves
+from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
 from smartplay_tools.evaluation.analysis.names import check_distinct
 from tests.evaluation.window_rows import row
 

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation import Run
-from smartplay_tools.evaluation.runs import audit as audited
+from smartplay_tools.evaluation.runs.merge import audit as audited
+from smartplay_tools.evaluation.runs.runner import Run
 from tests.evaluation.report_runs import known_for_now
 
 GAMES = ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"]

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.board import build_board
-from smartplay_tools.evaluation.board.submissions import prepare_submission
+from smartplay_tools.evaluation.board.site import build_board
+from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 from tests.evaluation import bundles
 from tests.evaluation.bundles import FACTS, HANOI, Files, changed, records
 

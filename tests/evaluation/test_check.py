@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
 from tests.evaluation.test_models_of_runs import BANDIT, MODEL

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import compare, comparison_tables
-from smartplay_tools.evaluation.analysis.comparison import as_rows
+from smartplay_tools.evaluation.analysis.comparison import as_rows, compare
+from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from tests.evaluation.window_rows import row

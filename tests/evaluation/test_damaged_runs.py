@@ -15,7 +15,7 @@ from tests.evaluation.test_hostile_bundles import damage
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
-report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
+report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

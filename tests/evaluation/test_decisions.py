@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import compare
+from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
 from smartplay_tools.evaluation.analysis.planning import plan_comparisons

@@ -8,9 +8,15 @@ import sys
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis import figures
-from smartplay_tools.evaluation.analysis.figures.step_scores import walk_of
-from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series
+from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
+from smartplay_tools.evaluation.analysis.figures.curves import (
+    effects_of_slack,
+    score_against_history,
+    score_against_prompt_tokens,
+)
+from smartplay_tools.evaluation.analysis.figures.frontier import frontier
+from smartplay_tools.evaluation.analysis.figures.prompt_figures import prompt_rows
+from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series, save_figure
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records.accounts import shown_turns
 from smartplay_tools.records.record import Record
@@ -48,7 +54,7 @@ def ticks(axes):
 
 
 def test_score_against_history_has_a_panel_for_each_game_and_a_line_for_each_player(comparisons):
-    bandit, rps = figures.score_against_history(comparisons).axes
+    bandit, rps = score_against_history(comparisons).axes
     assert (bandit.get_title(), rps.get_title()) == (BANDIT, RPS)
     assert ticks(bandit) == ["1", "5", "all"]
     assert [y for _, y in lines(bandit)["rule"]] == [22, 32, 42]
@@ -60,52 +66,52 @@ def test_score_against_history_has_a_panel_for_each_game_and_a_line_for_each_pla
 
 def test_only_the_widest_of_the_other_limits_is_drawn():
     rows = [r for p in (500, None) for h in (1, 5) for r in episodes([h + (p is None)], history=h, prompt_tokens=p)]
-    (panel,) = figures.score_against_history(compare_windows(rows)).axes
+    (panel,) = score_against_history(compare_windows(rows)).axes
     assert [y for _, y in lines(panel)["rule"]] == [2, 6]
-    (panel,) = figures.score_against_prompt_tokens(compare_windows(rows)).axes
+    (panel,) = score_against_prompt_tokens(compare_windows(rows)).axes
     assert ticks(panel) == ["500", "no cap"]
     assert [y for _, y in lines(panel)["rule"]] == [5, 6]
 
 
 def test_what_tells_lines_apart_stands_in_their_names():
     rows = [r for m in ("tool", "pinned") for h in (1, 5) for r in episodes([h], history=h, manual=m)]
-    (panel,) = figures.score_against_history(compare_windows(rows)).axes
+    (panel,) = score_against_history(compare_windows(rows)).axes
     assert set(lines(panel)) == {"rule, manual tool", "rule, manual pinned", "human (paper)"}
 
     here, there = {"base_url": "here"}, {"base_url": "there"}
     rows = [r for o in (here, there) for h in (1, 5) for r in episodes([h], history=h, player_options=o)]
-    (panel,) = figures.score_against_history(compare_windows(rows)).axes
+    (panel,) = score_against_history(compare_windows(rows)).axes
     assert len(lines(panel)) == 3
 
 
 def test_there_is_no_human_where_scores_are_not_comparable():
     rows = [r | {"normalized_score": None} for h in (1, 5) for r in episodes([h], history=h)]
-    (panel,) = figures.score_against_history(compare_windows(rows)).axes
+    (panel,) = score_against_history(compare_windows(rows)).axes
     assert set(lines(panel)) == {"rule"}
 
 
 def test_slack_is_drawn_as_differences_and_shares():
     rows = [r for s, lost in ((0.0, 0), (0.5, 3)) for r in episodes([40 - lost, 44 - lost], history=10, slack=s)]
-    scores, shares = figures.effects_of_slack(compare_windows(rows, along=("slack",))).axes
+    scores, shares = effects_of_slack(compare_windows(rows, along=("slack",))).axes
     name = f"{BANDIT}, rule, history 10"
     assert [y for _, y in lines(scores)[name]] == [-3]
     assert [y for _, y in lines(shares)[name]] == [0.5, 0.5]
     assert ticks(scores) == ticks(shares) == ["0", "0.5"]
     with pytest.raises(sp.InvalidArgumentError, match="slack alone"):
-        figures.effects_of_slack(compare_windows(rows[:2], along=("slack",)))
+        effects_of_slack(compare_windows(rows[:2], along=("slack",)))
 
 
 def test_the_frontier_is_labelled_with_its_windows(comparisons):
-    bandit, _ = figures.frontier(comparisons).axes
+    bandit, _ = frontier(comparisons).axes
     assert lines(bandit)["Pareto front (filled)"] == [[100, 25], [200, 32], [400, 42]]
     assert {text.get_text() for text in bandit.texts} == {"history 1", "history 5", "history all"}
     with pytest.raises(sp.InvalidArgumentError, match="no episode of the run has cost"):
-        figures.frontier(comparisons, price="cost")
+        frontier(comparisons, price="cost")
 
 
 def test_capabilities_set_everybody_against_the_same_settings():
     players = {"rule": {BANDIT: [1.0, 0.8], RPS: [0.9]}, "random": {BANDIT: [0.5], RPS: [None]}}
-    (axes,) = figures.capability_dots(players).axes
+    (axes,) = capability_dots(players).axes
     assert set(lines(axes)) == {"human (paper)", "rule", "random", "the paper's 8 models"}
     # The bandit alone is common: every capability is its normalised score.
     assert {round(x, 9) for x, _ in lines(axes)["rule"]} == {0.9}
@@ -115,47 +121,22 @@ def test_capabilities_set_everybody_against_the_same_settings():
 
 def test_capabilities_need_a_setting_in_common():
     with pytest.raises(sp.InvalidArgumentError, match="all its players"):
-        figures.capability_dots({"one": {BANDIT: [1.0]}, "other": {RPS: [1.0]}})
+        capability_dots({"one": {BANDIT: [1.0]}, "other": {RPS: [1.0]}})
     with pytest.raises(sp.InvalidArgumentError, match="at least one player"):
-        figures.capability_dots({})
+        capability_dots({})
 
 
 def test_cells_of_one_window_are_labelled_with_their_players():
     rows = [*episodes([9], history=5, tokens=100, player="a"), *episodes([30], history=5, tokens=200, player="b")]
-    (axes,) = figures.frontier(compare_windows(rows)).axes
+    (axes,) = frontier(compare_windows(rows)).axes
     assert {text.get_text() for text in axes.texts} <= {"a", "b"}
     assert axes.texts
-
-
-def test_scores_over_steps_come_from_the_record(tmp_path):
-    record = tmp_path / "crafter.jsonl"
-    budget = sp.Budget(tool_calls=40)
-    with sp.Episode("Crafter-v0", seed=3, budget=budget, transcript=record) as episode:
-        result = sp.play(episode, sp.get_player("rule"))
-    walk = walk_of(record)
-    assert len(walk) == result.steps + 1
-    assert (walk[0], walk[-1]) == (0, result.score)
-    called = [event["data"] for event in sp.read_transcript(record) if event["event"] == "call"]
-    assert all(walk[data["step"]] == data["score"] for data in called if "score" in data)
-
-
-def test_an_episode_that_is_over_keeps_its_score():
-    (axes,) = figures.score_over_steps({"two": [[0.0, 2.0], [0.0, 2.0, 4.0]]}).axes
-    assert lines(axes)["two"] == [[0, 0], [1, 2], [2, 3]]
-    with pytest.raises(sp.InvalidArgumentError, match="at least one episode"):
-        figures.score_over_steps({"nobody": []})
-
-
-def test_groups_that_went_the_same_way_share_a_line():
-    same, other = [[0.0, 1.0], [0.0, 3.0]], [[0.0, 5.0]]
-    (axes,) = figures.score_over_steps({"a": same, "b": other, "c": [list(walk) for walk in same]}).axes
-    assert lines(axes) == {"a = c": [[0, 0], [1, 2]], "b": [[0, 0], [1, 5]]}
 
 
 @pytest.mark.slow
 def test_a_figure_has_the_same_bytes_every_time(comparisons, tmp_path):
     first, second = (
-        [path.read_bytes() for path in figures.save_figure(figures.frontier(comparisons), tmp_path / name / "frontier")]
+        [path.read_bytes() for path in save_figure(frontier(comparisons), tmp_path / name / "frontier")]
         for name in ("one", "other")
     )
     assert first == second
@@ -178,7 +159,7 @@ def test_colour_is_never_the_only_difference():
 @pytest.mark.slow
 def test_legends_do_not_cover_data(comparisons):
     """Every legend is below every panel, in pixels of the drawn figure."""
-    for drawn in (figures.score_against_history(comparisons), figures.frontier(comparisons)):
+    for drawn in (score_against_history(comparisons), frontier(comparisons)):
         drawn.draw_without_rendering()
         (legend,) = drawn.legends
         top = legend.get_window_extent().y1
@@ -188,7 +169,7 @@ def test_legends_do_not_cover_data(comparisons):
 def test_a_legend_of_long_names_stays_inside_of_its_figure():
     caps = [{"reply_tokens": 30}, {"reply_tokens": 300}, {"reply_tokens": 300, "tool_calls": 20}]
     rows = [r for own in caps for history in (1, 5) for r in episodes([1, 2], history=history, **own)]
-    drawn = figures.score_against_history(compare_windows(rows))
+    drawn = score_against_history(compare_windows(rows))
     (legend,) = drawn.legends
     assert legend.get_texts()[2].get_text() == "rule, replies ≤ 300, calls ≤ 20"
     drawn.draw_without_rendering()
@@ -200,20 +181,20 @@ def test_drawing_leaves_matplotlib_as_it_was_and_opens_no_windows(comparisons):
     import matplotlib
 
     before = {name: matplotlib.rcParams[name] for name in RULES}
-    figures.score_against_history(comparisons)
+    score_against_history(comparisons)
     assert {name: matplotlib.rcParams[name] for name in RULES} == before != RULES
     assert "matplotlib.pyplot" not in sys.modules
 
 
 def test_a_figure_says_how_many_episodes_and_what_the_bars_are(comparisons):
-    for drawn in (figures.score_against_history(comparisons), figures.frontier(comparisons)):
+    for drawn in (score_against_history(comparisons), frontier(comparisons)):
         (legend,) = drawn.legends
         assert legend.get_title().get_text() == "means of n = 2 episodes; bars: 95 % intervals"
 
 
 def test_cells_whose_results_were_cut_are_marked():
     rows = [row(seed, 10 + seed, history=h, cut_results=5 * (h == 1)) for h in (1, 5) for seed in range(3)]
-    for drawn in (figures.score_against_history(compare_windows(rows)), figures.frontier(compare_windows(rows))):
+    for drawn in (score_against_history(compare_windows(rows)), frontier(compare_windows(rows))):
         (panel,) = drawn.axes
         assert [text.get_text() for text in panel.texts].count("\N{DAGGER}") == 1
         assert "tool results were cut" in " ".join(drawn.legends[0].get_title().get_text().split())
@@ -227,7 +208,7 @@ def test_labels_stay_inside_of_the_axes_and_ticks_apart():
             for h, score, tokens in ((1, scores[0], 200_000), (5, scores[1], 1_400_000))
             for seed in range(3)
         ]
-        drawn = figures.frontier(compare_windows(rows))
+        drawn = frontier(compare_windows(rows))
         drawn.draw_without_rendering()
         (panel,) = drawn.axes
         inside = panel.get_window_extent()
@@ -240,7 +221,7 @@ def test_labels_stay_inside_of_the_axes_and_ticks_apart():
 
 def test_a_score_that_never_differs_has_an_axis_from_zero():
     rows = [row(seed, 3, history=h, tokens=100 * h, normalized_score=None) for h in (1, 5) for seed in range(3)]
-    for drawn in (figures.score_against_history(compare_windows(rows)), figures.frontier(compare_windows(rows))):
+    for drawn in (score_against_history(compare_windows(rows)), frontier(compare_windows(rows))):
         low, high = drawn.axes[0].get_ylim()
         assert -5 < low <= 0
         assert high > 3
@@ -251,8 +232,8 @@ def test_the_words_of_an_svg_can_be_text(tmp_path):
 
     drawn = Figure()
     drawn.add_subplot().set_title("tokens an episode")
-    (paths,) = figures.save_figure(drawn, tmp_path / "paths", formats=["svg"])
-    (text,) = figures.save_figure(drawn, tmp_path / "text", formats=["svg"], svg_text=True)
+    (paths,) = save_figure(drawn, tmp_path / "paths", formats=["svg"])
+    (text,) = save_figure(drawn, tmp_path / "text", formats=["svg"], svg_text=True)
     assert "<text" not in paths.read_text()
     assert "tokens an episode</text>" in text.read_text()
 
@@ -268,9 +249,9 @@ def test_a_row_of_cells_says_what_a_prompt_shows():
     assert kinds.count("gone") == view["dropped_turns"]
     assert kinds.count("whole") == 3
     assert kinds.count("masked") == 12 - view["dropped_turns"] - 3 > 0
-    axes = figures.prompt_rows([("one", record, 12), ("two", record, 12)]).axes[0]
+    axes = prompt_rows([("one", record, 12), ("two", record, 12)]).axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["one", "two"]
     words = [text.get_text() for text in axes.texts]
     assert words == ["head", *map(str, range(12)), f"{view['tokens']} of 700 tokens"] * 2
     with pytest.raises(sp.InvalidArgumentError, match="no prompt of turn 99"):
-        figures.prompt_rows([("one", record, 99)])
+        prompt_rows([("one", record, 99)])

@@ -12,7 +12,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.board.submissions.records import RecordJob, check_record
 from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed, check_plan, check_suite, read_plan
-from smartplay_tools.evaluation.runs import Run
+from smartplay_tools.evaluation.runs.runner import Run
 from tests.evaluation.bundles import HANOI, chained
 
 Events = list[dict[str, Any]]
@@ -67,14 +67,6 @@ def dearer_reply(events: Events) -> None:
     next(event for event in events if event["event"] == "usage")["reply"] = 200_000
 
 
-def other_answer(events: Events) -> None:
-    next(event for event in events if event["event"] == "call")["text"] = "You have won."
-
-
-def other_prompt(events: Events) -> None:
-    next(event for event in events if event["event"] == "view")["sha256"] = "0" * 64
-
-
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -82,8 +74,6 @@ def other_prompt(events: Events) -> None:
         (broken_off, "The record breaks off: it does not say how the episode ended."),
         (dearer_prompt, "The prompt of turn 0 has 5000 tokens."),
         (dearer_reply, "tokens under a cap of 100000."),
-        (other_answer, "(call, turn 0) text is"),
-        (other_prompt, "sha256"),
     ],
 )
 def test_a_record_that_was_changed(run, tmp_path, change, sentence):
@@ -131,7 +121,7 @@ def test_a_host_that_added_messages(tmp_path):
     record = tmp_path / "record.jsonl"
     with sp.Episode(HANOI, seed=1, transcript=record) as episode:
         sp.Conversation(episode, head=[{"role": "user", "content": "Move disk A first."}]).prompt()
-    assert "The host added messages or tools of its own to every prompt." in said_of(job(record, standard=True))
+    assert "The host added messages or tools to every prompt." in said_of(job(record, standard=True))
 
 
 def cell(manifest: Manifest) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report import render_report
+from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.games import get_spec
 from tests.evaluation.players import Waiting
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis import mean_estimate, pairs
+from smartplay_tools.evaluation.analysis import pairs
+from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from tests.evaluation.window_rows import row
 
 

@@ -11,9 +11,11 @@ from rich.console import Console
 
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import _Screen, live_table, showing
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
-from smartplay_tools.evaluation.runs import RunOptions, make_cells, plan_episodes, run_plan
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.runner import run_plan
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 
 pytest.importorskip("ray", reason="the extra `ray` is not installed")
@@ -72,6 +72,19 @@ def test_a_cap_holds_on_a_cluster(tmp_path):
     (tmp_path / "killed").touch()
     assert run(tmp_path, "run", cap=100_000).endswith("True")
     assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
+
+
+def test_a_cluster_plays_the_records_of_chains(tmp_path):
+    asked = f"--games {BANDIT} --players rule-notes --trials 6 --carry notes --chain 3 --notes-tokens 100 --workers 2"
+    played = []
+    for executor in ("inline", "ray"):
+        out = tmp_path / executor
+        command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
+        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240)
+        folder = RunFolder(out)
+        played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
+    assert len(played[0]) == 6
+    assert played[0] == played[1]
 
 
 RETRIED_ELSEWHERE = """

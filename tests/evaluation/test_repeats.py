@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis import pairs, summarize
+from smartplay_tools.evaluation.analysis import pairs
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.repeats import (
     as_json,
@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.analysis.repeats import (
     repeats_table,
     variances,
 )
+from smartplay_tools.evaluation.analysis.summary import summarize
 
 GAME = "MessengerL1-v0"
 

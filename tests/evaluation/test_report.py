@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation import pages
-from smartplay_tools.evaluation.pages.report import write_report
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import check, excerpt
+from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.records import Record, recorded_pictures

@@ -14,7 +14,7 @@ from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records import Record
 
 pytest.importorskip("jinja2")
-report = pytest.importorskip("smartplay_tools.evaluation.pages.report")
+report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 
 HANOI = "Hanoi3Disk-v0"
 

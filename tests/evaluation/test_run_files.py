@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder import RunFolder
-from smartplay_tools.evaluation.runs import PlayerConfig, RunOptions, make_cells, plan_episodes, run_plan
-from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
+from smartplay_tools.evaluation.runs.runner import run_plan
 from tests.evaluation.command import run
 from tests.evaluation.players import Waiting
 from tests.evaluation.servers import calling, completion, serving

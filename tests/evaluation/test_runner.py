@@ -12,8 +12,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import spending_sentences
-from smartplay_tools.evaluation.run_folder import RunFolder
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, trial_seed
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
@@ -51,7 +50,8 @@ def test_a_trial_has_the_same_seed_in_every_cell_and_another_one_in_another_run(
 def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match="no suite 'papers'"):
         sp.evaluate(suite="papers", out=tmp_path)
-    from smartplay_tools.evaluation.runs import make_cells, plan_episodes, suite_games
+    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
+    from smartplay_tools.evaluation.suites import suite_games
 
     plan = plan_episodes(make_cells(suite_games("paper", []), ["rule"], [sp.Budget()]))
     trials = {game: sum(e.cell.game == game for e in plan.episodes) for game in suite_games("paper", [])}

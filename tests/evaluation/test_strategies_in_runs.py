@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation import Run
+from smartplay_tools.evaluation.runs.runner import Run
 from tests.evaluation.command import run
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"

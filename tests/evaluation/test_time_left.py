@@ -15,7 +15,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.follower import RunFollower
 from smartplay_tools.evaluation.run_folder.time_left import CellWork, Growing, TimeLeft, most_replies, rest_of_tokens
-from smartplay_tools.evaluation.runs import make_cells
+from smartplay_tools.evaluation.runs.plan import make_cells
 from smartplay_tools.records.spent import Spent
 from tests.evaluation.test_progress import half_played
 

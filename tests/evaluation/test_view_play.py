@@ -15,9 +15,11 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs import audit
+from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.records import replay
-from smartplay_tools.web.site import BrowserGames, BrowserPlay, Challenge, human_cell
+from smartplay_tools.web.site import BrowserGames
+from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell
+from smartplay_tools.web.site.challenge import Challenge
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")

@@ -84,7 +84,9 @@ def _sent(arguments: str) -> str:
     return arguments if printed == without_surrogates(printed) else without_surrogates(printed)
 
 
-UNREAD = "id call_id tool_call_id type kind part_kind role phase format status index signature thought_signature"
+UNREAD = (
+    "id call_id call_ids tool_call_id type kind part_kind role phase format status index signature thought_signature"
+)
 UNREAD += " thoughtSignature encrypted_content encrypted_index cache_control model_name model_provider provider_name"
 
 

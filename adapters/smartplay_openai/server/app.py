@@ -1,13 +1,11 @@
-"""The endpoint as an ASGI application: routes, errors, and the conversion between requests and players.
+"""The endpoint as an ASGI application and as a server: routes, responses, and refusals as OpenAI words them.
 
-Simulated limits, with which the endpoint refuses requests like a paid service: long prompts, frequent requests.
+`LocalEndpoint` runs it, in a thread beside a test or a script, or in the foreground for the command line. The responses
+(JSON, streams of events, refusals) are those of the window endpoint as well.
 
-They are for testing agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both
-refusals are deterministic, so a test that fails once fails again.
-
-Running the endpoint: in a thread beside a test or a script, or in the foreground for the command line.
-
-The responses of both endpoints: JSON, streams of events, refusals as OpenAI words them.
+With `SimulatedLimits` the endpoint refuses long prompts and frequent requests like a paid service. They are for testing
+agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both refusals are
+deterministic, so a test that fails once fails again.
 """
 
 from __future__ import annotations

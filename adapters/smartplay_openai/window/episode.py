@@ -5,7 +5,7 @@ begins, and if it does not, the latest reply has not arrived, and is given again
 host's agent runs. Both know the calls by the ids and arguments of the latest reply (`PendingReply`), so a request or a
 call that is sent twice, late, in another order or while the first is still under way changes nothing and costs nothing.
 
-Calls of an episode's tools from threads that are not the server's, in which an agent's tools run.
+`FromThreads` makes the calls of an agent whose tools run in threads that are not the server's.
 """
 
 from __future__ import annotations

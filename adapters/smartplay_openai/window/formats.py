@@ -1,11 +1,9 @@
 """The interfaces at which hosts ask the window endpoint: how each reads a request and writes an answer.
 
 OpenAI's two write as the local endpoint does, and read less strictly. Each has its own ids of calls and form of errors.
-
-What the window endpoint reads from a request of a host's agent: call ids, results, tools and other facts.
-
-Messages are not checked, because they have no power over the window: a request with a picture, with items of a kind
-that is new, or with a history that a provider would refuse is as good as any other.
+Of a request only call ids, results, tools and a few other facts are read (`CompletionRequest`). Messages are not
+checked, because they have no power over the window: a request with a picture, with items of a kind that is new, or with
+a history that a provider would refuse is as good as any other.
 """
 
 from __future__ import annotations

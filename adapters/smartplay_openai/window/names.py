@@ -3,7 +3,8 @@
 MCP clients put the server's name before a tool's, as in `mcp__smartplay__act`. The model behind the window knows the
 game's own names, so calls are renamed on their way to the host.
 
-The parts of a host's requests that do not reach the model: named with each answer, and logged once an episode.
+`Notices` has the parts of a host's requests that do not reach the model: they are named with each answer, and logged
+once an episode.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A record names the version in its config, because a changed word changes the benchmark: what an episode says is read
 from `Wording.of(config.prompts)`, whatever the newest version is. A new version is a new file, with the sentences that
 are not those of the version before, and another `VERSION`.
-Games bring their own texts (observations, manuals), and the sentences of the paper's protocol are the paper's.
+Games have their own texts (observations, manuals), and the sentences of the paper's protocol are the paper's.
 """
 
 from __future__ import annotations

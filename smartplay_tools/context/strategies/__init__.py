@@ -32,6 +32,7 @@ from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, S
 from smartplay_tools.context.strategies.custom import (
     load_strategy,
     make_strategy,
+    name_on_record,
     recorded_strategy,
     register_strategy,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "drops_old_turns",
     "is_memory_tool",
     "load_strategy",
+    "name_on_record",
     "refusal",
     "register_strategy",
     "share_kept",

@@ -1,9 +1,10 @@
 """Custom strategies: from a file, an installed package or the running program, by name.
 
 `Budget.strategy` is a name of the group of entry points `smartplay_tools.strategies`, one that this program has
-registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A file is known by its resolved path
-and the digest of its content, so an edited file is a new strategy, and a record names the digest of what was played. A
-name in a record never imports a file: a record can come from a stranger.
+registered, or `FILE.py:CLASS`; options may follow, as in `FILE.py:CLASS:turns=3`. A strategy in a file is identified by
+the file's name, the class and the digest of the file's content: a record has these three, and an edited file is a new
+strategy. The path of the file is where it was found on one machine; only the manifest of a run has it. A name in a
+record never imports a file: a record can come from a stranger.
 """
 
 from __future__ import annotations
@@ -52,15 +53,17 @@ class Loaded:
     """A class that was imported, or registered."""
 
     make: Callable[..., Any]
-    sha256: str | None
+    sha256: str | None = None
     """The digest of its file; None if it is not in a file."""
+    path: Path | None = None
+    """Its file, as the user has named it; None if it is not in a file."""
 
 
 _NAMED: dict[str, Loaded] = {}
 """The strategies without a file that this process has been asked for, by their names without options."""
 
-_READ: dict[tuple[Path, str, str], Loaded] = {}
-"""The strategies in files that the user has named in this process, by resolved path, digest of the file, and class."""
+_READ: dict[tuple[str | None, str], Loaded] = {}
+"""The strategies in files that the user has named in this process, by the digest of the file, and class."""
 
 
 def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
@@ -69,31 +72,41 @@ def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
     if not callable(make):
         raise InvalidArgumentError(f"{name_of(make)} is an object; register the class of the strategy {name!r}.")
-    _NAMED[name] = Loaded(make, None)
+    _NAMED[name] = Loaded(make)
 
 
-def load_strategy(name: str, digest: str | None = None) -> Loaded:
+def load_strategy(name: str, digest: str | None = None, path: Path | None = None) -> Loaded:
     """Import a strategy that the user has named; `InvalidArgumentError` if that is not possible.
 
-    `digest` is that of the file as it has to be; None for the file as it is now.
+    `digest` is that of the file as it has to be; None for the file as it is now. `path` is the file, where `name` has
+    no folder.
     """
     place, _ = parted(name)
     if not is_in_file(place):
         if place not in _NAMED:
-            _NAMED[place] = Loaded(_REGISTRY[place], None)
+            _NAMED[place] = Loaded(_REGISTRY[place])
         return _NAMED[place]
     file, _, attribute = place.rpartition(":")
-    path = Path(file).resolve()
-    if digest is None or (path, digest, attribute) not in _READ:
-        make, sha256 = read_file(place, "strategy")
-        _READ[path, sha256, attribute] = Loaded(make, sha256)
+    if digest is None or (digest, attribute) not in _READ:
+        path = path or Path(file)
+        make, sha256 = read_file(f"{path}:{attribute}", "strategy")
+        _READ[sha256, attribute] = Loaded(make, sha256, path)
         if digest not in (None, sha256):
             raise InvalidArgumentError(
-                f"{file} has changed since its episodes were planned; put the earlier file back, or play again with "
+                f"{path} has changed since its episodes were planned; put the earlier file back, or play again with "
                 "the new one."
             )
         digest = sha256
-    return _READ[path, digest, attribute]
+    return _READ[digest, attribute]
+
+
+def name_on_record(name: str) -> str:
+    """Return the name of a strategy as records have it: that of a file without its folders."""
+    place, _ = parted(name)
+    if not is_in_file(place):
+        return name
+    file, _, attribute = place.rpartition(":")
+    return f"{Path(file).name}:{attribute}{name.removeprefix(place)}"
 
 
 def recorded_strategy(name: str, digest: str | None) -> Loaded:
@@ -107,16 +120,16 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
             raise InvalidArgumentError(f"{place} is a strategy of an installed package; --plugins imports it.")
         return load_strategy(name)
     file, _, attribute = place.rpartition(":")
-    named = {(path.name, sha256): loaded for (path, sha256, own), loaded in _READ.items() if own == attribute}
-    for (_, sha256), loaded in named.items():
-        if sha256 == digest:
-            return loaded
-    if any(other == Path(file).name for other, _ in named):
+    if (digest, attribute) in _READ:
+        return _READ[digest, attribute]
+    named = {(loaded.path.name, own) for (_, own), loaded in _READ.items() if loaded.path is not None}
+    if (Path(file).name, attribute) in named:
         raise InvalidArgumentError(
             f"{place} has changed since the record was made; name an unchanged copy of the file with --strategy."
         )
     raise InvalidArgumentError(
-        f"The record was played with the strategy {place}; name it with --strategy to import it."
+        f"The record was played with the strategy {place}; name it with --strategy, with the path of its file, to "
+        "import it."
     )
 
 

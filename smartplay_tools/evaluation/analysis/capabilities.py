@@ -22,6 +22,8 @@ from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, weighted
 from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import get_spec
 
+__all__ = ["Capabilities", "capability_scores"]
+
 Weights = Literal["paper", "zero-based"]
 
 NO_SETTING = "no setting of the run has a normalised score"

@@ -31,7 +31,7 @@ USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 _COPIED = ("game", "engine", "player", "player_options", "tokenizer", "options")
 """The fields of a cell that are those of its rows."""
 
-_WRITTEN = (*_COPIED, *RULES, "budget", "asked")
+_WRITTEN = (*_COPIED, *RULES, "strategy_sha256", "budget", "asked")
 """The fields of a row that say what its cell is."""
 
 
@@ -49,6 +49,8 @@ class PlayedCell:
     """Resolved, in numbers."""
     tokenizer: str
     options: Mapping[str, Any]
+    strategy_sha256: str | None = None
+    """The sha256 of the file of the budget's strategy; None if it is not in a file."""
     asked: tuple[Budget, ...] = field(default=(), compare=False)
     """The budget as it was asked for, with "game" and "auto"; several if they are the same in numbers."""
 
@@ -61,6 +63,7 @@ class PlayedCell:
             **{name: row[name] for name in _COPIED},
             rules={name: row.get(name, USUAL[name]) for name in RULES},
             budget=numbers,
+            strategy_sha256=row.get("strategy_sha256"),
             asked=(Budget.from_record(asked),),
         )
 
@@ -72,7 +75,8 @@ class PlayedCell:
     def key(self, *, without: Collection[str] = ()) -> bytes:
         """Return what identifies the cell, without these fields of its budget: equal for equal cells."""
         budget = {name: value for name, value in self.budget.items() if name not in without}
-        return canonical_json([*(getattr(self, name) for name in _COPIED), self.rules, budget])
+        file = None if "strategy" in without else self.strategy_sha256
+        return canonical_json([*(getattr(self, name) for name in _COPIED), self.rules, file, budget])
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Condition:
     budget: Mapping[str, Any]
     """As it was asked for, with "game" and "auto" instead of numbers."""
     variant: str
-    """Engine and options, if some game was played with several; otherwise empty."""
+    """Engine, file of the strategy and options, if some game was played with several; otherwise empty."""
     cells: tuple[PlayedCell, ...]
 
     @property
@@ -164,7 +168,7 @@ def _common(cell: PlayedCell) -> dict[str, Any]:
 
 
 def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, ...]]]:
-    """Split cells by engine and options if a game was played with several, so that no game is in a group twice."""
+    """Split cells by engine, file and options if a game was played with several, so no game is in a group twice."""
     games = Counter(cell.game for cell in cells)
     kinds = dict.fromkeys(_variant(cell) for cell in cells if games[cell.game] > 1)
     if not kinds:
@@ -174,4 +178,6 @@ def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, 
 
 def _variant(cell: PlayedCell) -> str:
     engine = [] if cell.engine is None else [f"engine {cell.engine}"]
-    return ", ".join([*engine, *(f"{name}={value}" for name, value in sorted(cell.options.items()))]) or "no options"
+    file = [] if cell.strategy_sha256 is None else [f"file {cell.strategy_sha256[:8]}"]
+    options = (f"{name}={value}" for name, value in sorted(cell.options.items()))
+    return ", ".join([*engine, *file, *options]) or "no options"

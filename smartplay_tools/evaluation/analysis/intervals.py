@@ -38,6 +38,8 @@ from numpy.typing import NDArray
 
 from smartplay_tools.records.rows import grouped
 
+__all__ = ["Bounds", "MeanEstimate", "Method", "mean_estimate"]
+
 NORMAL = NormalDist()
 """The standard normal distribution."""
 

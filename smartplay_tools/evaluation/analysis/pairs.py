@@ -25,6 +25,8 @@ from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, 
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.records.rows import Row, grouped, unit_of
 
+__all__ = ["MEASURES", "differences", "paired_difference"]
+
 FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
 """Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 

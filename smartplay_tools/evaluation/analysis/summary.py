@@ -23,6 +23,8 @@ from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.records.rows import Row, grouped, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
 
+__all__ = ["CellSummary", "Failures", "Profile", "RunSummary", "summarize"]
+
 COUNTS = (
     "steps",
     "turns",

@@ -1,6 +1,6 @@
 """A run as flat tables for notebooks, and its summary as JSON.
 
-A row is an episode; nested fields become columns of their own (`tokens.prompt` is `prompt_tokens`, `budget.history` is
+A row is an episode; nested fields become separate columns (`tokens.prompt` is `prompt_tokens`, `budget.history` is
 `budget_history`), and fields without a fixed structure are JSON text. The columns are always the same, in the same
 order and of the same types, even if there are few rows.
 """
@@ -56,7 +56,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
     **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},
-    "state_hash": ("state_hash", "string"),
+    **{name: (name, "string") for name in ("state_hash", "strategy_sha256")},
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
 
@@ -67,6 +67,7 @@ LATER: Mapping[str, Any] = {
     **Usage.later,
     "observation": Rules().observation,
     **Rules.later,
+    "strategy_sha256": None,
 }
 """Values that a row leaves out, and what they then are."""
 

@@ -6,8 +6,3 @@ site      the pages
 No claim is trusted: scores come from the rows that the check computed from records, and "verified by replay" from the
 check itself. A submission that is not verified is listed with what was found, without a score.
 """
-
-from smartplay_tools.evaluation.board.site import build_board
-from smartplay_tools.evaluation.board.table import Board, Entry, make_board
-
-__all__ = ["Board", "Entry", "build_board", "make_board"]

@@ -185,7 +185,7 @@ def _write_files(place: Path, checked: Checked, unpacked: Path | None, replays: 
     (place / "report.json").write_text(report, encoding="ascii", newline="\n")
     if not (checked.verified and unpacked is not None and replays):
         return
-    from smartplay_tools.evaluation.pages.report import write_report
+    from smartplay_tools.evaluation.pages.report.page import write_report
 
     with tempfile.TemporaryDirectory() as folder:
         _pick(unpacked, Path(folder), checked.rows, replays)

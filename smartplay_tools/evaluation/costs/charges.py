@@ -18,6 +18,8 @@ from smartplay_tools.evaluation.costs.caches import CacheRule
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import Prefixes, Request, RequestLog
 
+__all__ = ["Charge", "calls_under", "charge"]
+
 Place = Literal["stable", "end"]
 """Where a player marks a prompt: at the end of what is unchanged since the prompt before, or at its own end."""
 

@@ -46,6 +46,8 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, read_rows, row_fault
 from smartplay_tools.transcript.lines import parse_json
 
+__all__ = ["RunFolder", "Until", "trial_seed"]
+
 FORMAT: Literal[1] = 1
 """The version of the layout of a run's folder; folders with another version are refused."""
 
@@ -125,6 +127,8 @@ class Manifest(BaseModel):
     """How often each world is played, one trial after the other; None for once."""
     run_file: str | None = None
     """The text of the run file, if there is one."""
+    strategy_files: dict[str, str] | None = None
+    """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
     until: Until | None = None
     """What ends the run early; declared before its first episode."""
     spending: dict[str, Any] | None = None
@@ -169,8 +173,8 @@ class Manifest(BaseModel):
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""
-        absent = {name for name in ("repeats", "run_file", "until", "spending") if getattr(self, name) is None}
-        return self.model_dump(mode="json", exclude=absent)
+        optional = ("repeats", "run_file", "strategy_files", "until", "spending")
+        return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
 
 
 STATUS = "status.json"

@@ -62,6 +62,8 @@ class Task:
     price: Price | None = None
     carried: Carried | None = None
     """What the episode takes over from the trial before it in its chain."""
+    strategy_file: Path | None = None
+    """The file of the custom strategy of its cell; None if that is not in a file."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 
 
 def _episode(task: Task) -> Episode:
+    _load_strategy(task)
     config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
     return Episode.from_config(config, transcript=task.record, carried=task.carried)
 
@@ -135,17 +138,20 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 
 
 def _earlier(task: Task) -> list[Event]:
-    """The record of an earlier attempt, unless it began with something other than what the trial before has left.
-
-    This imports the strategy that the plan names; a record alone may not import one.
-    """
+    """The record of an earlier attempt, unless it began with something other than what the trial before has left."""
     assert task.previous is not None
-    if (strategy := task.planned.cell.budget.strategy) is not None:
-        load_strategy(strategy, task.planned.cell.strategy_sha256)
+    _load_strategy(task)
     events = read_transcript(task.previous)
     if Carried.of(events[0]) != task.carried:
         raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
     return events
+
+
+def _load_strategy(task: Task) -> None:
+    """Import the custom strategy that the plan names; a config or a record alone does not say where its file is."""
+    cell = task.planned.cell
+    if cell.budget.strategy is not None:
+        load_strategy(cell.budget.strategy, cell.strategy_sha256, task.strategy_file)
 
 
 def remembers_nothing(player: Player | AsyncPlayer) -> bool:
@@ -216,7 +222,7 @@ def _held(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> Held:
     key = task.planned.key
     has_begun = _has_begun(task.previous)
     if has_begun and not agent.goes_on:
-        clock.began_again = "Its agent has a memory of its own."
+        clock.began_again = "The record does not have the state of its agent."
     if has_begun and agent.goes_on:
         try:
             resumed = resume(_earlier(task), transcript=task.record, session=True)

@@ -12,14 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.episode.cells import cell_config
+from smartplay_tools.episode.cells import cell_config, with_recorded_name
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, shard_of, trial_seed
+from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder, shard_of, trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.game_registry import GameSpec
@@ -57,22 +59,54 @@ class Plan:
     repeats: int = 1
     """How often each world is played, one trial after the other."""
 
-    def manifest(self, **facts: Any) -> Manifest:
-        """Return the manifest of a run of this plan; `facts` are its other fields."""
+    def manifest(self, prices: Mapping[str, Price], **facts: Any) -> Manifest:
+        """Return the manifest of a run of this plan.
+
+        `prices` are those that are given, before those in the tables; `facts` are the manifest's other fields.
+        """
         episodes = (
             ManifestEpisode(episode.key, episode.place, episode.trial, episode.seed) for episode in self.episodes
         )
         repeats = None if self.repeats == 1 else self.repeats
-        return Manifest(seed=self.seed, cells=self.cells, episodes=tuple(episodes), repeats=repeats, **facts)
+        in_files = (cell for cell in self.cells if cell.strategy_sha256 is not None)
+        files = {str(cell.strategy_sha256): str(strategy_file(cell)) for cell in in_files}
+        return Manifest(
+            seed=self.seed,
+            cells=self.cells,
+            episodes=tuple(episodes),
+            repeats=repeats,
+            prices={**prices_in_tables(self.cells), **prices},
+            strategy_files=files or None,
+            **facts,
+        )
+
+    def as_recorded(self, folder: RunFolder) -> Plan:
+        """Return the plan with the keys that a run's folder has.
+
+        They follow from the version of the prompts, with which a run that has begun goes on, and from the names of
+        strategies in files: earlier versions recorded the path of such a file as it was written.
+        """
+        if not (folder.path / "manifest.json").exists():
+            return self
+        before, plan = folder.manifest().cells, self
+        if len(begun := {cell.prompts for cell in before}) == 1:
+            plan = plan.with_prompts(*begun)
+        if not any(cell.strategy_sha256 for cell in plan.cells):
+            return plan
+        recorded = {with_recorded_name(cell).digest: cell for cell in before}
+        return plan._with_cells(recorded.get(cell.digest, cell) for cell in plan.cells)
 
     def with_prompts(self, version: str) -> Plan:
-        """Return the plan with a version of the prompts, which is a part of the episodes' keys."""
-        cells = tuple(cell.model_copy(update={"prompts": version}) for cell in self.cells)
-        planned = ((each, cells[each.place]) for each in self.episodes)
-        keys = {each.key: cell.with_seed(each.seed, each.repeat).key for each, cell in planned}
+        """Return the plan with a version of the prompts."""
+        return self._with_cells(cell.model_copy(update={"prompts": version}) for cell in self.cells)
+
+    def _with_cells(self, changed: Iterable[CellConfig]) -> Plan:
+        """Return the plan with other cells, from which other keys follow."""
+        cells = tuple(changed)
+        keys = {e.key: cells[e.place].with_seed(e.seed, e.repeat).key for e in self.episodes}
         episodes = (
-            replace(each, key=keys[each.key], cell=cells[each.place], after=keys.get(each.after or ""))
-            for each in self.episodes
+            replace(e, key=keys[e.key], cell=cells[e.place], after=None if e.after is None else keys[e.after])
+            for e in self.episodes
         )
         return replace(self, cells=cells, episodes=tuple(episodes))
 
@@ -110,6 +144,12 @@ def player_of(cell: CellConfig) -> str:
 def player_key(cell: CellConfig) -> str:
     """Return a player and its options as one text, which is equal for cells with the same player."""
     return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"
+
+
+def strategy_file(cell: CellConfig) -> Path | None:
+    """Return the file of a cell's custom strategy, as the user has named it; None if it is not in a file."""
+    strategy = cell.budget.strategy
+    return None if strategy is None else load_strategy(strategy, cell.strategy_sha256).path
 
 
 def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:

@@ -19,14 +19,7 @@ from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.plan import (
-    Plan,
-    make_cells,
-    plan_episodes,
-    plan_suite,
-    player_of,
-    prices_in_tables,
-)
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
@@ -152,9 +145,7 @@ def run_plan(
     without it and without `on_progress`, a notebook shows it below the cell.
     """
     folder, caps = RunWriter(out), options.caps
-    before = folder.manifest() if (folder.path / "manifest.json").exists() else None
-    if before is not None and len(begun := {cell.prompts for cell in before.cells}) == 1:
-        plan = plan.with_prompts(*begun)  # a run goes on with the prompts with which it began
+    plan = plan.as_recorded(folder)
     roster = roster_of(plan, read_players(players), options)
     executors = {name: EXECUTORS[name] for name in roster.episodes}
     part = roster.part
@@ -242,18 +233,18 @@ def _manifest(
                 "ask for the same, or name another folder."
             )
         prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
-    prices = {**prices_in_tables(plan.cells), **prices, **given}
-    if options.run_cost is not None:
-        check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - prices.keys())
-    return plan.manifest(
+    manifest = plan.manifest(
         shard=options.shard,
         caps=asdict(options.caps),
-        prices=prices,
+        prices={**prices, **given},
         versions=versions(),
         run_file=run_file,
         until=options.until,
         spending=None if before is None else before.spending,
     )
+    if options.run_cost is not None:
+        check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - manifest.prices.keys())
+    return manifest
 
 
 def _comparisons(manifest: Manifest) -> Comparisons | None:
@@ -284,4 +275,4 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
         )
     if shard != before.shard:
         held = "no shard" if before.shard is None else "shard {}/{}".format(*before.shard)
-        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a folder of its own for every shard.")
+        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a separate folder for each shard.")

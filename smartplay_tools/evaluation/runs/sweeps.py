@@ -26,11 +26,11 @@ from smartplay_tools.evaluation.analysis.formats import rows_to_csv, to_html
 from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
-from smartplay_tools.evaluation.runs import PlayerConfig, Run, make_cells, plan_episodes, player_of, run_plan
-from smartplay_tools.evaluation.runs.plan import cell_name, check_playable
-from smartplay_tools.evaluation.runs.players import Players, read_players
+from smartplay_tools.evaluation.runs.plan import cell_name, check_playable, make_cells, plan_episodes, player_of
+from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import InNotebook
+from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
@@ -97,9 +97,9 @@ class Sweep(InNotebook):
         try:
             write_parquet(self.rows, folder / "table.parquet")
             written.append(folder / "table.parquet")
-            from smartplay_tools.evaluation.analysis.figures import write_figures
+            from smartplay_tools.evaluation.analysis.figures.run import write_figures
 
-            written += write_figures(self.rows, folder / "figures", transcript=self.run.folder.transcript)
+            written += write_figures(self.rows, folder / "figures")
         except MissingExtraError:
             pass
         return written

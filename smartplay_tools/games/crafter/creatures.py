@@ -1,9 +1,8 @@
-"""The turns of creatures, arrows and plants.
+"""The turns of creatures, arrows and plants, and the balance of creatures.
 
 The order of all draws is Crafter's. As in Crafter, a creature without health is taken off the map at the beginning of
-its turn but still takes the turn: a beaten zombie may strike once more.
-
-The balance of creatures: every tenth step each chunk may gain or lose one creature of each kind.
+its turn but still takes the turn: a beaten zombie may strike once more. At every tenth step each chunk may gain or lose
+one creature of each kind (`balance`).
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""Engines: the interface between the Minecraft game and the program that simulates its world.
+"""Engines: the interface between the Minecraft game and the program that simulates its world, and its rules.
 
 An engine owns a world and a player in it. It turns and moves the player, tick by tick, and returns what is around the
-player. It is given the goal only so that a walk stops on the tick that reaches it.
+player. It is given the goal only so that a walk stops on the tick that reaches it. `check_engines` says which engines
+work on this machine, by creating a world on each of them.
 
-The check of which engines work on this machine: it creates a world on each of them.
-
-The rules: the goals, and how one action of the benchmark becomes a turn and 50 ticks of walking.
-
-Yaw is Minecraft's: degrees, 0 looks south (+z), 90 west (-x), 180 north, 270 (or -90) east.
+The rules are the goals, and how one action of the benchmark becomes a turn and 50 ticks of walking. Yaw is Minecraft's:
+degrees, 0 looks south (+z), 90 west (-x), 180 north, 270 (or -90) east.
 """
 
 from __future__ import annotations

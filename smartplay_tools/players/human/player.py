@@ -4,9 +4,8 @@ The screen shows only the prompt: what has left the window has left the screen, 
 prompt is drawn on the alternate screen, which cannot be scrolled back; a prompt taller than the terminal is shown in
 pages. Without a terminal (piped input, a log) prompts are printed one after another.
 
-Input that is not an action is asked for again and never sent, because the play is measured and not the typing.
-
-What a prompt asks a person for, and the messages that answer it: for the terminal and for the browser alike.
+Input that is not an action is asked for again and never sent, because the play is measured and not the typing. What a
+prompt asks a person for, and the message that answers it, are the same in the browser.
 """
 
 from __future__ import annotations

@@ -4,10 +4,9 @@ The layout of the lines below the prompt depends on the size of the terminal: in
 else in running text, else as two lines, with a key that lists the actions. This leaves room for the prompt in
 40 columns by 12 lines.
 
-Budget bars: what a prompt takes of the budget, in numbers that add up.
-
-A prompt is task, tools and past turns. Its tokens are charged to the episode with the reply to it, so the bar of the
-episode includes them, and what is left there is what the reply may take.
+The budget is shown as bars, in numbers that add up. A prompt is task, tools and past turns. Its tokens are charged to
+the episode with the reply to it, so the bar of the episode includes them, and what is left there is what the reply may
+take.
 """
 
 from __future__ import annotations

@@ -15,19 +15,7 @@ from smartplay_tools.errors import extra_named
 
 with extra_named("The site", "view"):
     from smartplay_tools.web.site.app import ViewServer
-    from smartplay_tools.web.site.browser_play import BrowserGames, BrowserPlay, human_cell
-    from smartplay_tools.web.site.challenge import Challenge
-    from smartplay_tools.web.site.site_record import SiteRecord
-    from smartplay_tools.web.site.site_runs import RunList, SiteRun, find_runs
+    from smartplay_tools.web.site.browser_play import BrowserGames
+    from smartplay_tools.web.site.site_runs import RunList
 
-__all__ = [
-    "BrowserGames",
-    "BrowserPlay",
-    "Challenge",
-    "RunList",
-    "SiteRecord",
-    "SiteRun",
-    "ViewServer",
-    "find_runs",
-    "human_cell",
-]
+__all__ = ["BrowserGames", "RunList", "ViewServer"]

@@ -15,7 +15,7 @@ unless its Host and Origin are expected and, where there is a token, it carries 
 that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
 notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
 
-The site on an address: this machine's own by default; any other needs a token and the names it is reached by.
+`ViewServer` serves it on this machine's address by default; any other needs a token and the names it is reached by.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ from starlette.types import ASGIApp
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
-from smartplay_tools.web import Guard, Names, Server, carries, is_from_own_page, is_loopback
+from smartplay_tools.web import Server, carries
+from smartplay_tools.web.guard import Guard, Names, is_from_own_page, is_loopback
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,

@@ -1,6 +1,6 @@
-"""What the site shows of a single record, finished or growing: a run of one episode.
+"""What the site shows of a single record, finished or growing, and the pages that it serves of records and runs.
 
-The replay, comparison and report pages of the site. A report is kept until the folder of its run has changed.
+The pages are the replay, the comparison and the report, which is kept until the folder of its run has changed.
 """
 
 from __future__ import annotations
@@ -13,8 +13,12 @@ from typing import Any
 from urllib.parse import quote
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.pages.report import render_report
-from smartplay_tools.evaluation.pages.report.page import pack_episode, render_episode, render_side_by_side
+from smartplay_tools.evaluation.pages.report.page import (
+    pack_episode,
+    render_episode,
+    render_report,
+    render_side_by_side,
+)
 from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.run_folder.folder import read_notes
 from smartplay_tools.evaluation.run_folder.follower import Result

@@ -1,9 +1,9 @@
-"""What the site shows of a run, as plain data. A folder is read again only where it has changed.
+"""The runs of a site, newest first, and what it shows of each, as plain data.
+
+Runs appear and vanish while the site is served. A folder is read again only where it has changed.
 
 An episode of the list is an array of plain values, in the order of `COLUMNS`: ten thousand are about a megabyte of
 JSON. Records are opened only for what is being played, and for the episode that is on screen.
-
-The runs of a site: those that its folders hold now, newest first. Runs appear and vanish while it is served.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Each adapter's rows of the conformance tests: one module an adapter, found by its being here.
+"""The cases of the conformance tests, one module for each adapter; every module of this folder is imported.
 
-A module has rows by name: `WINDOW` of adapters that manage the context, `HOST` of those whose host does, or both. One
-whose framework is not installed has none; an adapter whose framework needs an environment of its own has its row in its
-test file instead, with the classes `WindowConformance` and `SituationConformance`.
+A module has cases by name: `WINDOW` for adapters that manage the context, `HOST` for those whose host does, or both. A
+module whose framework is not installed is left out. An adapter whose framework needs a separate environment has its
+case in its test file instead, with the classes `WindowConformance` and `SituationConformance`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,31 +13,21 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
     score_against_prompt_tokens,
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
-from smartplay_tools.evaluation.analysis.figures.step_scores import score_over_steps, walk_of
-from smartplay_tools.evaluation.analysis.figures.strategy_costs import ALONG, effects_of_strategies
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.names import series_name
 from smartplay_tools.evaluation.analysis.pairs import normalized_score, sample
-from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows, is_widest_but
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.records.rows import Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Locate = Callable[[str], Path]
-"""Returns the path of an episode's transcript from its key, like `RunFolder.transcript`."""
-
-Cells = Sequence[tuple[PlayedCell, list[Row]]]
-"""The cells of a run with their rows."""
-
-
 def write_figures(
     rows: Sequence[Row],
     out: Path,
     *,
-    transcript: Locate | None = None,
     formats: Sequence[str] = tuple(FORMATS),
     svg_text: bool = False,
 ) -> list[Path]:
@@ -47,13 +37,13 @@ def write_figures(
     """
     return [
         path
-        for name, drawn in run_figures(rows, transcript=transcript).items()
+        for name, drawn in run_figures(rows).items()
         for path in save_figure(drawn, out / name, formats=formats, svg_text=svg_text)
     ]
 
 
-def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dict[str, Figure]:
-    """Return the figures of a run by name; those over steps are drawn from the transcripts, if there are any."""
+def run_figures(rows: Sequence[Row]) -> dict[str, Figure]:
+    """Return the figures of a run by name."""
     comparisons = compare_windows(rows)
     if not comparisons:
         return {}
@@ -62,30 +52,15 @@ def run_figures(rows: Sequence[Row], *, transcript: Locate | None = None) -> dic
         drawn["score-against-history"] = score_against_history(comparisons)
     if _varies(comparisons, "prompt_tokens"):
         drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
-    if by_slack := _along(rows, comparisons, ("slack",)):
+    by_slack = compare_windows(rows, along=("slack",)) if _varies(comparisons, "slack") else []
+    if _varies(by_slack, "slack"):  # and not only together with another limit
         drawn["effects-of-slack"] = effects_of_slack(by_slack)
-    if by_strategy := _along(rows, comparisons, ALONG):
-        drawn["strategies"] = effects_of_strategies(by_strategy)
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
         drawn["frontier-of-cost"] = frontier(comparisons, price="cost")
-    cells = by_cell(rows)
-    if profiles := _profiles(cells, comparisons):
+    if profiles := _profiles(rows, comparisons):
         drawn["capabilities"] = capability_dots(profiles)
-    if transcript is not None and (walks := _walks(transcript, cells, comparisons)):
-        drawn["score-over-steps"] = score_over_steps(walks, title="Crafter-v0")
     return drawn
-
-
-def _along(
-    rows: Sequence[Row], comparisons: Sequence[WindowComparison], fields: Sequence[str]
-) -> Sequence[WindowComparison]:
-    """The comparisons along these fields of the budget alone; none where no family has several values of them."""
-    budgets = [comparison.cell.budget for comparison in comparisons]
-    if all(budget[field] == budgets[0][field] for budget in budgets for field in fields):
-        return ()
-    along = compare_windows(rows, along=fields)
-    return along if any(_varies(along, field) for field in fields) else ()
 
 
 def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
@@ -93,10 +68,12 @@ def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
     return any(c.cell.budget[field] != c.full.budget[field] for c in comparisons)
 
 
-def _profiles(cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
+def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
     """The normalised scores of every player in full context; empty if the players have no setting in common."""
     profiles: dict[str, dict[str, Sequence[float]]] = {}
-    for comparison, members in _with_rows(comparisons, cells):
+    cells = by_cell(rows)
+    for comparison in comparisons:
+        members = next(own for cell, own in cells if cell == comparison.cell)
         normalized = sample(members, normalized_score).values
         if comparison.is_full:
             profiles.setdefault(series_name(comparison, comparisons), {})
@@ -104,19 +81,3 @@ def _profiles(cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str
                 profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized
     common = set.intersection(*(set(profile) for profile in profiles.values()))
     return dict(profiles) if common else {}
-
-
-def _with_rows(comparisons: Sequence[WindowComparison], cells: Cells) -> Iterator[tuple[WindowComparison, list[Row]]]:
-    """Every comparison with the episodes of its cell."""
-    for comparison in comparisons:
-        yield comparison, next(own for cell, own in cells if cell == comparison.cell)
-
-
-def _walks(transcript: Locate, cells: Cells, comparisons: Sequence[WindowComparison]) -> dict[str, list[list[float]]]:
-    """Crafter's scores over steps for every history, with the other limits at their widest."""
-    walks: dict[str, list[list[float]]] = {}
-    for comparison, members in _with_rows(comparisons, cells):
-        if comparison.cell.spec.family == "crafter" and is_widest_but(comparison, "history"):
-            name = f"{series_name(comparison, comparisons)}, {window_name(comparison.cell)}"
-            walks[name] = [walk_of(transcript(row["key"])) for row in members]
-    return walks

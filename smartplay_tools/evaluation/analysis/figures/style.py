@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+__all__ = ["save_figure"]
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, without the yellow that is too pale for a line on white."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -140,11 +142,11 @@ def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:
     return [below, above]
 
 
-def sample_note(episodes: Iterable[int], *, bars: str = "bars") -> str:
-    """Return a note with the number of episodes of the means, and the kind of intervals."""
+def sample_note(episodes: Iterable[int]) -> str:
+    """Return a note with the number of episodes of the means, and what the bars are."""
     counts = sorted(set(episodes))
     many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"means of n = {many} episodes; {bars}: 95 % intervals"
+    return f"means of n = {many} episodes; bars: 95 % intervals"
 
 
 def mark_cut(axes: Axes, points: Iterable[tuple[float, float]]) -> None:

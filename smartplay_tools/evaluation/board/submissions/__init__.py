@@ -11,28 +11,3 @@ issued_seeds       seeds that a board issues
 
 Nothing here imports what plays a run.
 """
-
-from smartplay_tools.evaluation.board.submissions.bundle import BundleError, Finding, Limits
-from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked, check_submission
-from smartplay_tools.evaluation.board.submissions.check_report import report_json, report_text
-from smartplay_tools.evaluation.board.submissions.issued_seeds import IssuedSeed, issue_seed, read_seeds
-from smartplay_tools.evaluation.board.submissions.metadata import Submission
-from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
-from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed
-
-__all__ = [
-    "NOT_PROVED",
-    "Allowed",
-    "BundleError",
-    "Checked",
-    "Finding",
-    "IssuedSeed",
-    "Limits",
-    "Submission",
-    "check_submission",
-    "issue_seed",
-    "prepare_submission",
-    "read_seeds",
-    "report_json",
-    "report_text",
-]

@@ -53,6 +53,8 @@ from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types.arguments import object_in
 
+__all__ = ["check_submission"]
+
 J = TypeVar("J")
 A = TypeVar("A")
 

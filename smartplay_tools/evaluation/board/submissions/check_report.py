@@ -11,6 +11,8 @@ from smartplay_tools.evaluation.board.submissions.bundle import Finding, printab
 from smartplay_tools.evaluation.board.submissions.check import NOT_PROVED, Checked
 from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results
 
+__all__ = ["report_text"]
+
 FORMAT = 1
 """The version of the report in JSON."""
 

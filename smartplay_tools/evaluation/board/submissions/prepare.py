@@ -18,6 +18,8 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_res
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.records.rows import Row
 
+__all__ = ["prepare_submission"]
+
 
 def prepare_submission(
     run: str | Path, out: str | Path, facts: Mapping[str, Any], *, player: str | None = None
@@ -78,6 +80,7 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
             "prices": {name: price for name, price in manifest.prices.items() if name == player},
             "caps": {},
             "run_file": None,
+            "strategy_files": None,
             "spending": None,
         }
     )

@@ -176,7 +176,7 @@ def _check_host(record: Record, key: str, say: Say, *, has_host_part: bool) -> I
     elif not record.heads:
         yield say("prompts", "The record holds no prompts: the calls were made without a conversation.", key)
     if has_host_part:
-        yield say("prompts", "The host added messages or tools of its own to every prompt.", key)
+        yield say("prompts", "The host added messages or tools to every prompt.", key)
     if any(message["by"] == "host" for message in record.messages):
         yield say("prompts", "The host added messages to the conversation.", key)
     if any("host" in call for call in record.calls) or (

@@ -58,7 +58,7 @@ class Allowed:
     """What a replay may use in addition to what is always safe."""
 
     engines: Sequence[str] = ()
-    """Engines that are programs of their own."""
+    """Engines that are separate programs."""
     plugins: bool = False
     """Games of installed packages, which are imported for it."""
     tokenizer: str | None = None
@@ -83,6 +83,7 @@ class SubmittedPlan(Manifest):
     episodes: Annotated[tuple[ManifestEpisode, ...], FailFast(), Field(min_length=1, max_length=MOST_EPISODES)]
     shard: None
     run_file: None = None
+    strategy_files: None = None
     spending: None = None
 
     @field_validator("prices", mode="before")
@@ -215,7 +216,10 @@ def _check_games(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
 
 def _check_fixed(plan: SubmittedPlan, suite: Suite) -> Iterator[Finding]:
     first = plan.cells[0]
-    expected = {cell.digest: cell for cell in suite.cells(first.player, first.player_options)}
+    # A suite is played under the newest version of the prompts, and was under an earlier one before.
+    cells = suite.cells(first.player, first.player_options)
+    in_version = [cell.model_copy(update={"prompts": first.prompts}) for cell in cells]
+    expected = {cell.digest: cell for cell in in_version}
     played = Counter(plan.digests[episode.cell] for episode in plan.episodes if episode.cell < len(plan.cells))
     for digest, cell in expected.items():
         name = f"{cell.game} with {cell.budget.describe() or 'the default budget'}"

@@ -11,26 +11,3 @@ The page does not contain prompts: it contains the turns and what each prompt sh
 prompt when it is opened. Nothing that a model wrote becomes markup: texts are stored compressed and in base64, and a
 script inserts them as text.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from smartplay_tools.registry import lazy_exports
-
-if TYPE_CHECKING:
-    from smartplay_tools.evaluation.pages.notebook import ReplayWidget as ReplayWidget
-    from smartplay_tools.evaluation.pages.report.page import (
-        render_report as render_report,
-        write_excerpt as write_excerpt,
-        write_report as write_report,
-    )
-
-if not TYPE_CHECKING:  # a process that reads records needs neither templates nor tables
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.evaluation.pages.report.page": "render_report write_excerpt write_report",
-            "smartplay_tools.evaluation.pages.notebook": "ReplayWidget",
-        },
-    )

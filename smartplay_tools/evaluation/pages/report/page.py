@@ -60,6 +60,8 @@ from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, grouped, unplayed
 from smartplay_tools.types import MISTAKES, Budget
 
+__all__ = ["render_report", "write_excerpt", "write_report"]
+
 Episode = Mapping[str, Any]
 
 
@@ -121,7 +123,7 @@ def write_report(
     is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
     imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
     there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`. With
-    `tariffs` (`smartplay_tools.evaluation.costs.tariffs_of`) a table says what the episodes cost under each.
+    `tariffs` (`smartplay_tools.evaluation.costs.tariffs.tariffs_of`) a table says what the episodes cost under each.
     """
     file = _html_file(out)
     page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers, tariffs=tariffs)

@@ -19,12 +19,11 @@ from typing import Any
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.analysis.figures import write_figures
+from smartplay_tools.evaluation.analysis.figures.run import write_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell, differing
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
 from smartplay_tools.evaluation.pages.report.sources import ShownRun
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
@@ -155,13 +154,10 @@ def figures(runs: Sequence[ShownRun]) -> Iterator[dict[str, str]]:
 
 def _draw(runs: Sequence[ShownRun], folder: Path) -> list[Path]:
     rows = [row for run in runs for row in run.sources.rows]
-    records = {row["key"]: RunFolder(run.path).transcript for run in runs for row in run.sources.rows}
     try:
         if len(runs) > 1 and len(by_cell(rows)) < sum(len(by_cell(run.sources.rows)) for run in runs):
             # Two runs have played the same: they are told apart by their letters.
             rows = [{**row, "player": f"{run.letter} {row['player']}"} for run in runs for row in run.sources.rows]
-            records = {}
-        transcript = (lambda key: records[key](key)) if records else None
-        return write_figures(rows, folder, transcript=transcript, formats=["svg"])
+        return write_figures(rows, folder, formats=["svg"])
     except SmartPlayError:
         return []

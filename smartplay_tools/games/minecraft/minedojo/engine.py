@@ -132,7 +132,7 @@ def _interpreter() -> str:
     python = os.environ.get(INTERPRETER)
     if not python:
         raise InvalidArgumentError(
-            "The engine minedojo needs an environment of its own: `smartplay-tools minedojo install --venv DIR` makes "
+            "The engine minedojo needs a separate environment: `smartplay-tools minedojo install --venv DIR` makes "
             f"it, and {INTERPRETER} has to name its Python."
         )
     return python

@@ -1,11 +1,9 @@
-"""MESSENGER's board as tables of places, observed distances and movements. All places are in half cells.
+"""MESSENGER's board as tables of places, distances and movements, and the parser of observations (`SeenEntities`).
 
-The rule player considers thousands of places at every step, so everything that depends only on two places is
-precomputed. There are two numberings. A *cell* is one of the 100 on which we can be. A *spot* is a place as one number,
-64 for a half cell to the east and 1 for one to the south, so that the difference of two spots identifies their offset
-and can be used as an index.
-
-The parser of MESSENGER's observations.
+All places are in half cells. The rule player considers thousands of places at every step, so everything that depends
+only on two places is precomputed. There are two numberings. A *cell* is one of the 100 on which we can be. A *spot* is
+a place as one number, 64 for a half cell to the east and 1 for one to the south, so that the difference of two spots
+identifies their offset and can be used as an index.
 """
 
 from __future__ import annotations

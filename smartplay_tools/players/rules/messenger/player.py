@@ -1,7 +1,7 @@
 """Rules for MESSENGER: read the roles, infer the places of everything from the visible steps, and simulate each action.
 
-Each step of a decision is a module: `sight` parses observations, `manual` parses sentences, `casts` computes their
-possible meanings, `belief` the possible places, and `foresight` the value of each action; `board` has the tables of the
+A decision has five steps: `board` parses observations, `manual` parses sentences, `casts` computes their possible
+meanings, `belief` the possible places, and this module the value of each action. `board` also has the tables of the
 geometry for the last two.
 
 All knowledge about the episode comes from the visible messages, which are the manual and at most four observations, so
@@ -10,9 +10,8 @@ the player infers its own place again at every step. What a narrow window does n
 split: how things move and touch, that borders stop them, and the regularities of the games (in `casts` and `belief`).
 It does not use the starting places of games.
 
-The value of each action in MESSENGER: every case is simulated further with a greedy player that knows the state.
-
-Only the first action is ours. The greedy player then goes straight to the target and around everything that kills. It
+The value of an action is found by simulating every case further: only the first action is ours. A greedy player that
+knows the state then goes straight to the target and around everything that kills. It
 knows more than we do, so its result is an upper bound, but the bound is about equally loose for every action, and it
 accounts for chasers, borders and corners many steps ahead. All simulations run at once, as arrays.
 
