@@ -8,6 +8,7 @@ import re
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.types import Budget, EpisodeResult
 from tests.test_conversation import calling
 

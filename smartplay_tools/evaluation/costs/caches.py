@@ -23,7 +23,7 @@ from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 if TYPE_CHECKING:
     from smartplay_tools.records.prices import Price
 
-__all__ = ["CacheFields", "CacheRule", "cache_rules", "openai_cache_fields", "rule_of"]
+__all__ = ["CacheFields", "CacheRule", "cache_rules", "is_openai", "openai_cache_fields", "rule_of"]
 
 Rate = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Tokens = Annotated[int, Field(strict=True, ge=0)]
