@@ -19,7 +19,7 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.players import get_player
 from tests.dialects.rules import DIALECTS
-from tests.dialects.scripts import MIXED
+from tests.dialects.scripts import HOSTILE, ODD, SOLVED
 from tests.dialects.server import whole_answer
 
 MODEL = KNOWN_MODELS["smollm2-135m"]
@@ -99,16 +99,16 @@ def test_it_is_a_model_for_programs_that_take_a_base_url():
 @pytest.mark.parametrize("stream", [False, True], ids=["whole", "streamed"])
 def test_the_engine_takes_every_prompt_whatever_its_model_has_said(server, stream):
     """A real llama.cpp as a server: after each hostile reply it is sent the prompt, and gives a reply of its own."""
-    budget = sp.Budget(prompt_tokens=900, stalled_turns=None, reply_tokens=16)
+    said = [*map(HOSTILE.get, ("broken JSON", "NaN", "another tool", "nothing")), SOLVED[0], ODD["empty arguments"]]
+    budget = sp.Budget(prompt_tokens=900, reply_tokens=4)
     asks = sp.get_player("openai:smollm2", base_url=server.base_url, stream=stream, retries=0)
     with asks, sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget) as episode:
         conversation = sp.Conversation(episode)
-        for number, said in enumerate(MIXED[:-1]):
-            prompt = conversation.prompt()
-            assert asks.reply(prompt).usage.prompt > 0
-            answer = whole_answer(DIALECTS["llama.cpp"], said, number)
-            conversation.receive(chat_reply(answer).message)
-        assert episode.stats.steps == 6
+        for number, reply in enumerate(said):
+            assert asks.reply(conversation.prompt()).usage.prompt > 0
+            conversation.receive(chat_reply(whole_answer(DIALECTS["llama.cpp"], reply, number)).message)
+        assert asks.reply(conversation.prompt()).usage.prompt > 0
+        assert episode.stats.steps == 1
 
 
 @needs_model
