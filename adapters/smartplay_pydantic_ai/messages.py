@@ -40,6 +40,7 @@ from smartplay_tools.types.messages import (
     MessageToolCall,
     arguments_text,
     calls_of,
+    encodable,
     function_call,
     kept_item,
     reply_message,
@@ -100,7 +101,7 @@ class PydanticAIChat:
 
     def _response(self, said: Message, message: Message) -> ModelResponse:
         kept = self._responses.get(_key(said))
-        return to_response(message) if kept is None else with_calls(kept, message)
+        return to_response(message) if kept is None or encodable(said) != said else with_calls(kept, message)
 
 
 def to_response(message: Message) -> ModelResponse:
