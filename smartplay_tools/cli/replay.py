@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit

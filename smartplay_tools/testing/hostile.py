@@ -70,7 +70,8 @@ class Judge:
         require(newest in shown, "a prompt does not show the newest observation")
         require(history is None or min(shown) >= newest - history, "a prompt shows an observation that is too old")
         replies = [message for message in prompt.messages if message["role"] == "assistant"]
-        require(replies[-1] == self._conversation.message, "a prompt does not show the newest turn")
+        latest = self._conversation.latest_turn
+        require(latest is not None and replies[-1] == latest.shown, "a prompt does not show the newest turn")
 
 
 def hostile_episode(budget: Budget, number: int) -> list[Event]:

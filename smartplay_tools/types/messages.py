@@ -74,7 +74,7 @@ class Message(TypedDict, total=False):
 
     `content` is text or a list of text parts; in a result it may also name pictures, which are in `Prompt.pictures`:
     `{"type": "image", "sha256": ..., "width": ..., "height": ...}`. `provider_items` holds what a provider wants back
-    unchanged, such as reasoning items: it is recorded and counted (its visible text), and stays out of the prompt's
+    unchanged, such as reasoning items: it is recorded and counted (what is readable), and stays out of the prompt's
     hash.
     """
 
@@ -373,7 +373,7 @@ def reply_message(
 ) -> Message:
     """Return a reply in canonical form.
 
-    `item` is what the provider wants back unchanged, which `kept_item` returns; `reasoning` is its visible text.
+    `item` is what the provider wants back unchanged, which `kept_item` returns; `reasoning` is its readable text.
     """
     message: Message = {"role": "assistant", "content": text or None}
     if listed := list(calls):

@@ -74,24 +74,12 @@ NOT_SENT = frozenset(field.name for field in _CHAT if not field.is_sent)
 """The fields of a chat completion's message that requests must not have."""
 
 NOT_COUNTED = frozenset(
-    {
-        "id",
-        "call_id",
-        "call_ids",
-        "tool_call_id",
-        "type",
-        "kind",
-        "part_kind",
-        "role",
-        "phase",
-        "format",
-        "status",
-        "index",
-    }
-    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content", "encrypted_index"}
-    | {"cache_control", "model_name", "model_provider", "provider_name"}
+    {"id", "call_id", "call_ids", "tool_call_id", "response_id", "index", "encrypted_index"}
+    | {"type", "kind", "part_kind", "role", "phase", "format", "status", "cache_control"}
+    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content"}
+    | {"model", "model_name", "model_provider", "provider_name"}
 )
-"""The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of providers."""
+"""The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of models."""
 
 ENCRYPTED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
 """The types of parts with an encrypted field, and the field."""
@@ -148,7 +136,7 @@ def merged(before: Any, piece: Any) -> Any:
         return parts
     if isinstance(before, Mapping) and isinstance(piece, Mapping):
         return {**before, **{name: _merged_field(name, before.get(name), value) for name, value in piece.items()}}
-    return before if piece in (None, "") else piece
+    return piece if before is None or piece not in (None, "") else before
 
 
 def _merged_field(name: str, before: Any, piece: Any) -> Any:

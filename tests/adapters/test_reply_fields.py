@@ -43,6 +43,7 @@ def thoughts(rng: random.Random) -> dict[str, Any]:
         {},
         {"reasoning_content": words(rng)},
         {"reasoning": words(rng)},
+        {rng.choice(["reasoning", "reasoning_content"]): ""},
         {"reasoning": words(rng), "reasoning_details": details},
         {"reasoning_content": words(rng), "thinking_blocks": blocks},
         {"content": listed},

@@ -87,7 +87,10 @@ def _sent(arguments: str) -> str:
 UNREAD = (
     "id call_id call_ids tool_call_id type kind part_kind role phase format status index signature thought_signature"
 )
-UNREAD += " thoughtSignature encrypted_content encrypted_index cache_control model_name model_provider provider_name"
+UNREAD += (
+    " thoughtSignature encrypted_content encrypted_index cache_control model response_id model_name model_provider"
+)
+UNREAD += " provider_name"
 
 
 def thoughts(message: Mapping[str, Any]) -> str:
