@@ -163,8 +163,15 @@ _read_again = functools.lru_cache(1_024)(_read)
 
 
 def meaning(arguments: Arguments) -> str:
-    """Return a text that two calls share if their arguments are equal, however their JSON is written."""
-    return arguments.text if arguments.values is None else canonical_text(arguments.values)
+    """Return a text that two calls share if their arguments are equal, however their JSON is written.
+
+    A whole number is equal to its text, as it is as an action: clients turn one into the other.
+    """
+    if arguments.values is None:
+        return arguments.text
+    return canonical_text(
+        {name: str(value) if type(value) is int else value for name, value in arguments.values.items()}
+    )
 
 
 def as_text(arguments: Any) -> str:

@@ -127,6 +127,21 @@ class TestEdits:
             assert asks.ask([*asks.begin, kept, *results], TOOLS).calls
         assert len(player.prompts) == 2
 
+    def test_of_a_text_into_its_number_is_none(self):
+        """Clients print the arguments again: spaces, the order of keys, and numbers as they are or as text."""
+        endpoint, _ = scripted(calling(("act", {"action": "1"}), act(WAY[0])), calling(act(WAY[1])))
+        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
+            host = HostAgent(endpoint, endpoint.serve(episode))
+            message = host.post()
+            host.run(*act(WAY[0]))  # which plays the first
+            host.run("act", {"action": 1})
+            for call in message["tool_calls"]:
+                call["function"]["arguments"] = call["function"]["arguments"].replace('"1"', " 1 ")
+                host.messages.append({"role": "tool", "tool_call_id": call["id"], "content": "..."})
+            host.messages.insert(len(WORDS), message)
+            assert wants(host.request(), endpoint).status_code == 200
+        assert [event.get("host") for event in events if event["event"] == "call"] == [None, None]
+
     def test_before_it_is_played_goes_back_as_the_host_had_it(self):
         endpoint, player = scripted(calling(act(WAY[0])), *MOVES[1:])
         with endpoint:
