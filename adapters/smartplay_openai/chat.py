@@ -320,9 +320,6 @@ def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:
         if field in ("role", "tool_calls") or value is None:
             continue
         before = message.get(field)
-        if value == "" and field != "content":
-            message.setdefault(field, value)  # an empty thought is one
-            continue
         message[field] = added(before, value) if field == "content" else merged(before, value)
 
 
