@@ -10,6 +10,7 @@ import threading
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import ToolCall
 from smartplay_tools.types.arguments import read
@@ -52,6 +53,21 @@ def test_an_action_goes_by_its_name_or_its_number(episode, sent):
     assert episode.call("act", {"action": sent}).text.startswith("You chose Rock")
 
 
+@pytest.mark.skipif(not Wording.of(VERSION).takes_numbers, reason="under version 1 of the prompts it is a mistake")
+def test_the_number_may_be_a_number_and_is_recorded_as_it_was_said(tmp_path):
+    """Hosts turn "1" into 1, and models write it. Records of version 1, where it was a mistake, stay as they are."""
+    with sp.Episode(RPS, seed=1, transcript=tmp_path / "1.jsonl") as episode:
+        assert episode.call("act", '{"action": 1}').text.startswith("You chose Rock")
+        assert episode.call("act", {"action": 3}).text.startswith("You chose Scissor")
+        assert episode.functions()[1](2).startswith("You chose Paper")
+        assert episode.call("act", {"action": 4}).text.startswith('Error: "4" is not a legal action.')
+    calls = [event["arguments"] for event in sp.read_transcript(tmp_path / "1.jsonl") if event["event"] == "call"]
+    assert calls == [f'{{"action": {number}}}' for number in (1, 3, 2, 4)]
+    old = sp.Episode.from_config(episode.config.model_copy(update={"prompts": "v1"}))
+    assert old.call("act", '{"action": 1}').text.startswith('Error: `action` must be a string: "{"action": 1}".')
+    assert old.tools == episode.tools
+
+
 @pytest.mark.parametrize(
     "sent",
     ["", "Roc", "Rock!", "Rock please", "0", "4", "0001", "1) Rock", "2. Rock", "1.5", "1 .", "١", "Rock\x00", "-1"],
@@ -80,7 +96,9 @@ def test_nothing_else_is_an_action(episode, sent):
         ("{}", "The argument `action` is missing"),
         ('{"actoin": "Rock"}', "The argument `action` is missing"),
         ('{"action": "Rock", "why": "luck"}', "The argument `action` must be the only argument"),
-        ('{"action": 1}', "`action` must be a string"),
+        ('{"action": true}', "`action` must be a string"),
+        ('{"action": 1.0}', "`action` must be a string"),
+        ('{"action": 1.5}', "`action` must be a string"),
         ('{"action": null}', "`action` must be a string"),
         ('{"action": ["Rock"]}', "`action` must be a string"),
         ({"action": {"name": "Rock"}}, "`action` must be a string"),

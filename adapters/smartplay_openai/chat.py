@@ -20,7 +20,7 @@ from typing import Any
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage, sampled_tokens
-from smartplay_openai.thinking_parts import ITEM as THINKING, added, put_together, taken_apart
+from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
@@ -166,9 +166,7 @@ class ChatCompletions(Interface):
                 answer.update(item)
         typed = [item for item in message.get("provider_items", ()) if isinstance(item, Mapping) and "type" in item]
         reasoning = reasoning_of({**message, "provider_items": typed})
-        if any(item["type"] == THINKING for item in typed):
-            answer["content"] = put_together(message)
-        elif reasoning or "reasoning_content" in message:
+        if reasoning or "reasoning_content" in message:
             answer["reasoning" if RENAMED in typed else "reasoning_content"] = reasoning
         calls = _calls(message)
         if calls:
@@ -329,13 +327,12 @@ def _message(message: Any, param: str) -> Message:
     if message.get("content") is None and message["role"] != "assistant":
         raise bad(f"A {message['role']} message has content.", param)
     try:
+        text_of(message)
         if message["role"] == "assistant":
-            content, thoughts = taken_apart(message.get("content"))
-            checked = assistant_message(_with_items({**message, "content": content}, thoughts))
+            checked = assistant_message(_with_items({**message}))
             if checked["content"] is None and not calls_of(checked):
                 raise bad("An assistant message has content or tool calls.", param)
             return checked
-        text_of(message)
     except (AttributeError, TypeError, ValueError) as error:
         raise bad(f"The message cannot be read: {error}", param) from None
     fields = {field: message[field] for field in ("name", "tool_call_id") if message.get(field) is not None}

@@ -43,6 +43,7 @@ __all__ = [
     "read_calls",
     "reasoning_of",
     "reply_message",
+    "sendable",
     "shown",
     "system_text",
     "text_and_pictures",
