@@ -42,9 +42,10 @@ PROGRAM = re.compile(r"(smartplay-tools|npx|make|pip|python|export|\.ci/)")
 OTHERS = {
     "python-agents.md": "`.ci/frameworks.py` installs every framework of the page and runs its agent",
     "javascript-agents.md": "`.ci/frameworks.py` does the same",
+    "add-a-strategy.md": "its sweep plays for minutes; tests/test_custom_strategies.py plays such files",
     "coding-agents.md": "`.ci/frameworks.py` does the same; some of these programs need an account",
 }
-"""Pages that are run by another program, which `tests/adapters/test_frameworks.py` tests."""
+"""Pages that are run elsewhere; `tests/adapters/test_frameworks.py` tests the program that runs most of them."""
 
 NOT_RUN = {
     r"pip install|openhands/bin/pip|python3\.12 -m venv|uv sync|sudo ": "`.ci/wheel`, `.ci/framework`, people install",
@@ -56,10 +57,10 @@ NOT_RUN = {
     r"smartplay-tools (minedojo|model get|serve local)|export '?SMARTPLAY_MINEDOJO": "it fetches hundreds of megabytes",
     r"smartplay-tools play .*(--player local|--engine minedojo)": "it needs what the line before it has fetched",
     r"smartplay-tools (.*HigherOrLower|replay game|results runs/players|.*--plugins)": "tests/plugins has its package",
-    r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|openai:MODEL|Minedojo)": "it plays for minutes",
+    r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|:MODEL|Mined|MessengerL3)": "it plays for minutes",
     r"smartplay-tools submit (prepare runs/model|seed)|smartplay-tools board": "it needs submissions of a whole suite",
     r"smartplay-tools (eval|check) run.toml": "its servers are examples",
-    r"smartplay-tools (eval .*--track|agent )": "it needs another package, or a program of the reader's",
+    r"smartplay-tools (eval .*--track|agent |.*my_players)": "it needs a package or a program of the reader",
     r"smartplay-tools play .*--watch": "it takes as long as somebody watches",
 }
 """How commands begin that are not run, and why."""
