@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -221,7 +222,8 @@ def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None
     own = {"responses_api": False, "memoize": False}
     model = get_model(name, base_url=server.base_url, api_key="k", **own)
     task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
-    (log,) = evaluate(task, model=model, display="none", max_retries=0)
+    with TemporaryDirectory() as folder:
+        (log,) = evaluate(task, model=model, display="none", max_retries=0, log_dir=folder)
     assert log.status == "success", log.error
 
 
