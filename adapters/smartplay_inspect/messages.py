@@ -30,7 +30,17 @@ from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
 from smartplay_tools.players import with_end
 from smartplay_tools.types.arguments import object_in
-from smartplay_tools.types.messages import calls_of, encodable, function_call, kept_item, reply_message, shown, text_of
+from smartplay_tools.types.messages import (
+    accepted_name,
+    calls_of,
+    encodable,
+    function_call,
+    kept_item,
+    reply_message,
+    sendable,
+    shown,
+    text_of,
+)
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "inspect_content"
@@ -59,8 +69,8 @@ class InspectChat:
     def remember(self, message: Message, sent: ChatMessageAssistant) -> None:
         """Have a reply go back to the model as Inspect's own message, with the calls that the prompt holds."""
         calls = [
-            replace(call, id=new.id, arguments=new.arguments, parse_error=new.parse_error)
-            for call, new in zip(sent.tool_calls or (), tool_calls(encodable(message)), strict=True)
+            replace(call, id=new.id, function=new.function, arguments=new.arguments, parse_error=new.parse_error)
+            for call, new in zip(sent.tool_calls or (), tool_calls(sendable(message)), strict=True)
         ]
         content: Any = encodable(sent.content)
         self._keep(message, sent.model_copy(update={"content": content, "tool_calls": calls or None}))
@@ -69,13 +79,13 @@ class InspectChat:
         return self._written_messages.get(_key(message)) or self._keep(message, self._new(message, pictures))
 
     def _keep(self, message: Message, written: ChatMessage) -> ChatMessage:
-        self._functions |= {call["id"]: call["function"]["name"] for call in calls_of(message)}
+        self._functions |= {call["id"]: accepted_name(call["function"]["name"]) for call in calls_of(message)}
         self._written_messages[_key(message)] = written
         return written
 
     def _new(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
-        # What the record keeps as it was said may have half a character, which neither a request nor a log can hold.
-        message = encodable(message)
+        # What the record keeps as it was said may have what neither a request nor a log can hold.
+        message = sendable(message)
         text = text_of(message)
         match message["role"]:
             case "system" | "developer":

@@ -47,6 +47,7 @@ with extra_named("smartplay_openai.agents", "agents"):
         ResponseUsage,
     )
 
+from smartplay_openai.player import chat_limit_field
 from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
@@ -231,7 +232,7 @@ class SmartPlayModel(Model):
 
         async def send(prompt: Prompt) -> _Answer:
             fields = _cache_fields(self._model) if self._cache else CacheFields()
-            settings = _settings(model_settings, prompt, with_key=fields.key)
+            settings = _settings(model_settings, prompt, _limit_field(self._model), with_key=fields.key)
             shown = prompt if isinstance(self._model, OpenAIResponsesModel) else with_pictures_below(prompt)
             items = input_of(shown, mark=fields.marks)
             response = await self._model.get_response(
@@ -417,13 +418,23 @@ def _check(output_schema: Any, options: Mapping[str, Any]) -> None:
             )
 
 
-def _settings(own: ModelSettings, prompt: Prompt, *, with_key: bool) -> ModelSettings:
-    """The settings of a request: the agent's own, with those of the prompt."""
+def _settings(own: ModelSettings, prompt: Prompt, limit_field: str, *, with_key: bool) -> ModelSettings:
+    """The settings of a request: the agent's own, with those of the prompt; `limit_field` names the cap on a reply."""
     settings = prompt.settings({"max_tokens": own.max_tokens, "tool_choice": own.tool_choice})
     given = {**(own.extra_args or {}), **(own.extra_body if isinstance(own.extra_body, Mapping) else {})}
-    if with_key and "prompt_cache_key" not in given:
-        settings["extra_args"] = {**(own.extra_args or {}), "prompt_cache_key": prompt.cache_key}
+    extra = {"prompt_cache_key": prompt.cache_key} if with_key and "prompt_cache_key" not in given else {}
+    if limit_field != "max_tokens" and settings.get("max_tokens") is not None:
+        extra[limit_field], settings["max_tokens"] = settings["max_tokens"], None
+    if extra:
+        settings["extra_args"] = {**(own.extra_args or {}), **extra}
     return dataclasses.replace(own, **settings)
+
+
+def _limit_field(model: Model) -> str:
+    """The name of the cap on a reply where the SDK's own, `max_tokens`, is refused."""
+    if not isinstance(model, OpenAIChatCompletionsModel):
+        return "max_tokens"
+    return chat_limit_field(str(model._get_client().base_url))
 
 
 def _cache_fields(model: Model) -> CacheFields:

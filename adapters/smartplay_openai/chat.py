@@ -195,7 +195,7 @@ class ChatCompletions(Interface):
         yield chunk({"role": "assistant", "content": None})
         for field, value in message.items():
             if field not in ("role", "tool_calls") and isinstance(value, str):
-                for piece in halves(value):
+                for piece in [*halves(value)] or [value]:
                     yield chunk({field: piece})
             elif field not in ("role", "tool_calls") and value is not None:
                 yield chunk({field: value})

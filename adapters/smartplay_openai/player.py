@@ -53,6 +53,12 @@ def arguments_of(method: Callable[..., Any]) -> frozenset[str]:
     return frozenset(name for name in names if not name.startswith("extra_") and name not in ("self", "timeout"))
 
 
+def chat_limit_field(base_url: str) -> str:
+    """Return the name of the cap on a reply in chat completions of a server: OpenAI and Azure have a newer one."""
+    is_known = is_openai(base_url) or f".{urlsplit(base_url).hostname or ''}".endswith(AZURE)
+    return CHAT.limit_field if is_known else "max_tokens"
+
+
 class OpenAIPlayer(ModelPlayer):
     """A player that asks a model behind OpenAI's chat completions.
 
@@ -202,8 +208,7 @@ class OpenAIPlayer(ModelPlayer):
         return {**typed, "extra_body": extra} if extra else typed
 
     def _usual_limit_field(self) -> str:
-        is_known = is_openai(self._settings["base_url"]) or f".{self._host}".endswith(AZURE)
-        return self._interface.limit_field if is_known else "max_tokens"
+        return chat_limit_field(self._settings["base_url"])
 
 
 class ResponsesPlayer(OpenAIPlayer):

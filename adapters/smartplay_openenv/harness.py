@@ -26,7 +26,7 @@ from openenv.core.harness import (
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
-from smartplay_tools.types.messages import encodable
+from smartplay_tools.types.messages import encodable, sendable
 
 
 class SmartPlaySession(ResourceSession):
@@ -149,7 +149,7 @@ class _Rollout:
     def _sample(self, prompt: Prompt) -> Reply:
         sampling = prompt.settings(self._limits.sampling)
         # What the record keeps as it was said may have half a character, which a request cannot.
-        step = self._model_step([encodable(message) for message in prompt.messages], self._tools, sampling)
+        step = self._model_step([sendable(message) for message in prompt.messages], self._tools, sampling)
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:

@@ -187,7 +187,8 @@ class SmartPlay(AbstractCapability[Any]):
         prompt = await self._session.aprompt()
         assert prompt is not None, "the episode is over, and yet the model is asked"
         model = request_context.model
-        own = {**(model.settings or {}), **(request_context.model_settings or {})}
+        # Pydantic AI's own words about its tags would be neither counted nor recorded.
+        own = {**(model.settings or {}), **(request_context.model_settings or {}), "framing_announcement": "never"}
         settings = cast(ModelSettings, prompt.settings({**cache_key(prompt, model, self._cache), **own}))
         # The head has the agent's instructions.
         asked = request_context.model_request_parameters

@@ -44,6 +44,7 @@ from smartplay_tools.types.messages import (
     function_call,
     kept_item,
     reply_message,
+    sendable,
     shown,
     system_text,
     text_of,
@@ -78,8 +79,9 @@ class PydanticAIChat:
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
         `pictures` are those that the messages name.
         """
-        # What the record keeps as it was said may have half a character, which a request cannot.
-        messages = [encodable(message) for message in messages]
+        said = [*messages]
+        # What the record keeps as it was said may have what a request cannot.
+        messages = [sendable(message) for message in said]
         system = system_text(messages)
         written: list[ModelMessage] = []
         names: dict[str, str] = {}
@@ -89,7 +91,7 @@ class PydanticAIChat:
                 continue
             if message["role"] == "assistant":
                 names |= {call["id"]: call["function"]["name"] for call in calls_of(message)}
-                written += [*_request(parts), self._response(message)]
+                written += [*_request(parts), self._response(said[at], message)]
                 parts = []
             else:
                 parts.append(_request_part(message, names, pictures))
@@ -97,8 +99,9 @@ class PydanticAIChat:
                     parts.append(UserPromptPart([CachePoint()]))
         return [*written, *_request(parts)]
 
-    def _response(self, message: Message) -> ModelResponse:
-        return self._responses.get(_key(message)) or to_response(message)
+    def _response(self, said: Message, message: Message) -> ModelResponse:
+        kept = self._responses.get(_key(said))
+        return to_response(message) if kept is None or encodable(said) != said else with_calls(kept, message)
 
 
 def to_response(message: Message) -> ModelResponse:
@@ -171,16 +174,22 @@ def read_usage(usage: RequestUsage) -> Usage | None:
 
 
 def with_calls(response: ModelResponse, message: Message) -> ModelResponse:
-    """Return a response whose calls have the ids and the arguments of those in a message."""
+    """Return a response whose calls have the ids, the names and the arguments of those in a message.
+
+    One that has nothing but thoughts, which providers refuse, has the words of the message after them.
+    """
     new = iter(calls_of(message))
     parts = [_with_call(part, next(new)) if isinstance(part, ToolCallPart) else part for part in response.parts]
+    if (text := text_of(message)) and all(isinstance(part, ThinkingPart) for part in parts):
+        parts.append(TextPart(text))
     return replace(response, parts=parts)
 
 
 def _with_call(part: ToolCallPart, call: MessageToolCall) -> ToolCallPart:
     arguments = call["function"]["arguments"]
     is_same = arguments == arguments_text(part.args)
-    return replace(part, tool_call_id=call["id"], args=part.args if is_same else arguments)
+    name = call["function"]["name"]
+    return replace(part, tool_name=name, tool_call_id=call["id"], args=part.args if is_same else arguments)
 
 
 def tool_spec(tool: ToolDefinition) -> ToolSpec:

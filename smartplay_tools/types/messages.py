@@ -43,6 +43,7 @@ __all__ = [
     "read_calls",
     "reasoning_of",
     "reply_message",
+    "sendable",
     "shown",
     "system_text",
     "text_and_pictures",
@@ -440,6 +441,14 @@ def encodable(value: Any) -> Any:
             elif isinstance(item, float) and not math.isfinite(item):
                 parent[place] = str(item)
     return copy[0]
+
+
+def sendable(message: Message) -> Message:
+    """Return a copy of a message as requests can hold it: without half characters, its tools by accepted names."""
+    copy: Message = encodable(message)
+    for call in calls_of(copy):
+        call["function"]["name"] = accepted_name(call["function"]["name"])
+    return copy
 
 
 def accepted_name(name: str, longest: int = 64) -> str:

@@ -39,7 +39,7 @@ class ReadingModel(ScriptedModel):
 
 def as_agents_usage(usage: sp.Usage) -> Usage:
     counts = {"input_tokens": usage.prompt, "output_tokens": usage.reply, "total_tokens": usage.prompt + usage.reply}
-    cached = InputTokensDetails(cached_tokens=usage.cached, cache_write_tokens=0)
+    cached = InputTokensDetails(cached_tokens=usage.cached or 0, cache_write_tokens=0)
     return Usage(requests=1, input_tokens_details=cached, **counts)
 
 

@@ -180,7 +180,7 @@ async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
             result = await Runner.run(agent, "Play.", **options)
     used = result.context_wrapper.usage
     assert (used.requests, used.input_tokens, used.output_tokens) == (7, 7 * 90, 7 * 9)
-    assert episode.result.tokens.provider == sp.Usage(prompt=7 * 90, reply=7 * 9, requests=7)
+    assert episode.result.tokens.provider == sp.Usage(prompt=7 * 90, reply=7 * 9, cached=0, requests=7)
 
 
 class WithoutSum(ReadingModel):

@@ -13,11 +13,14 @@ from smartplay_local import LocalPlayer, LocalServer, measure
 from smartplay_local.engine import shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
-from smartplay_openai import LocalEndpoint
+from smartplay_openai import LocalEndpoint, chat_reply
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.players import get_player
+from tests.dialects.rules import DIALECTS
+from tests.dialects.scripts import HOSTILE, ODD, SOLVED
+from tests.dialects.server import whole_answer
 
 MODEL = KNOWN_MODELS["smollm2-135m"]
 GAME = "RockPaperScissorBasic-v0"
@@ -89,6 +92,23 @@ def test_it_is_a_model_for_programs_that_take_a_base_url():
     ):
         result = sp.play(e, get_player("openai:local:smollm2-135m", base_url=endpoint.base_url))
     assert (result.error, result.tool_calls, result.malformed_calls) == (None, 2, 0)
+
+
+@needs_model
+@pytest.mark.slow
+@pytest.mark.parametrize("stream", [False, True], ids=["whole", "streamed"])
+def test_the_engine_takes_every_prompt_whatever_its_model_has_said(server, stream):
+    """A real llama.cpp as a server: after each hostile reply it is sent the prompt, and gives a reply of its own."""
+    said = [*map(HOSTILE.get, ("broken JSON", "NaN", "another tool", "nothing")), SOLVED[0], ODD["empty arguments"]]
+    budget = sp.Budget(prompt_tokens=900, reply_tokens=4)
+    asks = sp.get_player("openai:smollm2", base_url=server.base_url, stream=stream, retries=0)
+    with asks, sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget) as episode:
+        conversation = sp.Conversation(episode)
+        for number, reply in enumerate(said):
+            assert asks.reply(conversation.prompt()).usage.prompt > 0
+            conversation.receive(chat_reply(whole_answer(DIALECTS["llama.cpp"], reply, number)).message)
+        assert asks.reply(conversation.prompt()).usage.prompt > 0
+        assert episode.stats.steps == 1
 
 
 @needs_model

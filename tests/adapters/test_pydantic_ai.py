@@ -276,7 +276,7 @@ def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
     usage = RequestUsage(input_tokens=9, output_tokens=2)
     response = ModelResponse([TextPart("I thi")], usage=usage, finish_reason=reason)
-    assert usage_of(response) == sp.Usage(prompt=9, reply=2, cut=cut)
+    assert usage_of(response) == sp.Usage(prompt=9, reply=2, cached=0, cut=cut)
     without = ModelResponse([TextPart("I thi")], finish_reason=reason)
     assert usage_of(without) == (sp.Usage(cut=1) if cut else None)
 

@@ -1,0 +1,116 @@
+"""Every player and adapter plays a whole game at every server that it can meet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
+from tests.adapters.conformance import GAME, SEED
+from tests.dialects.page import PAGE, renewed
+from tests.dialects.rules import Dialect
+from tests.dialects.said import Json, Said, readable
+from tests.dialects.scripts import HOSTILE, MIXED, SHORT
+from tests.dialects.server import DialectServer
+from tests.dialects.ways import PAIRS, Way, environment
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+COUNTER = TokenCounter()
+BUDGET = sp.Budget(prompt_tokens=1300, result_tokens=150, reply_tokens=300)
+LEFT_OUT = (
+    "chain versions provider usage id ids tool_call_id sha256 index input partial_json".split()  # noqa: SIM905
+)
+"""Fields in which streams may differ: ids that a server draws, and what a framework adds to parts of its messages."""
+STRICT = ["vLLM", "OpenAI", "Mistral"]
+QUICK = [
+    (way, dialect)
+    for way, dialect in PAIRS
+    if way.is_here and (way.name in ("openai:", "openai-responses:", "anthropic:") or dialect.name in STRICT)
+]
+"""The pairs that fast tests play: the players of this package everywhere, other ways at the strictest servers."""
+
+
+def game(way: Way, dialect: Dialect, script: Sequence[Said], stream: bool) -> tuple[list[Json], DialectServer]:
+    """Play a script; return the record and the server."""
+    events: list[Any] = []
+    with (
+        DialectServer(dialect, script, without=way.without(dialect)) as server,
+        pytest.MonkeyPatch.context() as variables,
+        sp.Episode(GAME, seed=SEED, budget=BUDGET, transcript=events) as episode,
+    ):
+        for name, value in environment(server).items():
+            variables.setenv(name, value)
+        way.play(server, episode, stream)
+    return json.loads(json.dumps(events)), server
+
+
+def said_and_done(events: Sequence[Json]) -> list[Any]:
+    """What a record holds of the game, whichever way a reply came."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: plain(item) for key, item in value.items() if key not in LEFT_OUT}
+        return [plain(item) for item in value] if isinstance(value, list) else value
+
+    return [plain(event) for event in events if event["event"] != "usage"]
+
+
+def check(events: Sequence[Json], server: DialectServer, end: str = "terminated") -> Json:
+    """The game went on to its end, and the server was sent what it reads, all of it counted. Return the result."""
+    result: Json = events[-1]["result"]
+    needed = [words for rule, words in server.refused if not rule.optional]
+    assert (needed, server.overlooked) == ([], [])
+    assert len({rule.rule for rule, _ in server.refused}) == len(server.refused), (
+        "what is optional is left out for good"
+    )
+    assert (result["end_reason"], result["error"]) == (end, None)
+    views = [event for event in events if event["event"] == "view"]
+    assert len(views) == len(server.requests), "every request is in the record"
+    for view, body in zip(views, server.requests, strict=True):
+        sent = [*readable(body.get("messages") or body["input"]), *readable(body.get("system", ""))]
+        assert sum(map(COUNTER.text, sent)) <= view["tokens"] <= BUDGET.prompt_tokens, "what is sent is counted"
+    return result
+
+
+def games(way: Way, dialect: Dialect, script: Sequence[Said], end: str) -> list[Json]:
+    """Play a script whole and, where there are streams, in pieces; return the results."""
+    played = [game(way, dialect, script, stream) for stream in ((False, True) if way.streams else (False,))]
+    results = [check(events, server, end) for events, server in played]
+    records = [said_and_done(events) for events, _ in played]
+    assert records[0] == records[-1] or not way.is_exact
+    return results
+
+
+@pytest.mark.parametrize(("way", "dialect"), QUICK, ids=lambda value: value.name)
+def test_a_short_game_is_played_to_its_end(way, dialect):
+    events, server = game(way, dialect, SHORT, way.streams)
+    assert check(events, server)["steps"] == 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("way", "dialect"), PAIRS, ids=lambda value: value.name)
+class TestPair:
+    """A way in at a server; ways of frameworks with an environment of their own are played there."""
+
+    def test_a_game_with_every_reply_is_played_to_its_end(self, way, dialect):
+        way.skip_if_missing()
+        for result in games(way, dialect, MIXED, "terminated"):
+            assert result["steps"] == 7
+
+    def test_a_reply_that_never_ends_ends_the_episode(self, way, dialect):
+        """The same hostile reply again and again: the episode ends by its own rule, after few requests."""
+        way.skip_if_missing()
+        for name in ("broken JSON", "another tool", "nothing"):
+            end = "no_tool_call" if name == "nothing" else "stalled_turns"
+            games(way, dialect, [HOSTILE[name]], end)
+
+
+def test_the_page_has_the_tables_of_the_rules():
+    """`python -m tests.dialects.page` writes them."""
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == renewed(page)

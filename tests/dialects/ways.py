@@ -1,0 +1,328 @@
+"""The ways in: every player and adapter as a function that plays an episode at a server to its end.
+
+Frameworks are imported when a way is first played, so that each is tested where it is installed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from tests.dialects.rules import DIALECTS, Dialect, limits
+from tests.dialects.server import DialectServer
+
+Play = Callable[[DialectServer, sp.Episode, bool], None]
+"""Plays an episode at a server, with streams or without."""
+
+QUICK = {"api_key": "k", "retries": 1, "pause": 0.01}
+
+
+APART = ("inspect_ai", "openenv", "pydantic_ai", "verifiers")
+"""The modules of frameworks that have an environment of their own."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way in."""
+
+    name: str
+    interface: str
+    play: Play
+    streams: bool = True
+    """Whether it can be told to ask for streams."""
+    is_exact: bool = True
+    """Whether a stream gives the record of whole replies; LangChain repairs arguments that are cut."""
+    needs: str = "openai"
+    """The module without which it cannot be played."""
+
+    @property
+    def is_here(self) -> bool:
+        """Whether this environment plays it: one of a framework that shares none with others plays that one alone."""
+        apart = [name for name in APART if find_spec(name) is not None]
+        return find_spec(self.needs) is not None and (not apart or self.needs in apart)
+
+    def skip_if_missing(self) -> None:
+        """Skip a test that another environment makes."""
+        if not self.is_here:
+            pytest.skip(f"{self.name} is played in another environment of `.ci/run`")
+
+    def without(self, dialect: Dialect) -> set[str]:
+        """What a server does not do in a game of this way in."""
+        return {name for limit in limits(self.name, dialect) for name in limit.without}
+
+
+def player(server: DialectServer, stream: bool, kind: str = "openai") -> Any:
+    """A player of the package at a server."""
+    streamed = {"stream": True} if stream else {}
+    return sp.get_player(f"{kind}:{server.dialect.model}", base_url=server.base_url, **QUICK, **streamed)
+
+
+def by_player(kind: str) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        with player(server, stream, kind) as model:
+            sp.play(episode, model)
+
+    return play
+
+
+def at_window(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    from smartplay_openai import WindowEndpoint
+
+    from tests.adapters.window_host import HostAgent
+
+    with player(server, stream) as model, WindowEndpoint(model) as endpoint:
+        HostAgent(endpoint, endpoint.serve(episode)).play()
+
+
+def at_endpoint(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    from smartplay_openai import LocalEndpoint
+
+    with (
+        player(server, stream) as model,
+        LocalEndpoint(model) as endpoint,
+        sp.get_player(f"openai:{model.name}", base_url=endpoint.base_url, stream=stream, **QUICK) as host,
+    ):
+        sp.play(episode, host)
+
+
+# --- LangChain and LangGraph ---------------------------------------------------------------------------------------
+
+
+def chat_openai(server: DialectServer, stream: bool) -> Any:
+    from langchain_openai import ChatOpenAI
+    from openai import DefaultHttpxClient
+
+    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "http_client": DefaultHttpxClient()}
+    return ChatOpenAI(model=server.dialect.model, streaming=stream, **own)
+
+
+def chat_anthropic(server: DialectServer, stream: bool) -> Any:
+    from langchain_anthropic import ChatAnthropic
+
+    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "anthropic_proxy": server.address}
+    return ChatAnthropic(model_name=server.dialect.model, streaming=stream, **own)
+
+
+Model = Callable[[DialectServer, bool], Any]
+
+
+def by_langchain_player(model: Model) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        from smartplay_langchain import LangChainPlayer
+
+        with LangChainPlayer(model(server, stream), retries=1, pause=0.01) as langchain:
+            sp.play(episode, langchain)
+
+    return play
+
+
+def by_middleware(model: Model) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        from langchain.agents import create_agent
+        from smartplay_langchain import SmartPlayMiddleware
+
+        create_agent(model(server, stream), middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+
+    return play
+
+
+def by_graph(model: Model) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        from langgraph.graph import START, MessagesState, StateGraph
+        from langgraph.prebuilt import ToolNode
+        from smartplay_langchain import GraphSession
+
+        session, chat = GraphSession(episode), model(server, stream)
+
+        def after_speaking(state: Any) -> str:
+            if episode.done:
+                return "__end__"
+            return "tools" if getattr(state["messages"][-1], "tool_calls", ()) else "speak"
+
+        graph = StateGraph(MessagesState)
+        graph.add_node("speak", lambda state: {"messages": session.ask(chat, state["messages"])})
+        graph.add_node("tools", ToolNode(session.tools, wrap_tool_call=session.wrap_tool_call))
+        graph.add_edge(START, "speak")
+        graph.add_conditional_edges("speak", after_speaking)
+        graph.add_edge("tools", "speak")
+        graph.compile().invoke({"messages": []}, {"recursion_limit": 200})
+
+    return play
+
+
+# --- Other frameworks ----------------------------------------------------------------------------------------------
+
+
+def by_agents_sdk(model: str) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        import agents
+        from openai import AsyncOpenAI
+        from smartplay_openai.agents import SmartPlayModel
+
+        agents.set_tracing_disabled(True)
+
+        async def run() -> None:
+            async with AsyncOpenAI(base_url=server.base_url, api_key="k", max_retries=0) as client:
+                kept = {"should_replay_reasoning_content": lambda context: True} if "Chat" in model else {}
+                plays = SmartPlayModel(getattr(agents, model)(server.dialect.model, client, **kept), episode)
+                agent = agents.Agent("player", model=plays, tools=plays.tools)
+                if not stream:
+                    await agents.Runner.run(agent, [], max_turns=None, run_config=plays.run_config)
+                    return
+                running = agents.Runner.run_streamed(agent, [], max_turns=None, run_config=plays.run_config)
+                async for _ in running.stream_events():
+                    pass
+
+        asyncio.run(run())
+
+    return play
+
+
+def by_pydantic_ai(interface: str) -> Play:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+        from pydantic_ai import Agent
+        from pydantic_ai.models.anthropic import AnthropicModel
+        from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
+        from pydantic_ai.providers.anthropic import AnthropicProvider
+        from pydantic_ai.providers.openai import OpenAIProvider
+        from pydantic_ai.usage import UsageLimits
+        from smartplay_pydantic_ai import SmartPlay
+
+        provider = AnthropicProvider if interface == "messages" else OpenAIProvider
+        model = {"chat": OpenAIChatModel, "responses": OpenAIResponsesModel, "messages": AnthropicModel}[interface]
+        agent = Agent(
+            model(server.dialect.model, provider=provider(base_url=server.base_url, api_key="k")),
+            capabilities=[SmartPlay(episode)],
+        )
+
+        async def run() -> None:
+            await agent.run("Play.", usage_limits=UsageLimits(request_limit=None))
+
+        asyncio.run(run())
+
+    return play
+
+
+def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    from inspect_ai import Task, eval as evaluate
+    from inspect_ai.dataset import Sample
+    from inspect_ai.model import get_model
+    from smartplay_inspect import smartplay_agent
+
+    is_openai = server.dialect.interface == "chat" and server.dialect.cannot == ["thoughts"]
+    name = f"{'openai' if is_openai else 'openai-api/server'}/{server.dialect.model}"
+    own = {"responses_api": False, "memoize": False}
+    model = get_model(name, base_url=server.base_url, api_key="k", **own)
+    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+    with TemporaryDirectory() as folder:
+        (log,) = evaluate(task, model=model, display="none", max_retries=0, log_dir=folder)
+    assert log.status == "success", log.error
+
+
+def by_verifiers(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    from smartplay_verifiers import SmartPlayHarness, SmartPlayHarnessConfig
+
+    from tests.adapters.test_verifiers import launched
+
+    class Given(SmartPlayHarness):
+        """Plays an episode that is there already."""
+
+        def new_episode(self, data: Any, record: list[Any]) -> sp.Episode:
+            return episode
+
+    launched(server.base_url, Given(SmartPlayHarnessConfig()))
+
+
+def by_openenv(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    """A trainer that samples from the server, as its own client of chat completions would."""
+    import openai
+    from openenv.core.harness import HarnessRunLimits, ModelStepResult
+    from openenv.core.llm_client import LLMResponse, ToolCall
+    from smartplay_openai import chat_reply
+    from smartplay_openenv import SmartPlayHarness, SmartPlaySession
+
+    from smartplay_tools.types.arguments import object_in
+
+    client = openai.OpenAI(base_url=server.base_url, api_key="k", max_retries=0)
+
+    def sample(messages: Any, tools: Any, sampling: dict[str, Any]) -> Any:
+        offered = [
+            {
+                "type": "function",
+                "function": {"name": t.name, "description": t.description, "parameters": t.input_schema},
+            }
+            for t in tools
+        ]
+        reply = chat_reply(
+            client.chat.completions.create(model=server.dialect.model, messages=messages, tools=offered)
+        ).message
+        functions = [(call["id"], call["function"]) for call in reply.get("tool_calls", ())]
+        calls = [ToolCall(id=i, name=f["name"], args=object_in(f["arguments"] or "{}") or {}) for i, f in functions]
+        return ModelStepResult(response=LLMResponse(content=reply["content"] or "", tool_calls=calls))
+
+    with client:
+        SmartPlayHarness().run_white_box(sample, SmartPlaySession(episode), HarnessRunLimits(max_turns=1000))
+
+
+# --- The rows ------------------------------------------------------------------------------------------------------
+
+WAYS = {
+    way.name: way
+    for way in [
+        Way("openai:", "chat", by_player("openai")),
+        Way("openai-responses:", "responses", by_player("openai-responses")),
+        Way("anthropic:", "messages", by_player("anthropic"), streams=False, needs="anthropic"),
+        Way("serve window", "chat", at_window),
+        Way("serve openai", "chat", at_endpoint),
+        Way(
+            "langchain: (ChatOpenAI)",
+            "chat",
+            by_langchain_player(chat_openai),
+            is_exact=False,
+            needs="langchain_openai",
+        ),
+        Way(
+            "langchain: (ChatAnthropic)",
+            "messages",
+            by_langchain_player(chat_anthropic),
+            is_exact=False,
+            needs="langchain_anthropic",
+        ),
+        Way(
+            "LangChain agent (ChatOpenAI)", "chat", by_middleware(chat_openai), is_exact=False, needs="langchain_openai"
+        ),
+        Way(
+            "LangChain agent (ChatAnthropic)",
+            "messages",
+            by_middleware(chat_anthropic),
+            is_exact=False,
+            needs="langchain_anthropic",
+        ),
+        Way("LangGraph (ChatOpenAI)", "chat", by_graph(chat_openai), is_exact=False, needs="langchain_openai"),
+        Way("Agents SDK (chat)", "chat", by_agents_sdk("OpenAIChatCompletionsModel"), needs="agents"),
+        Way("Agents SDK (Responses)", "responses", by_agents_sdk("OpenAIResponsesModel"), needs="agents"),
+        Way("Pydantic AI (chat)", "chat", by_pydantic_ai("chat"), streams=False, needs="pydantic_ai"),
+        Way("Pydantic AI (Responses)", "responses", by_pydantic_ai("responses"), streams=False, needs="pydantic_ai"),
+        Way("Pydantic AI (Anthropic)", "messages", by_pydantic_ai("messages"), streams=False, needs="pydantic_ai"),
+        Way("Inspect AI", "chat", by_inspect, streams=False, needs="inspect_ai"),
+        Way("verifiers", "chat", by_verifiers, streams=False, needs="verifiers"),
+        Way("OpenEnv", "chat", by_openenv, streams=False, needs="openenv"),
+    ]
+}
+
+MEET = [(way, dialect) for way in WAYS.values() for dialect in DIALECTS.values() if way.interface == dialect.interface]
+PAIRS = [(way, dialect) for way, dialect in MEET if "play" not in way.without(dialect)]
+
+
+def environment(server: DialectServer) -> dict[str, str]:
+    """The variables by which clients that ask for the real host reach the server."""
+    emptied = dict.fromkeys([name for name in os.environ if name.lower().endswith("_proxy")], "")
+    return {**emptied, "HTTP_PROXY": server.address, "http_proxy": server.address, "NO_PROXY": "127.0.0.1,localhost"}
