@@ -1,8 +1,8 @@
 """The ledger of an episode: its record, its counts, its answers to calls, and its end.
 
-`Episode` is the game behind a lock, with what agents and harnesses call. Its conversations, and the readers of records
-that play it again, write the ledger: they record events, have calls answered one by one, complete turns, and hear why
-the episode ended. The ledger belongs to this package; its members are not part of the public interface.
+`Episode` has the methods for agents and harnesses. The `Ledger` has the methods for conversations, and for the readers of
+records that play an episode again: they record events, have calls answered one by one, and complete turns. The ledger
+belongs to this package; its members are not part of the public interface.
 """
 
 from __future__ import annotations
