@@ -2,8 +2,8 @@
 
 Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
 never decrease from turn to turn. So the first turn that is not older than a given step is found by bisection. This turn
-is the boundary: every earlier turn is masked whole, every later turn is shown whole, and only the boundary can be masked
-in part.
+is the boundary: every earlier turn is masked whole, every later turn is shown whole, and only the boundary can be
+masked in part.
 """
 
 from __future__ import annotations

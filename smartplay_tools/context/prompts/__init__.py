@@ -1,8 +1,8 @@
 """Prompts: the head, where a provider's cache is marked, and where pictures stand.
 
 The sentences are in `wording`: every text around the games that comes from this library and not from the benchmark. A
-provider's cache stores a prompt up to each mark (`stable_end`). Some interfaces refuse pictures in the results of tools;
-`with_pictures_below` moves the pictures into a user message after the results. The lines that it adds around the
+provider's cache stores a prompt up to each mark (`stable_end`). Some interfaces refuse pictures in the results of
+tools; `with_pictures_below` moves the pictures into a user message after the results. The lines that it adds around the
 pictures belong to the interface, like those of a chat template, and are neither recorded nor counted.
 """
 
