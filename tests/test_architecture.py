@@ -263,7 +263,6 @@ KINDS_ARE_TESTED_BY = (
     "episode/stalls.py",
     "episode/stats.py",
     "context/turns.py",
-    "conversation/paper.py",
     "smartplay_otel/spans.py",
 )
 """What takes events apart: records, the counters and turns of a game under way, and spans, one event after another."""

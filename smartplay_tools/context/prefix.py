@@ -1,7 +1,8 @@
 """The prefix: how much of a view's beginning is the same as in the view before the latest turn.
 
-A provider's prompt cache can serve that part. A message is the same if both views have it in the same place, masked in
-both or in neither. The views after two consecutive turns are compared, even if one of them was never sent.
+A provider's prompt cache can serve that part; records and costs count its tokens. A message is the same if both views
+have it in the same place, masked in both or in neither. The views after two consecutive turns are compared, even if one
+of them was never sent.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """An index of tokens: what every turn costs, whole and masked, and where every observation is shown.
 
 Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
-never decrease, so a turn is found by bisection, and of all turns only one, the first that is not older than a step, can
-be partly too old: every earlier one is masked whole, and every later one is shown whole.
+never decrease from turn to turn. So the first turn that is not older than a given step is found by bisection. This turn
+is the boundary: every earlier turn is masked whole, every later turn is shown whole, and only the boundary can be
+masked in part.
 """
 
 from __future__ import annotations

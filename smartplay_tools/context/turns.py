@@ -2,8 +2,8 @@
 
 A turn is one assistant message and everything up to the next one: the results of all its calls, user messages, other
 tools' results. Because only whole turns are dropped, every call in a prompt has its result and every result its call.
-Time is counted in observations: the step of an item is the index of the newest observation shown when it was made, so
-steps never decrease from turn to turn.
+Time is counted in steps of the game. An item's step is the number of the newest observation that had been shown when
+the item was made, so steps never decrease from turn to turn.
 
 `TurnBuilder` makes turns from events, in a live conversation and wherever a record is read.
 """

@@ -1,9 +1,10 @@
 """The context window: selects what the model may see, again after every appended turn.
 
-A view is the head (system, task, manual once read), the summary if there is one, the pinned turns (the newest, the
-latest that shows the newest observation, the one with the notes) and older turns, newest first, as long as they fit and
-are not too old. Two rules are absolute: no view is longer than `prompt_tokens`, and no observation in it is older than
-`history` steps. `docs/budgets.md` and `docs/strategies.md` are the exact definition.
+A view has four parts: the head (system, task, the manual once it has been read); the summary, if there is one; the
+pinned turns (the newest turn, the latest turn that shows the newest observation, the turn with the notes); and earlier
+turns. Earlier turns are added from the newest back, as long as they fit and are not too old. Two rules are absolute: no
+view is longer than `prompt_tokens`, and no observation in it is older than `history` steps. `docs/budgets.md` and
+`docs/strategies.md` have the exact definition.
 
 Deciding a view takes a few bisections (`context.token_index`), at turn 10,000 as at turn 10. The tokens of a view fall
 as its first turn moves on, except where the run begins to include the notes: their turn is masked whole before the run

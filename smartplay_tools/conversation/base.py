@@ -145,7 +145,7 @@ class BaseConversation(ABC):
 
     def _record_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], **facts: Any) -> None:
         self._ids.reserve(call["id"] for message in head for call in calls_of(message))
-        schemas = [{"name": t.name, "description": t.description, "parameters": t.parameters} for t in tools]
+        schemas = [tool.to_json() for tool in tools]
         self._ledger.record({"event": "head", "messages": list(head), "tools": schemas, **facts})
 
     @abstractmethod

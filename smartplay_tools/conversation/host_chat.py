@@ -35,7 +35,7 @@ class HostChat:
         episode: a fresh episode whose context is "window"; or, to go on with an episode from its record, the session
             of `smartplay_tools.resume(record, session=True)`.
         player: the player's name, for the record.
-        not_run: the name, in `Words`, of the answer to a call that the host has left open.
+        not_run: the name, in `Wording`, of the answer to a call that the host has left open.
         no_result: the same for a call of one of the host's own tools; `not_run` if not given.
         pictures: whether the host gives its model pictures (see `AgentSession`).
     """

@@ -15,7 +15,7 @@ history.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from typing import Any
 
@@ -27,9 +27,8 @@ from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.games.base import history_text
-from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.types import Prompt, SampledTokens, ToolResult, Usage
+from smartplay_tools.types import SampledTokens, ToolResult, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Message, text_of
 
@@ -79,7 +78,8 @@ class PaperConversation(BaseConversation):
         self._counter = episode.counter
         self._manual = None if episode.config.manual == "none" else episode.manual_text
         first = [*episode.game.before_reset, episode.game.observation]
-        self._observations = [_cut_to_cap(episode, text) for text in first]
+        cap, cut_text = episode.budget.result_tokens, episode.ledger.session.cut
+        self._observations = [cut_text(text, cap, truncation.cut_end) for text in first]
         """The observations so far, indexed by the original's count of steps; results of actions come last."""
         before_reset = len(episode.game.before_reset)
         self._thoughts: str | None = None
@@ -197,35 +197,9 @@ class PaperConversation(BaseConversation):
     def _shown(self, view: View) -> dict[str, Any]:
         first, step = view.selection.oldest, len(self._observations) - 1
         question = 1 if self._thoughts is None else 2
-        return {"question": question, "step": step, "first": first, "sha256": _sha256(view.shown)}
+        return {"question": question, "step": step, "first": first, "sha256": messages_sha256(view.shown)}
 
 
-def sent_prompts(events: Sequence[Event]) -> Iterator[tuple[Event, Prompt, str]]:
-    """Yield every prompt of a transcript: its `view` event, the prompt as rebuilt, and the sha256 of that."""
-    observations: list[str] = []
-    manual, thoughts = None, None
-    for event in events:
-        match event["event"]:
-            case "head":
-                manual = next((text_of(message) for message in event["messages"][1:]), None)
-                observations += [*event["before"], event["observation"]]
-            case "message":
-                answer = text_of(event["message"])
-                thoughts = answer if thoughts is None else None
-            case "call":
-                observations.append(event["text"])
-            case "view":
-                messages = prompt_messages(manual, observations, event["first"], thoughts)
-                yield event, Prompt(messages, (), event["max_tokens"]), _sha256(messages)
-
-
-def _sha256(messages: Sequence[Message]) -> str:
+def messages_sha256(messages: Sequence[Message]) -> str:
+    """Return the sha256 of a prompt with these messages."""
     return prompt_sha256([message_bytes(message, ()) for message in messages], tools_bytes(()))
-
-
-def _cut_to_cap(episode: Episode, observation: str) -> str:
-    """An observation from before the first action, cut as the result of an action would be."""
-    cap = episode.budget.result_tokens
-    if cap is None or episode.counter.text(observation) <= cap:
-        return observation
-    return truncation.cut_end(observation, cap, episode.counter.text, episode.words.cut)

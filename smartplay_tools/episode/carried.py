@@ -1,9 +1,9 @@
 """Carried stores: what a trial of a run takes over from the trial before it in its chain.
 
 With `Rules.carry` the trials of a cell form chains. What a trial leaves follows from its record, however it ended: its
-last result, and the store that `carry` names, such as the newest notes that were accepted. The next trial of the chain
-is shown both in one message at the end of its head, which stays for the whole trial. The last result is shown because
-no prompt followed it: in MESSENGER it has the only reward.
+last result, and the store that `carry` names, such as the newest notes that were accepted. The head of the next trial
+ends with a message that shows both, so every prompt of that trial has them. The last result is shown because no prompt
+followed it in its own trial: in MESSENGER it has the only reward.
 
 The start event holds what was carried and the digest of the record that it comes from. `check_head` reserves the
 longest form of the message from the first trial on, so that no later trial is refused. A store is a function of the

@@ -204,7 +204,7 @@ class EpisodeConfig(CellConfig):
 
     @property
     def key(self) -> str:
-        """The digest. Episodes with the same key have the same configuration in every field."""
+        """The `digest`, as runs name it. Episodes with the same key have the same configuration in every field."""
         return self.digest
 
     @classmethod

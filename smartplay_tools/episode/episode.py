@@ -263,7 +263,7 @@ class Episode:
     @property
     def done(self) -> bool:
         """Whether the episode is over."""
-        return self.ledger.session.end_reason is not None
+        return self.ledger.done
 
     @property
     def progress(self) -> Progress:

@@ -82,14 +82,15 @@ class GameSession:
         cap = self.budget.result_tokens
         self._cap_on_words = None if cap is None else cap - self._picture_tokens
         """The cap on the words of an observation: what its picture leaves of a result."""
-        self.manual_text = self._cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
+        self.manual_text = self.cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
         self.head = prompts.head(self.words, self.manual_text if manual == "pinned" else None, context=context)
-        least = 0
+        least, longest = 0, None
+        if asked.prompt_tokens is not None and config.carry is not None:
+            longest = longest_message(config.carry, self.budget, counter, self.words)
         if asked.prompt_tokens is not None and context == "window":
             least = counter.prompt(self.head, self.tools.specs)
-            longest = 0 if config.carry is None else longest_message(config.carry, self.budget, counter, self.words)
-            budgets.check_head(self.budget, least, self.strategies, carried=longest)
+            budgets.check_head(self.budget, least, self.strategies, carried=longest or 0)
         if observation != "text":
             words = counter.text(f"{self.words('picture_shown')}\n{self.words('game_is_over')}")
             budgets.check_pictures(self.budget, least, self._picture_tokens, words)
@@ -97,10 +98,7 @@ class GameSession:
             store = STORES[config.carry]
             if held := getattr(carried, store.kept):
                 self.strategies.asked[store.field].begin(held)
-            cap = (
-                None if asked.prompt_tokens is None else longest_message(config.carry, self.budget, counter, self.words)
-            )
-            self.head = [*self.head, carried.message(counter, cap, self.words)]
+            self.head = [*self.head, carried.message(counter, longest, self.words)]
 
     def end(self, reason: EndReason, error: BaseException | None = None, detail: str | None = None) -> None:
         """End the play, unless it has ended already."""
@@ -222,7 +220,7 @@ class GameSession:
         """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
         shown = self.words("picture_shown") if self.observation == "picture" else text
         shown = f"{shown}\n{last_line}" if last_line else shown
-        words = self._cut(shown, self._cap_on_words, self._cut_observation)
+        words = self.cut(shown, self._cap_on_words, self._cut_observation)
         data = {"step": self.steps, "observation_step": self.steps, **data}
         if self.observation == "text":
             return Answer(words, data, cut=words != shown)
@@ -238,10 +236,11 @@ class GameSession:
         return page
 
     def _show(self, text: str, **data: Any) -> Answer:
-        shown = self._cut(text, self.budget.result_tokens, truncation.cut_end)
+        shown = self.cut(text, self.budget.result_tokens, truncation.cut_end)
         return Answer(shown, {"step": self.steps, **data}, cut=shown != text)
 
-    def _cut(self, text: str, cap: int | None, cut: truncation.Cut) -> str:
+    def cut(self, text: str, cap: int | None, cut: truncation.Cut) -> str:
+        """Return a text that is over its cap shortened by `cut`, with a notice; any other as it is."""
         if cap is None or self.counter.text(text) <= cap:
             return text
         return cut(text, cap, self.counter.text, self.words.cut)

@@ -1,8 +1,8 @@
 """The ledger of an episode: its record, its counts, its answers to calls, and its end.
 
-`Episode` is the game behind a lock, with what agents and harnesses call. Its conversations, and the readers of records
-that play it again, write the ledger: they record events, have calls answered one by one, complete turns, and hear why
-the episode ended. The ledger belongs to this package; its members are not part of the public interface.
+`Episode` has the methods for agents and harnesses. The `Ledger` has the methods for conversations, and for the readers
+of records that play an episode again: they record events, have calls answered one by one, and complete turns. The
+ledger belongs to this package; its members are not part of the public interface.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Ledger:
         self._begun = self._step_is_unrecorded = False
 
     @property
-    def is_over(self) -> bool:
+    def done(self) -> bool:
         """Whether the episode is over."""
         return self.session.end_reason is not None
 
@@ -111,14 +111,14 @@ class Ledger:
         """
         with self.lock:
             self._step_is_unrecorded = True
-            was_over = self.is_over
+            was_over = self.done
             if is_foreign and not was_over:
                 answer = self.session.answer_foreign(name, arguments, refusal)
             elif refusal is not None and not was_over:
                 answer = self.session.say(refusal, "host")
             else:
                 answer = self.session.answer(name, arguments, may_act=may_act)
-            result = ToolResult(answer.text, answer.is_error, self.is_over, answer.data, answer.picture)
+            result = ToolResult(answer.text, answer.is_error, self.done, answer.data, answer.picture)
             event = self._call_event(turn, position, name, arguments, answer)
             if host is not None:
                 event["host"] = host
@@ -142,7 +142,7 @@ class Ledger:
         if asked == (name, meaning(arguments)):
             return replace(result, data={**result.data, "replayed": True})
         answer = self.session.refuse(self.session.words("call_id_was_used"))
-        return ToolResult(answer.text, True, self.is_over, answer.data)
+        return ToolResult(answer.text, True, self.done, answer.data)
 
     def remember(self, key: str, name: str, arguments: Arguments, result: ToolResult) -> None:
         """Keep an answer for the copies of a call that come with its key."""
@@ -214,7 +214,7 @@ class Ledger:
             "arguments": arguments.text,
             "text": answer.text,
             "is_error": answer.is_error,
-            "done": self.is_over,
+            "done": self.done,
             "data": answer.data,
             "cut": answer.cut,
         }

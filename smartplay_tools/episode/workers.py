@@ -3,9 +3,9 @@
 A game's step may take milliseconds or wait for another process, so it must not run on an event loop. One thread per
 episode would be too many for ten thousand episodes; here a call that waits for its turn occupies no thread.
 
-Where thousands of calls wait, handing them over would cost more than most games' steps. So a thread that has run a
-function takes the next one itself, and results go back to an event loop in batches: all that are ready when the loop
-wakes up once.
+Handing a call to another thread costs more than a step of most games. So a thread that has run a function takes the
+next waiting function itself. Results go back to an event loop in batches: whenever the loop wakes up, it takes all
+results that are ready.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from smartplay_tools.episode.tools import schema
 from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, concerns_summary, purpose_of
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
-from smartplay_tools.types.messages import Message, pictures_of, read_calls
+from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 
@@ -58,8 +58,7 @@ def sent_prompts(
     if head is None:
         return
     if events[0]["config"].get("protocol") == "paper":
-        for view, prompt, sha256 in paper.sent_prompts(events):
-            yield SentPrompt(view["turn"], prompt, view["sha256"], sha256)
+        yield from _prompts_of_the_paper(events)
         return
     rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns, pictures)
     with ErrorLocation() as at:
@@ -68,6 +67,25 @@ def sent_prompts(
                 rebuilder.use_head(at.event)
             if at.event["event"] == "view":
                 yield rebuilder.rebuild(at.event)
+
+
+def _prompts_of_the_paper(events: Sequence[Event]) -> Iterator[SentPrompt]:
+    observations: list[str] = []
+    manual, thoughts = None, None
+    for event in events:
+        match event["event"]:
+            case "head":
+                manual = next((text_of(message) for message in event["messages"][1:]), None)
+                observations += [*event["before"], event["observation"]]
+            case "message":
+                answer = text_of(event["message"])
+                thoughts = answer if thoughts is None else None
+            case "call":
+                observations.append(event["text"])
+            case "view":
+                messages = paper.prompt_messages(manual, observations, event["first"], thoughts)
+                prompt = Prompt(messages, (), event["max_tokens"])
+                yield SentPrompt(event["turn"], prompt, event["sha256"], paper.messages_sha256(messages))
 
 
 def recorded_turns(events: Sequence[Event]) -> list[Turn]:

@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, with_ids
-from smartplay_tools.conversation import paper
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.prompts import PromptParts, Rebuilder
+from smartplay_tools.records.prompts import PromptParts, Rebuilder, sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import purpose_of
 from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
@@ -276,8 +275,8 @@ class _Units:
     def prompts(self) -> Iterator[list[Unit]]:
         """Yield the units of every prompt of the record."""
         if self._record.is_paper:
-            for _, prompt, _ in paper.sent_prompts(self._record.events):
-                yield [self._tools(prompt.tools), *map(self._of, prompt.messages)]
+            for sent in sent_prompts(self._record.events):
+                yield [self._tools(sent.prompt.tools), *map(self._of, sent.prompt.messages)]
             return
         rebuilder = Rebuilder(self._record.events, self._record.turns)
         for event in self._record.events:

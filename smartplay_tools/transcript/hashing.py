@@ -69,7 +69,7 @@ def head_bytes(message: Message) -> bytes:
 
 def tools_bytes(tools: Iterable[ToolSpec]) -> bytes:
     """Return the canonical JSON of tool schemas."""
-    return canonical_json([{"name": t.name, "description": t.description, "parameters": t.parameters} for t in tools])
+    return canonical_json([tool.to_json() for tool in tools])
 
 
 def prompt_sha256(messages: Iterable[bytes], tools: bytes) -> str:

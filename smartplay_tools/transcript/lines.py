@@ -1,4 +1,4 @@
-"""The lines of JSON Lines files, of records as well as of rows: read whole, as they grow or at both ends, and appended.
+"""JSON Lines files of records and rows: reading them whole, as they grow, or at both ends, and appending lines.
 
 A file may be read while another process writes it, or after that process was killed. A last line that is incomplete is
 then left out; it counts when it has its line break, or is JSON without one.

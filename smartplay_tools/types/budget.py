@@ -4,7 +4,8 @@ Every field says in its annotation how it reads in tables, messages and pages (`
 strategy for the past says so (`Keeps`). `STRATEGIES`, `Budget.describe` and the fields of older records follow from the
 annotations, so a new field cannot be missing in any of them.
 
-`Recorded` is the base class of recorded data, which leaves out newer fields where older versions meant the same.
+`Recorded` is the base class of recorded data. A field that is newer than the first version is left out of a record
+while it has the meaning that records had before the field existed.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ A message is a dictionary in the form of OpenAI's chat completions, because most
 it. Every adapter converts to this form first, so the same conversation has the same token count and the same record
 in every framework.
 
-The steps that adapters share when they convert messages between the canonical form and that of their framework.
+The last part of the module has what adapters share: functions that convert messages between the canonical form and the
+forms of frameworks.
 """
 
 from __future__ import annotations

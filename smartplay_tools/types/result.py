@@ -39,6 +39,10 @@ class ToolSpec:
     description: str
     parameters: Mapping[str, Any]
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the tool as plain data, as records and the sha256 of a prompt hold it."""
+        return {"name": self.name, "description": self.description, "parameters": self.parameters}
+
 
 @dataclass(frozen=True, slots=True)
 class ToolCall:

@@ -1,8 +1,9 @@
-"""Prompts: their head, and the two forms that interfaces ask for.
+"""Prompts: the head, where a provider's cache is marked, and where pictures stand.
 
-`words` has every sentence that this library, not the benchmark, puts around the games. A provider's cache stores a
-prompt up to each mark. Interfaces that refuse pictures in the results of tools have them in a user message after these;
-the lines around them are an interface's, as chat templates are: they are neither recorded nor counted.
+The sentences are in `wording`: every text around the games that comes from this library and not from the benchmark. A
+provider's cache stores a prompt up to each mark (`stable_end`). Some interfaces refuse pictures in the results of
+tools; `with_pictures_below` moves the pictures into a user message after the results. The lines that it adds around the
+pictures belong to the interface, like those of a chat template, and are neither recorded nor counted.
 """
 
 from __future__ import annotations

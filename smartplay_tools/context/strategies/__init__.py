@@ -62,7 +62,7 @@ class Strategies:
         """The strategies by the fields that ask for them."""
         asked = tuple(self.asked.values())
         deciding = {name: next((s for s in asked if decides(type(s), name)), None) for name in DECISIONS}
-        self.ageing = Ageing(budget, counter, words)
+        self.ageing: Ageing = self.asked.get(Ageing.name) or Ageing(budget, counter, words)
         """Decides what happens to turns that are too old."""
         self.pinning = deciding["pinned"]
         """The strategy that pins a turn; None without one."""

@@ -1,7 +1,8 @@
 """Ageing: what happens to turns older than `history`. They are dropped, or stay with observations masked.
 
-A turn that plays no step does not get older by steps, so a model that plays none would see an ever longer past. Where
-the budget limits `stalled_turns`, such turns age by turns instead: of each stretch of them the newest are kept.
+Age is measured in steps. A model that plays no step would therefore see an ever longer past: its turns never become
+older. If the budget limits `stalled_turns`, turns without a step age by their number instead: of several such turns in
+a row only the newest are kept.
 """
 
 from __future__ import annotations

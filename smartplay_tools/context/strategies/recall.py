@@ -1,7 +1,8 @@
 """Recall: a tool that searches the observations that have left the agent's view.
 
-What a window drops or masks stays on record, and the agent can ask for it: by words, or by steps. An answer is dated by
-the step of its call, so it leaves as an observation of that step would. `docs/strategies.md` is the exact definition.
+An observation that a window drops or masks stays on record. The agent can ask for it by words or by steps. An answer
+has the date of its call, and becomes too old when an observation of that step does. `docs/strategies.md` has the exact
+definition.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Summaries: the agent is asked for one when turns leave the window, and it is shown in their place.
 
-A window with `Budget.summary_tokens` asks the agent for a summary whenever turns are about to leave. So that neither
-the question nor the longest answer can end an episode, a window that moves leaves room for both: `reserve` tokens. The
-message that shows a summary never takes more than its share of them. The tokens of joined texts do not add up, so the
-text is cut as it will be shown, after the words that introduce it.
+A window with `Budget.summary_tokens` asks the agent for a summary whenever turns are about to leave. A window that
+moves leaves `reserve` tokens free for the question and the longest answer, so that neither can end an episode. The
+message that shows a summary never takes more tokens than are reserved for the answer. The answer is cut together with
+the sentence that introduces it, because the tokens of two texts do not add up to those of the joined text.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Truncation of tool results: a text over its cap is cut, and a notice in the text says how much is missing.
 
-A result is cut once, when it is made, and never again. The notice counts towards the cap, so a cut result is never
-longer than its cap; where not even the notice fits, the text is empty.
+A result is cut when it is made; only its copy in the head of another trial can be cut again. The notice counts towards
+the cap, so a cut result is never longer than its cap; where not even the notice fits, the text is empty.
 """
 
 from __future__ import annotations

@@ -104,10 +104,7 @@ class BrowserPlayer:
             "asks": asked_for(prompt),
             "summary": prompt.asks_for_summary,
             "messages": prompt.messages,
-            "tools": [
-                {"name": tool.name, "description": tool.description, "parameters": tool.parameters}
-                for tool in prompt.tools
-            ],
+            "tools": [tool.to_json() for tool in prompt.tools],
             "actions": Reading(prompt).actions,
             "budget_bars": [
                 {"short": bar.short, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
