@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import smartplay_tools as sp
+from smartplay_tools.types.messages import text_of
 from tests.adapters.conformance import Received
 from tests.adapters.scripted_server import ScriptedServer
 
@@ -71,7 +72,7 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
         if kind == "function_call" or (kind == "message" and item["role"] == "assistant"):
             reply = reply or {"role": "assistant", "content": "", "tool_calls": []}
             if kind == "message":
-                reply["content"] += "".join(part["text"] for part in item["content"])
+                reply["content"] += text_of(item)
             else:
                 function = {"name": item["name"], "arguments": item["arguments"]}
                 reply["tool_calls"].append({"id": item["call_id"], "function": function})
