@@ -8,7 +8,6 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.types import Budget, EpisodeResult
 from tests.test_conversation import calling
 
@@ -38,8 +37,7 @@ def steps_in(text):
 def later():
     """A conversation whose next prompt shows the observations 5 and 6 of six."""
     conversation = begin()
-    number = 1 if Wording.of(VERSION).takes_numbers else "1"
-    for hand in ("Rock", "Paper", " Scissor ", number, "Paper.", "Rock"):
+    for hand in ("Rock", "Paper", " Scissor ", 1, "Paper.", "Rock"):
         conversation.receive(calling(("act", json.dumps({"action": hand}))))
     return conversation
 

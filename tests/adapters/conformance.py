@@ -23,7 +23,6 @@ from typing import Any, NamedTuple, Protocol
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript.file import comparable
 from smartplay_tools.types.messages import function_call
@@ -143,9 +142,6 @@ BASIC: Script = [
     calling(*map(act, WAY[5:]), act(WAY[0])),
 ]
 """Every kind of call; the last act comes after the end."""
-
-TAKES_NUMBERS = Wording.of(VERSION).takes_numbers
-"""Whether new episodes take an action's number as a number."""
 
 NO_NUMBERS = [True, 1.0, 1.5, None]
 """What stands where an action belongs, and is neither text nor a whole number."""
@@ -282,8 +278,6 @@ def judge_end(row: Window, budget: str) -> None:
 
 def judge_numbers(row: Window) -> None:
     """An action's number may be a number, which is recorded as it was said; booleans and fractions are mistakes."""
-    if not TAKES_NUMBERS:
-        pytest.skip("under version 1 of the prompts a number is a mistake")
     check_numbers(judge(row, NUMBERS, BUDGETS["free"]))
 
 
@@ -508,9 +502,7 @@ def is_of_the_game(name: str, arguments: Any) -> bool:
 
 async def judge_hosts(row: Host, folder: Path) -> None:
     """Play three episodes, their calls in turn, and each once more without the adapter."""
-    plays = {7: calls_of(BASIC), 8: calls_of(IDLE)}
-    if TAKES_NUMBERS:
-        plays[9] = [*calls_of(NUMBERS), ("observe", {})]
+    plays = {7: calls_of(BASIC), 8: calls_of(IDLE), 9: [*calls_of(NUMBERS), ("observe", {})]}
     carried = {seed: [call for call in calls if row.carries(*call)] for seed, calls in plays.items()}
     shown: dict[int, list[tuple[str, bool | None]]] = {seed: [] for seed in plays}
     async with row.open([*plays], folder) as senders:

@@ -150,18 +150,6 @@ async def test_a_handoff_to_an_agent_with_another_model_ends_a_closed_episode_as
     assert sp.replay(events).identical
 
 
-@pytest.mark.parametrize("kind", [OpenAIChatCompletionsModel, OpenAIResponsesModel])
-async def test_an_empty_reply_is_answered_like_any_other_without_a_call(kind):
-    episode, events = fresh()
-    script = [calling(act("A->C")), calling(), calling(), *map(calling, map(act, WAY[1:]))]
-    async with models(script, episode, kind=kind) as ([model], stub):
-        with episode:
-            agent = Agent("player", model=model, tools=model.tools)
-            await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
-    assert (episode.result.completed, episode.result.idle_replies) == (True, 2)
-    as_recorded(events, stub, 10_000)
-
-
 @pytest.mark.parametrize("streamed", [False, True])
 async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
     """The words at the end are not a request; a compatible server may leave out the sum of its counts."""

@@ -84,15 +84,6 @@ def test_an_answer_that_is_not_utf_8_is_asked_for_again():
     assert (result.end_reason, result.tokens.provider.requests) == ("tool_calls", 2)
 
 
-def test_thinking_goes_back_with_its_turn_and_is_counted():
-    thinking = {"type": "thinking", "thinking": "Hm, hm.", "signature": "s1"}
-    stub = AnthropicStub([calling(act("A->C"), say="So."), calling(act("A->B"))], extra=[thinking])
-    result = play(stub, sp.Budget(tool_calls=2))
-    assert stub.bodies[1]["messages"][1]["content"][:2] == [thinking, {"type": "text", "text": "So."}]
-    plain = play(AnthropicStub([calling(act("A->C"), say="So."), calling(act("A->B"))]), sp.Budget(tool_calls=2))
-    assert result.tokens.reply > plain.tokens.reply
-
-
 @pytest.mark.parametrize("action", ["\ud83d", float("inf")])
 def test_what_utf_8_or_json_cannot_hold_is_recorded_and_rewritten_in_requests_alone(action):
     function = {"name": "act", "arguments": json.dumps({"action": action})}

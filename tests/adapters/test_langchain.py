@@ -24,7 +24,6 @@ from smartplay_langchain import (
 from smartplay_langchain.caching import messages_for
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types.messages import function_call
 from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.scripted_langchain import ScriptedModel
@@ -136,17 +135,6 @@ class TestMiddleware:
         assert head["tools"][-1]["name"] == "search"
 
 
-def test_what_a_provider_adds_goes_back_to_it_and_is_counted():
-    thinking = {"type": "thinking", "thinking": "Hm, hm.", "signature": "s1"}
-    reply = AIMessage([thinking, {"type": "text", "text": "Go."}], response_metadata={"model_provider": "anthropic"})
-    message = from_langchain(reply)
-    assert (message["content"], message["reasoning_content"]) == ("Go.", "Hm, hm.")
-    (again,) = to_langchain([message])
-    assert again.content == reply.content
-    counter = TokenCounter()
-    assert counter.message(message) > counter.message({"role": "assistant", "content": "Go."})
-
-
 def test_usage_is_taken_over():
     usage = {
         "input_tokens": 9,
@@ -194,13 +182,6 @@ def test_a_reply_that_was_cut_in_its_thoughts_goes_back_with_words_after_them(th
     prompt = sp.Prompt([from_langchain(AIMessage([thought]))], ())
     (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
     assert sent.content == [thought, WORDS]
-
-
-def test_thoughts_before_a_call_go_back_as_they_are():
-    called = AIMessage([THINKING], tool_calls=[{"name": "observe", "args": {}, "id": "a"}])
-    prompt = sp.Prompt([from_langchain(called)], ())
-    (sent,) = messages_for(prompt, PlayerChatModel(player=sp.get_player("rule")), cache=False)
-    assert sent.content == [THINKING]
 
 
 def test_names_of_tools_that_providers_refuse_are_rewritten_in_requests_alone():

@@ -252,26 +252,6 @@ def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made():
             agent.run_sync("Play!", usage_limits=NO_LIMIT)
 
 
-def test_the_reasoning_of_a_reply_goes_back_to_the_model_and_into_the_record():
-    seen: list[Any] = []
-    thought = ThinkingPart("Paper is likely.", signature="c2lnbmVk", provider_name="anthropic")
-
-    def answer(messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
-        seen.append(messages)
-        usage = RequestUsage(input_tokens=100, output_tokens=20, cache_read_tokens=60, cache_write_tokens=9)
-        return ModelResponse([thought, ToolCallPart("act", {"action": "1"})], usage=usage)
-
-    episode, events = fresh(sp.Budget(tool_calls=2))
-    with episode:
-        Agent(FunctionModel(answer), capabilities=[SmartPlay(episode)]).run_sync("", usage_limits=NO_LIMIT)
-    (first,) = [message for message in seen[1] if isinstance(message, ModelResponse)]
-    assert first.parts[0] == thought
-    reply = next(event for event in events if event["event"] == "message")["message"]
-    assert reply["reasoning_content"] == "Paper is likely."
-    assert to_response(reply).parts[0] == thought
-    assert episode.result.tokens.provider == sp.Usage(prompt=200, reply=40, cached=120, written=18, requests=2)
-
-
 @pytest.mark.parametrize(("reason", "cut"), [("length", 1), ("stop", 0), (None, 0)])
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
     usage = RequestUsage(input_tokens=9, output_tokens=2)

@@ -44,23 +44,14 @@ class Refusing(Faulty):
     """The endpoint of the rule player, which refuses requests with one of some fields."""
 
     def __init__(self, refusal: Any) -> None:
-        super().__init__(always=self.look)
+        super().__init__()
         self.refusal, self.refused = refusal, 0
 
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        message = await receive()
-        said = self.refusal(json.loads(message["body"]))
-        self.always = None if said is None else answer(said, 400)
-        self.refused += said is not None
-
-        received = [message]
-
-        async def again() -> Any:
-            return received.pop() if received else await receive()
-
-        await super().__call__(scope, again, send)
-
-    async def look(self, send: Any, body: Any) -> None: ...
+    def fault(self, body: dict[str, Any]) -> Any:
+        if (said := self.refusal(body)) is None:
+            return None
+        self.refused += 1
+        return answer(said, 400)
 
 
 FIELDS = [

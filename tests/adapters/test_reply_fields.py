@@ -83,11 +83,15 @@ def parts_of(rng: random.Random, parts: list[dict[str, Any]]) -> list[Any]:
 
 
 def call_pieces(rng: random.Random, calls: list[dict[str, Any]]) -> list[Any]:
-    """The calls in deltas: with the name repeated, the arguments as an object, without an index, from 1, or all 0."""
+    """The calls in deltas: with the name repeated, the arguments as an object, without an index, from 1, or all 0.
+
+    Where each has an index, they may come in another order.
+    """
     index = rng.choice([None, 0, 1, "zero"])
     repeats, has_object, has_nulls, ids = (rng.random() < 0.4 for _ in range(4))
     deltas = []
-    for number, call in enumerate(calls):
+    numbered = [*enumerate(calls)]
+    for number, call in reversed(numbered) if isinstance(index, int) and rng.random() < 0.3 else numbered:
         name, arguments = call["function"]["name"], call["function"]["arguments"]
         own = {name: call[name] for name in call if name not in ("id", "function", "type")}
         at = {} if index is None else {"index": 0 if index == "zero" else number + index}

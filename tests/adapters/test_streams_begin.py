@@ -151,19 +151,29 @@ def test_a_client_that_leaves_ends_its_request(stream):
         assert player.stopped.wait(10)
 
 
+@pytest.mark.parametrize("stream", [True, False])
 @pytest.mark.parametrize("interface", INTERFACES)
-def test_a_client_that_leaves_a_stream_of_the_window_stops_the_questions(interface):
-    """The reply under way is taken, and the model is not asked again before another request comes."""
+def test_a_client_that_leaves_the_window_stops_the_questions(interface, stream):
+    """The reply under way is taken; the next request continues after it, and its usage has both."""
     player = Thinking(says=calling(say="Hm."))
     with serving(WindowEndpoint, player) as (endpoint, model):
-        body = body_of(interface, model, stream=True)
+        stats = endpoint.store.find(model.partition("/")[2]).episode.stats
         url = f"{endpoint.base_url}/{PATHS[interface]}"
-        with httpx2.stream("POST", url, json=body, trust_env=False, verify=False, timeout=30) as answer:
-            next(answer.iter_lines())
-            until(lambda: player.asked == 1)
+        options = {"trust_env": False, "verify": False, "timeout": 30 if stream else 2}
+        body = body_of(interface, model, stream=stream)
+        if stream:
+            with httpx2.stream("POST", url, json=body, **options) as answer:
+                next(answer.iter_lines())
+                until(lambda: player.asked == 1)
+        else:
+            with pytest.raises(httpx2.TimeoutException):
+                httpx2.post(url, json=body, **options)
         time.sleep(0.3)  # the server notices
         player.may_answer.set()
-        stats = endpoint.store.find(model.partition("/")[2]).episode.stats
         until(lambda: stats.idle_replies == 1)
         time.sleep(0.3)
         assert player.asked == 1
+        player.says = calling(act(WAY[0]))
+        usage = httpx2.post(url, json=body_of(interface, model), **options).json()["usage"]
+        assert player.asked == 2
+        assert stats.tokens.prompt in usage.values()

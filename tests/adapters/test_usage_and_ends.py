@@ -74,6 +74,7 @@ def items(status: str = "completed", reason: str | None = None, kind: str = "out
     ("reply", "count"),
     [
         (chat(finish="length"), "cut"),
+        (chat(finish="model_length"), "cut"),
         (chat(finish="content_filter"), "refused"),
         (chat(refusal="No."), "refused"),
         (chat(finish="content_filter: SAFETY"), "refused"),

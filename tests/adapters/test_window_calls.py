@@ -144,12 +144,13 @@ class TestEdits:
 
     def test_before_it_is_played_goes_back_as_the_host_had_it(self):
         endpoint, player = scripted(calling(act(WAY[0])), *MOVES[1:])
-        with endpoint:
-            host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
+        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
+            host = HostAgent(endpoint, endpoint.serve(episode))
             message = host.post()
             message["tool_calls"][0]["function"]["arguments"] = json.dumps(act("A->B")[1])
             host.answer(message)
             host.post()
+            assert of_the_game(episode, events) == [(0, move("A->B"), "edited")]
         assert len(player.prompts) == 2
 
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
-import time
-from functools import partial
 from typing import Any
 
 import httpx2
-import openai
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from mcp import Client
@@ -28,7 +24,6 @@ from tests.adapters.window_host import (
     WORDS,
     HostAgent,
     client_of,
-    openai_client,
     play_through,
     scripted,
 )
@@ -131,30 +126,6 @@ class TestRetries:
         assert host.post() == second != first
         assert endpoint.store.find(handle).episode.stats.turns == 2
 
-    def test_the_model_is_not_asked_again_for_a_client_that_has_gone(self):
-        """The reply that it was giving is kept; the next request continues after it, and its usage has both."""
-        player = Slow(calling(say="Hm."), calling(act(WAY[0])))
-        with WindowEndpoint(player) as endpoint, openai_client(endpoint) as client:
-            handle = endpoint.open(GAME, seed=7)
-            ask = partial(
-                client.with_options(max_retries=0).chat.completions.create,
-                model=endpoint.model(handle),
-                messages=WORDS,
-                tools=TOOLS,
-            )
-            with pytest.raises(openai.APITimeoutError):
-                ask(timeout=2)  # long enough for the first prompt, which loads the tokenizer
-            time.sleep(0.3)  # the server notices
-            player.may_answer.set()
-            stats = endpoint.store.find(handle).episode.stats
-            while not stats.idle_replies:
-                time.sleep(0.01)
-            time.sleep(0.3)
-            assert player.asked == 1
-            answer = ask()
-            assert answer.choices[0].message.tool_calls
-            assert (player.asked, answer.usage.prompt_tokens) == (2, stats.tokens.prompt)
-
     def test_a_host_that_loses_the_ids_is_told_so(self, endpoint):
         host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
         for _ in range(21):
@@ -173,38 +144,7 @@ class TestRetries:
             assert endpoint.result(handle) == sp.play(alone, sp.get_player("rule"))
 
 
-class Slow:
-    """A player that waits until it may answer."""
-
-    name = "slow"
-
-    def __init__(self, *replies: sp.Message) -> None:
-        self.asked, self.may_answer = 0, threading.Event()
-        self._replies = replies or [calling(act(short)) for short in WAY]
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        self.asked += 1
-        assert self.may_answer.wait(30)
-        return sp.Reply(self._replies[self.asked - 1])
-
-
 class TestHosts:
-    def test_other_tools_of_the_host_pass_through(self):
-        clock = {"type": "function", "function": {"name": "clock", "description": "Tell the time.", "parameters": {}}}
-        player = sp.ScriptedPlayer([calling(("clock", {}), act(WAY[0])), calling(act(WAY[1]))])
-        with WindowEndpoint(player) as endpoint:
-            host = HostAgent(endpoint, endpoint.open(GAME, seed=7), tools=[*TOOLS, clock])
-            message = host.post()
-            names = [call["function"]["name"] for call in message["tool_calls"]]
-            host.messages.append(message)
-            texts = ["It is noon.", host.run(*act(WAY[0]))]
-            for call, text in zip(message["tool_calls"], texts, strict=True):
-                host.messages.append({"role": "tool", "tool_call_id": call["id"], "content": text})
-            host.post()
-        assert names == ["clock", "act"]
-        assert [tool.name for tool in player.prompts[0].tools] == ["observe", "act", "read_manual", "clock"]
-        assert [m["content"] for m in player.prompts[1].messages if m["role"] == "tool"] == texts
-
     def test_a_run_is_closed_with_the_frameworks_own_tool(self, endpoint):
         parameters = {"type": "object", "properties": {"answer": {"type": "any"}}, "required": ["answer"]}
         final = {"type": "function", "function": {"name": "final_answer", "description": "", "parameters": parameters}}
@@ -241,26 +181,6 @@ class TestHosts:
         assert texts[1] == "My user said no."
         assert [event.get("host") for event in events if event["event"] == "call"] == [None, "refused"]
         assert episode.result.steps == 0
-
-    def test_arguments_that_a_host_changed_are_recorded_as_edited(self):
-        endpoint, _ = scripted(calling(act(WAY[0])), calling(act(WAY[1])))
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
-            host.post()
-            host.run(*act("A->B"))
-        (call,) = (event for event in events if event["event"] == "call")
-        assert (call["host"], played(events)) == ("edited", [act("A->B")[1]["action"]])
-
-    def test_words_and_calls_that_nobody_can_run_are_answered_before_the_host_hears_of_them(self):
-        endpoint, player = scripted(
-            calling(say="Let me think."), calling(("jump", {}), ("act", "{")), calling(act(WAY[0]))
-        )
-        with endpoint:
-            handle = endpoint.open(GAME, seed=7)
-            (call,) = HostAgent(endpoint, handle).post()["tool_calls"]
-            stats = endpoint.store.find(handle).episode.stats
-        assert call["function"]["name"] == "act"
-        assert (len(player.prompts), stats.idle_replies, stats.malformed_calls) == (3, 1, 2)
 
     def test_a_model_that_fails_ends_the_episode_with_its_cause(self):
         with WindowEndpoint(Failing()) as endpoint:
