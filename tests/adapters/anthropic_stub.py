@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
 from smartplay_anthropic.codec import LIMIT
@@ -12,21 +12,15 @@ from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies.memory import memory_spec
 from tests.adapters.conformance import MEMORY, Received
 from tests.adapters.scripted_server import ScriptedServer
+from tests.dialects.rules import DIALECTS
+from tests.dialects.said import Turn, read_messages
 
 USAGE = {"input_tokens": 5, "cache_read_input_tokens": 3, "cache_creation_input_tokens": 2, "output_tokens": 4}
 
 
 class AnthropicStub(ScriptedServer):
-    """`extra` blocks begin every reply."""
-
-    def __init__(self, script: Iterable[Any], faults: Sequence[int] = (), extra: Sequence[dict[str, Any]] = ()) -> None:
-        super().__init__(script, faults)
-        self._extra = extra
-
     def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
-        blocks = [*self._extra]
-        if message["content"]:
-            blocks.append({"type": "text", "text": message["content"]})
+        blocks: list[dict[str, Any]] = [{"type": "text", "text": message["content"]}] if message["content"] else []
         for call in message.get("tool_calls", ()):
             function = call["function"]
             arguments = json.loads(function["arguments"])
@@ -44,21 +38,10 @@ class AnthropicStub(ScriptedServer):
 
     def check(self, path: str, body: dict[str, Any]) -> None:
         assert path == "/v1/messages"
-        assert body["max_tokens"] >= 1
-        ids: list[str] = []
-        waiting: set[str] = set()
-        for at, message in enumerate(body["messages"]):
-            assert message["role"] == ("user", "assistant")[at % 2]
-            assert message["content"]
-            blocks = blocks_of(message)
-            results = {block["tool_use_id"] for block in blocks if block["type"] == "tool_result"}
-            assert results == waiting, "all results of a turn stand together in the next message"
-            kinds = [block["type"] for block in blocks]
-            assert kinds == sorted(kinds, key=lambda kind: kind != "tool_result") or message["role"] == "assistant"
-            assert all(block["text"].strip() for block in blocks if block["type"] == "text")
-            called = [block["id"] for block in blocks if block["type"] == "tool_use"]
-            ids, waiting = ids + called, set(called)
-        assert len(ids) == len(set(ids))
+        turns = read_messages(body)
+        assert all(before.role != turn.role for before, turn in pairwise([Turn("assistant"), *turns]))
+        for rule in DIALECTS["Anthropic"].rules("refuses"):
+            assert rule.act(turns, body, {}) is None, rule.rule
 
     def read(self, path: str, body: dict[str, Any]) -> Received:
         messages: list[dict[str, Any]] = [{"role": "system", "content": body["system"]}]

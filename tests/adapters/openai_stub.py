@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.types.messages import text_of
 from tests.adapters.conformance import Received
 from tests.adapters.scripted_server import ScriptedServer
+from tests.dialects.refusals import repeated_ids, results
+from tests.dialects.said import Turn, read_chat, read_responses
 
 
 class OpenAIStub(ScriptedServer):
@@ -41,17 +42,9 @@ class OpenAIStub(ScriptedServer):
         return {"usage": {**counts, **details, "total_tokens": usage.prompt + usage.reply}}
 
     def check(self, path: str, body: dict[str, Any]) -> None:
-        messages = self.read(path, body).messages
-        ids = [call["id"] for message in messages for call in message.get("tool_calls", ())]
-        assert len(ids) == len(set(ids)), "each call has an id of its own"
-        waiting: list[str] = []
-        for message in messages:
-            if message["role"] == "tool":
-                waiting.remove(message["tool_call_id"])
-            else:
-                assert not waiting, "every call has its result before the next message"
-            waiting += [call["id"] for call in message.get("tool_calls", ())]
-        assert not waiting
+        turns = (read_chat if path == "/v1/chat/completions" else read_responses)(body)
+        assert repeated_ids(turns, body, {}, words="each call has an id of its own") is None
+        assert results(turns, body, {}, status=400, missing="{id} has no result", orphaned="{id} has no call") is None
 
     def read(self, path: str, body: dict[str, Any]) -> Received:
         if path == "/v1/chat/completions":
@@ -59,30 +52,16 @@ class OpenAIStub(ScriptedServer):
             messages, cap = body["messages"], body.get("max_tokens")
         else:
             functions = body["tools"]
-            messages, cap = list(read_items(body["input"])), body.get("max_output_tokens")
+            messages, cap = [*map(message_of, read_responses(body))], body.get("max_output_tokens")
         tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
         return Received(messages, tools, cap)
 
 
-def read_items(items: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Read input items as messages; all that a model said between two others is one assistant message."""
-    reply: dict[str, Any] | None = None
-    for item in items:
-        kind = item.get("type", "message")
-        if kind == "function_call" or (kind == "message" and item["role"] == "assistant"):
-            reply = reply or {"role": "assistant", "content": "", "tool_calls": []}
-            if kind == "message":
-                reply["content"] += text_of(item)
-            else:
-                function = {"name": item["name"], "arguments": item["arguments"]}
-                reply["tool_calls"].append({"id": item["call_id"], "function": function})
-            continue
-        if reply is not None:
-            yield reply
-            reply = None
-        if kind == "function_call_output":
-            yield {"role": "tool", "tool_call_id": item["call_id"], "content": item["output"]}
-        elif kind == "message":
-            yield {"role": item["role"], "content": item["content"]}
-    if reply is not None:
-        yield reply
+def message_of(turn: Turn) -> dict[str, Any]:
+    """What a format may spread over several items, as one message."""
+    if turn.role == "tool":
+        return {"role": "tool", "tool_call_id": turn.results[0], "content": turn.words}
+    if turn.role != "assistant":
+        return {"role": turn.role, "content": turn.words}
+    calls = [{"id": i, "function": {"name": name, "arguments": said}} for i, name, said in turn.calls]
+    return {"role": "assistant", "content": turn.words, "tool_calls": calls}

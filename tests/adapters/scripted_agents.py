@@ -11,7 +11,8 @@ from openai.types.responses.response_usage import InputTokensDetails
 
 import smartplay_tools as sp
 from tests.adapters.conformance import Received
-from tests.adapters.openai_stub import read_items
+from tests.adapters.openai_stub import message_of
+from tests.dialects.said import read_responses
 
 
 class ReadingModel(ScriptedModel):
@@ -50,4 +51,4 @@ def step(message: sp.Message) -> list[Any]:
 
 
 def read(items: Any) -> list[dict[str, Any]]:
-    return list(read_items(items))
+    return [message_of(turn) for turn in read_responses({"input": items})]

@@ -6,23 +6,24 @@ The provider's real client talks to it, so tests check what was really sent.
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterable, Sequence
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Self
+from typing import Any
 
 from tests.adapters.conformance import Received
+from tests.loopback import Loopback
 
 
-class ScriptedServer:
+class ScriptedServer(Loopback):
     """`faults` are the statuses of the first answers. A subclass defines the provider's format."""
+
+    is_strict = True
+    """Whether requests are checked. Frameworks spell more ways of saying the same than the players do."""
 
     def __init__(self, script: Iterable[Any], faults: Sequence[int] = ()) -> None:
         self.requests: list[tuple[str, dict[str, Any]]] = []
         """Paths and bodies of all requests that were answered."""
         self._script, self._faults = iter(script), list(faults)
-        self._listening = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
-        self.url = f"http://127.0.0.1:{self._listening.server_port}"
+        super().__init__(self._encoded_answer)
 
     @property
     def bodies(self) -> list[dict[str, Any]]:
@@ -48,37 +49,14 @@ class ScriptedServer:
         """A request in canonical form."""
         raise NotImplementedError
 
-    def __enter__(self) -> Self:
-        threading.Thread(target=self._listening.serve_forever, args=(0.01,), daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._listening.shutdown()
-        self._listening.server_close()
+    def _encoded_answer(self, path: str, body: dict[str, Any]) -> tuple[int, str, bytes]:
+        status, answered = self._answer(path, body)
+        return status, "application/json", self.encoded(answered)
 
     def _answer(self, path: str, body: dict[str, Any]) -> tuple[int, dict[str, Any]]:
         if self._faults:
             return self._faults.pop(0), {"type": "error", "error": {"type": "overloaded_error", "message": "busy"}}
-        self.check(path, body)
+        if self.is_strict:
+            self.check(path, body)
         self.requests.append((path, body))
         return 200, self.say(path, body, next(self._script))
-
-    def _handler(self) -> type[BaseHTTPRequestHandler]:
-        answer, encoded = self._answer, self.encoded
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def do_POST(self) -> None:
-                body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                status, answered = answer(self.path, body)
-                data = encoded(answered)
-                self.send_response(status)
-                self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(data)))
-                self.end_headers()
-                self.wfile.write(data)
-
-            def log_message(self, *_: Any) -> None: ...
-
-        return Handler

@@ -208,8 +208,7 @@ def check_runner(stub, episode):
 class Unchecked(AnthropicStub):
     """A runner sends the first words as a text, which is allowed and which the players never do."""
 
-    def check(self, path, body):
-        assert path.startswith("/v1/messages")
+    is_strict = False
 
 
 def test_the_clients_own_runner_plays():

@@ -39,17 +39,11 @@ def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Anthropic(AnthropicStub):
-    """LangChain sends some contents as a text, which the players never do."""
-
-    def check(self, path: str, body: dict[str, Any]) -> None:
-        assert path == "/v1/messages"
+    is_strict = False
 
 
 class OpenAI(OpenAIStub):
-    """Frameworks spell items in more ways than the players do."""
-
-    def check(self, path: str, body: dict[str, Any]) -> None:
-        assert path in ("/v1/chat/completions", "/v1/responses")
+    is_strict = False
 
 
 # LangChain: the player, an agent, and a graph of one's own.

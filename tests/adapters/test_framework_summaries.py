@@ -60,7 +60,8 @@ class Provider(OpenAIStub):
     """
 
     def __init__(self, fails: Callable[[str, int], bool] = lambda purpose, number: False) -> None:
-        super().__init__(itertools.repeat(calling(("observe", {}), say="I look again and again.")))
+        script = itertools.repeat(calling(("observe", {}), say="I look again and again."))
+        super().__init__(script, sp.Usage(prompt=100, reply=10))
         self._fails = fails
         self._numbers = {"play": itertools.count(), "summary": itertools.count()}
 
@@ -76,18 +77,8 @@ class Provider(OpenAIStub):
 
     def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
         answer = super().say(path, body, calling(say=WORDS) if purpose_of(body) == "summary" else message)
-        if path == "/v1/chat/completions":
-            answer["usage"] = {"prompt_tokens": 100, "completion_tokens": 10, "total_tokens": 110}
-        else:
-            answer["usage"] = {
-                "input_tokens": 100,
-                "output_tokens": 10,
-                "total_tokens": 110,
-                "input_tokens_details": {"cached_tokens": 0},
-                "output_tokens_details": {"reasoning_tokens": 0},
-            }
-            for number, item in enumerate(answer["output"]):
-                item["call_id"] = f"c{len(self.requests)}.{number}"
+        for number, item in enumerate(answer.get("output", ())):
+            item["call_id"] = f"c{len(self.requests)}.{number}"
         return answer
 
 

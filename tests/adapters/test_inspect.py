@@ -462,10 +462,7 @@ def test_a_task_runs_by_its_file_as_a_register_of_evaluations_runs_it(tmp_path):
 
 
 class OpenAI(OpenAIStub):
-    """Inspect spells items in more ways than our players do."""
-
-    def check(self, path: str, body: dict[str, Any]) -> None:
-        assert path in ("/v1/chat/completions", "/v1/responses")
+    is_strict = False
 
 
 @pytest.mark.parametrize(

@@ -318,20 +318,12 @@ def test_replies_that_a_middleware_discards_are_charged_and_not_played():
 
     episode, events = fresh()
     script = [message for short in WAY for message in (calling(act("B->A")), calling(act(short)))]
-    with Counting(script) as stub, episode:
+    with OpenAIStub(script, sp.Usage(prompt=10, reply=2)) as stub, episode:
         create_agent(client(stub), middleware=[SmartPlayMiddleware(episode), twice]).invoke({"messages": []})
     assert (episode.result.completed, episode.result.turns, episode.result.illegal_actions) == (True, 7, 0)
     assert len(stub.requests) == 14
     assert episode.result.tokens.provider.requests == 14
     assert sp.replay(events).identical
-
-
-class Counting(OpenAIStub):
-    """Reports usage."""
-
-    def say(self, path: str, body: dict[str, Any], message: Any) -> dict[str, Any]:
-        usage = {"prompt_tokens": 10, "completion_tokens": 2, "total_tokens": 12}
-        return {**super().say(path, body, message), "usage": usage}
 
 
 # --- People and limits between a reply and its calls --------------------------------------------------------------

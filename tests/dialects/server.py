@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import json
 import random
-import socket
 import threading
 from collections.abc import Callable, Collection, Sequence
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Self
+from typing import Any
 
 from tests.dialects import speech
 from tests.dialects.rules import Dialect, Kind, Rule
 from tests.dialects.said import Json, Said, Turn, plainer, read_chat, read_messages, read_responses
+from tests.loopback import Loopback
 
 Answers = Callable[[Said, int, str], Json]
 Streams = Callable[[Json, random.Random], Sequence[Any]]
@@ -70,7 +69,7 @@ def given_with(whole: Json) -> dict[str, Any]:
     return {item.get("call_id") or item["id"]: items for item in items if item["type"] in ("function_call", "tool_use")}
 
 
-class DialectServer:
+class DialectServer(Loopback):
     """Says the replies of a script, one for each request that it does not refuse; the last one again and again.
 
     `without` are the names of rules' functions that do not apply, and "thoughts" for a model that does not think, or a
@@ -88,12 +87,12 @@ class DialectServer:
         """What the server did not read of what it was sent."""
         self._given: dict[str, Any] = {}
         self._lock = threading.Lock()
-        self._http = _Http(("127.0.0.1", 0), _handler(self.answer))
-        self.address = f"http://127.0.0.1:{self._http.server_port}"
-        self.base_url = dialect.base_url.format(port=self._http.server_port)
+        super().__init__(self.answer)
+        self.base_url = dialect.base_url.format(port=self.port)
 
     def answer(self, path: str, body: Json) -> tuple[int, str, bytes]:
         """The status, the content type and the body of an answer."""
+        path = path.partition("?")[0]
         assert path.endswith(self._path), path
         with self._lock:
             turns = self._read(body)
@@ -113,14 +112,6 @@ class DialectServer:
             pieces = in_pieces(self.dialect, whole, number, self._without)
             return 200, "text/event-stream", b"".join(map(_event, pieces))
 
-    def __enter__(self) -> Self:
-        threading.Thread(target=self._http.serve_forever, args=(0.01,), daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._http.shutdown()
-        self._http.server_close()
-
 
 def _json(value: Any) -> bytes:
     return json.dumps(value).encode()
@@ -132,30 +123,3 @@ def _event(chunk: Any) -> bytes:
         return f"{chunk if chunk.startswith(':') else f'data: {chunk}'}\n\n".encode()
     named = f"event: {chunk['type']}\n".encode() if "type" in chunk else b""
     return named + b"data: " + _json(chunk) + b"\n\n"
-
-
-class _Http(ThreadingHTTPServer):
-    daemon_threads = True
-
-    def get_request(self) -> tuple[socket.socket, Any]:
-        connection, address = super().get_request()
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return connection, address
-
-
-def _handler(answer: Callable[[str, Json], tuple[int, str, bytes]]) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
-        def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            status, kind, data = answer(self.path.partition("?")[0], body)
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, *_: Any) -> None: ...
-
-    return Handler

@@ -107,7 +107,7 @@ def chat_openai(server: DialectServer, stream: bool) -> Any:
 def chat_anthropic(server: DialectServer, stream: bool) -> Any:
     from langchain_anthropic import ChatAnthropic
 
-    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "anthropic_proxy": server.address}
+    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "anthropic_proxy": server.url}
     return ChatAnthropic(model_name=server.dialect.model, streaming=stream, **own)
 
 
@@ -325,4 +325,4 @@ PAIRS = [(way, dialect) for way, dialect in MEET if "play" not in way.without(di
 def environment(server: DialectServer) -> dict[str, str]:
     """The variables by which clients that ask for the real host reach the server."""
     emptied = dict.fromkeys([name for name in os.environ if name.lower().endswith("_proxy")], "")
-    return {**emptied, "HTTP_PROXY": server.address, "http_proxy": server.address, "NO_PROXY": "127.0.0.1,localhost"}
+    return {**emptied, "HTTP_PROXY": server.url, "http_proxy": server.url, "NO_PROXY": "127.0.0.1,localhost"}

@@ -6,8 +6,9 @@ import json
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+
+from tests.loopback import Loopback
 
 Answer = tuple[int, dict[str, Any]]
 
@@ -44,31 +45,12 @@ def serving(answer: Callable[[dict[str, Any], int], Answer]) -> Iterator[tuple[s
     bodies: list[dict[str, Any]] = []
     lock = threading.Lock()
 
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
+    def numbered(path: str, body: dict[str, Any]) -> tuple[int, str, bytes]:
+        with lock:
+            number = len(bodies)
+            bodies.append(body)
+        status, value = answer(body, number)
+        return status, "application/json", json.dumps(value).encode()
 
-        def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers["content-length"])))
-            with lock:
-                number = len(bodies)
-                bodies.append(body)
-            status, value = answer(body, number)
-            text = json.dumps(value).encode()
-            self.send_response(status)
-            self.send_header("content-type", "application/json")
-            self.send_header("content-length", str(len(text)))
-            self.end_headers()
-            self.wfile.write(text)
-
-        def log_message(self, *arguments: object) -> None: ...
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads = True
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/v1", bodies
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+    with Loopback(numbered) as server:
+        yield f"{server.url}/v1", bodies

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
@@ -16,6 +13,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
 from tests.evaluation.test_models_of_runs import BANDIT, MODEL
+from tests.loopback import Loopback
 
 pytest.importorskip("openai")
 
@@ -75,35 +73,12 @@ def test_reasoning_that_no_usage_counts_is_counted():
     assert report["reasoning"] == 3 * 6
 
 
-@contextmanager
-def web_page(kind: str) -> Iterator[str]:
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            self.rfile.read(int(self.headers["content-length"]))
-            self.send_response(200)
-            self.send_header("content-type", kind)
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>Hello</title>")
-
-        def log_message(self, *arguments: object) -> None: ...
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
-
-
 @pytest.mark.parametrize("kind", ["text/html", "application/json"])
 def test_a_web_page_is_not_a_model(kind):
-    with web_page(kind) as url:
-        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    with Loopback(lambda path, body: (200, kind, b"<!doctype html><title>Hello</title>")) as server:
+        code, output, _ = run("check", "--players", MODEL, "--base-url", server.url)
     assert code == 1
-    assert f"{url} answered with" in output
+    assert f"{server.url} answered with" in output
     assert "usually ends in /v1" in output
 
 
