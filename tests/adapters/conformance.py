@@ -16,6 +16,7 @@ import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -417,45 +418,6 @@ def calls_of(script: Script) -> list[tuple[str, Any]]:
     return [(function["name"], json.loads(function["arguments"])) for function in functions]
 
 
-class WindowConformance:
-    """What a framework that has an environment of its own is held to: the tests of `test_conformance.py` for one row.
-
-    Its test file has a class of this with its `row`.
-    """
-
-    row: Window
-
-    @pytest.mark.parametrize("budget", BUDGETS)
-    def test_the_game_cannot_tell_it_apart(self, budget):
-        judge_end(self.row, budget)
-
-    def test_the_tools_of_memory(self):
-        judge_memory(self.row)
-
-    def test_numbers_of_actions(self):
-        judge_numbers(self.row)
-
-    def test_words_without_a_call(self):
-        judge(self.row, IDLE, BUDGETS["tight"])
-
-    def test_arguments_that_are_no_json(self):
-        if not self.row.broken_json:
-            pytest.skip("its wire cannot carry them")
-        judge(self.row, BROKEN, BUDGETS["tight"])
-
-    def test_mistakes_without_end_are_asked_for_ten_times(self):
-        judge_mistakes_without_end(self.row)
-
-    def test_prompts_for_a_summary_are_answered_in_between(self):
-        judge_summaries(self.row)
-
-    def test_the_smaller_of_two_caps_on_replies_applies(self):
-        judge_caps(self.row)
-
-    def test_the_table_says_what_the_row_shows(self):
-        check_line(self.row)
-
-
 OURS, HOSTS = "This package manages the context", "The host manages the context"
 """The sections of `docs/what-is-enforced.md` with a line for each interface."""
 
@@ -478,6 +440,34 @@ def line_of(row: Window | Host) -> dict[str, str]:
 def check_line(row: Window) -> None:
     """Hold the table's line of an adapter to what its row shows."""
     assert line_of(row)["broken JSON"] == ("answered" if row.broken_json else "cannot occur")
+
+
+BROKEN_JSON = "arguments that are no JSON"
+
+CHECKS: Mapping[str, Callable[[Window], Any]] = {
+    **{f"the budget `{name}`": partial(judge_end, budget=name) for name in BUDGETS},
+    "the tools of memory": judge_memory,
+    "numbers of actions": judge_numbers,
+    "words without a call": partial(judge, script=IDLE, budget=BUDGETS["tight"]),
+    BROKEN_JSON: partial(judge, script=BROKEN, budget=BUDGETS["tight"]),
+    "mistakes without end": judge_mistakes_without_end,
+    "prompts for a summary": judge_summaries,
+    "the smaller of two caps": judge_caps,
+    "the line of the table": check_line,
+}
+"""What every row is held to, beside the situations; a wire that cannot carry broken JSON is not held to that."""
+
+
+class WindowConformance:
+    """What a framework that has an environment of its own is held to: `CHECKS` for the row of its test file's class."""
+
+    row: Window
+
+    @pytest.mark.parametrize("check", CHECKS)
+    def test_the_game_cannot_tell_it_apart(self, check):
+        if check == BROKEN_JSON and not self.row.broken_json:
+            pytest.skip("its wire cannot carry them")
+        CHECKS[check](self.row)
 
 
 HOST_BUDGET = sp.Budget(history=3)

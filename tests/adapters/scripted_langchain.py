@@ -13,7 +13,9 @@ from langchain_core.messages import BaseMessage
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.utils.function_calling import convert_to_openai_tool
-from smartplay_langchain import from_langchain, to_langchain
+from langgraph.graph import START, MessagesState, StateGraph
+from langgraph.prebuilt import ToolNode
+from smartplay_langchain import GraphSession, from_langchain, to_langchain
 
 from tests.adapters.conformance import Received
 
@@ -66,3 +68,20 @@ class ScriptedModel(BaseChatModel):
             reply.usage_metadata = UsageMetadata(**counts, input_token_details={"cache_read": usage.cached})
             reply.response_metadata["model_name"] = "scripted"
         return ChatResult(generations=[ChatGeneration(message=reply)])
+
+
+def playing_graph(session: GraphSession, speak: Any, **options: Any) -> Any:
+    """A graph of LangGraph's that plays to the end: `speak` asks the model, in a node with these options."""
+
+    def after_speaking(state: MessagesState) -> str:
+        if session.episode.done:
+            return "__end__"
+        return "tools" if getattr(state["messages"][-1], "tool_calls", ()) else "speak"
+
+    graph = StateGraph(MessagesState)
+    graph.add_node("speak", speak, **options)
+    graph.add_node("tools", ToolNode(session.tools, wrap_tool_call=session.wrap_tool_call))
+    graph.add_edge(START, "speak")
+    graph.add_conditional_edges("speak", after_speaking)
+    graph.add_edge("tools", "speak")
+    return graph.compile()

@@ -28,8 +28,7 @@ from langchain.agents.middleware import AgentMiddleware, ModelRetryMiddleware, d
 from langchain_core.callbacks import BaseCallbackHandler
 from langchain_core.messages import BaseMessage, HumanMessage
 from langgraph.checkpoint.memory import InMemorySaver
-from langgraph.graph import START, MessagesState, StateGraph
-from langgraph.prebuilt import ToolNode
+from langgraph.graph import MessagesState
 from langgraph.types import RetryPolicy
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient
 from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddleware
@@ -39,6 +38,7 @@ import smartplay_tools as sp
 from smartplay_tools.records.prompts import sent_prompts
 from tests.adapters.conformance import calling, fresh
 from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.scripted_langchain import playing_graph
 
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 
@@ -111,19 +111,9 @@ def langgraph(episode: sp.Episode, stub: Provider, retries: int = 0, *, asynchro
     async def aspeak(state: MessagesState) -> Any:
         return {"messages": await session.aask(model, state["messages"])}
 
-    def after_speaking(state: MessagesState) -> str:
-        if episode.done:
-            return "__end__"
-        return "tools" if getattr(state["messages"][-1], "tool_calls", ()) else "speak"
-
-    graph = StateGraph(MessagesState)
     policy = RetryPolicy(max_attempts=retries + 1, initial_interval=0.0, jitter=False, retry_on=Exception)
-    graph.add_node("speak", aspeak if asynchronously else speak, retry_policy=policy)
-    graph.add_node("tools", ToolNode(session.tools, wrap_tool_call=session.wrap_tool_call))
-    graph.add_edge(START, "speak")
-    graph.add_conditional_edges("speak", after_speaking)
-    graph.add_edge("tools", "speak")
-    return run(graph.compile(), model, asynchronously)
+    graph = playing_graph(session, aspeak if asynchronously else speak, retry_policy=policy)
+    return run(graph, model, asynchronously)
 
 
 def run(graph: Any, model: Any, asynchronously: bool) -> list[BaseMessage]:

@@ -136,24 +136,13 @@ def by_middleware(model: Model) -> Play:
 
 def by_graph(model: Model) -> Play:
     def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-        from langgraph.graph import START, MessagesState, StateGraph
-        from langgraph.prebuilt import ToolNode
         from smartplay_langchain import GraphSession
 
+        from tests.adapters.scripted_langchain import playing_graph
+
         session, chat = GraphSession(episode), model(server, stream)
-
-        def after_speaking(state: Any) -> str:
-            if episode.done:
-                return "__end__"
-            return "tools" if getattr(state["messages"][-1], "tool_calls", ()) else "speak"
-
-        graph = StateGraph(MessagesState)
-        graph.add_node("speak", lambda state: {"messages": session.ask(chat, state["messages"])})
-        graph.add_node("tools", ToolNode(session.tools, wrap_tool_call=session.wrap_tool_call))
-        graph.add_edge(START, "speak")
-        graph.add_conditional_edges("speak", after_speaking)
-        graph.add_edge("tools", "speak")
-        graph.compile().invoke({"messages": []}, {"recursion_limit": 200})
+        graph = playing_graph(session, lambda state: {"messages": session.ask(chat, state["messages"])})
+        graph.invoke({"messages": []}, {"recursion_limit": 200})
 
     return play
 
