@@ -154,7 +154,7 @@ async def test_a_handoff_to_an_agent_with_another_model_ends_a_closed_episode_as
 async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
     """The words at the end are not a request; a compatible server may leave out the sum of its counts."""
     episode, _ = fresh()
-    model = SmartPlayModel(WithoutSum([*map(calling, map(act, WAY))], sp.Usage(prompt=90, reply=9)), episode)
+    model = SmartPlayModel(WithoutSum([*map(calling, map(act, WAY))], sp.Usage(prompt=90, reply=9, cached=0)), episode)
     agent, options = (
         Agent("player", model=model, tools=model.tools),
         {"max_turns": None, "run_config": model.run_config},

@@ -116,10 +116,8 @@ WORDS = {"type": "text", "text": "..."}
 @pytest.mark.parametrize(
     ("blocks", "sent"),
     [
-        pytest.param([THOUGHT], [THOUGHT, WORDS], id="cut in its thinking"),
         pytest.param([THOUGHT, {"type": "text", "text": " "}], [THOUGHT, WORDS], id="words that are none"),
         pytest.param([THOUGHT, {"type": "text", "text": ""}, SO], [THOUGHT, SO], id="some words that are none"),
-        pytest.param([THOUGHT, SO], [THOUGHT, SO], id="as it should be"),
     ],
 )
 def test_thinking_goes_back_as_the_interface_takes_it(blocks, sent):

@@ -73,7 +73,7 @@ class TestToolkit:
         assert (made.description, made.args_schema) == (spec.description, spec.parameters)
 
     @pytest.mark.parametrize(
-        "arguments", [{}, {"actoin": "Rock"}, {"action": 1}, {"action": "Fly"}, {"self": 1, "config": 2}]
+        "arguments", [{}, {"actoin": "Rock"}, {"action": True}, {"action": "Fly"}, {"self": 1, "config": 2}]
     )
     def test_a_mistake_is_an_error_with_its_artifact(self, arguments):
         call = {"type": "tool_call", "id": "c", "name": "act", "args": arguments}
