@@ -121,9 +121,14 @@ def encodable(value: Any) -> Any:
 def sendable(message: Message) -> Message:
     """Return a copy of a message as requests can hold it: without half characters, its tools by accepted names."""
     copy: Message = encodable(message)
-    for call in calls_of(copy):
-        call["function"]["name"] = accepted_name(call["function"]["name"])
+    if calls := calls_of(copy):
+        copy["tool_calls"] = [_sendable_call(call) for call in calls]
     return copy
+
+
+def _sendable_call(call: MessageToolCall) -> MessageToolCall:
+    name, arguments = accepted_name(call["function"]["name"]), call["function"]["arguments"]
+    return {"id": call.get("id") or "", "type": "function", "function": {"name": name, "arguments": arguments}}
 
 
 def accepted_name(name: str, longest: int = 64) -> str:
