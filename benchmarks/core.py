@@ -28,9 +28,9 @@ import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.turns import Item, Turn
+from smartplay_tools.players.conversion import function_call
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import ResolvedBudget
-from smartplay_tools.types.messages import function_call
 
 HANOI = "Hanoi3Disk-v0"
 UNENDING = sp.Budget(tool_calls=None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import smartplay_tools as sp
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 from tests import scripts
 
 RPS = "RockPaperScissorDifferentScore-v0"

@@ -19,7 +19,7 @@ from smartplay_tools.context import tokens
 from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
 from smartplay_tools.context.tokens.o200k import o200k_base
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
-from smartplay_tools.types.messages import well_formed
+from smartplay_tools.types.arguments import well_formed
 
 WORDS = TokenCounter()
 

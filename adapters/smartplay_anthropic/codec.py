@@ -15,19 +15,17 @@ from typing import Any
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.context.prompts import CacheMarks
 from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer, reported_in, with_end
-from smartplay_tools.types.arguments import read
-from smartplay_tools.types.messages import (
+from smartplay_tools.players.conversion import (
     SYSTEM,
-    MessageToolCall,
     accepted_name,
     encodable,
     function_call,
     kept_item,
-    pictures_of,
     reply_message,
     system_text,
-    text_of,
 )
+from smartplay_tools.types.arguments import read
+from smartplay_tools.types.messages import MessageToolCall, pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
 
 ITEM = "anthropic_blocks"

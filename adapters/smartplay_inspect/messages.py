@@ -29,18 +29,17 @@ from inspect_ai.tool import ToolCall, ToolInfo, ToolParams
 
 from smartplay_tools import InvalidArgumentError, Message, Reply, ToolSpec, Usage
 from smartplay_tools.players import with_end
-from smartplay_tools.types.arguments import object_in
-from smartplay_tools.types.messages import (
+from smartplay_tools.players.conversion import (
     accepted_name,
-    calls_of,
     encodable,
     function_call,
     kept_item,
     reply_message,
     sendable,
     shown,
-    text_of,
 )
+from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.messages import calls_of, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "inspect_content"

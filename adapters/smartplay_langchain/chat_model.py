@@ -18,7 +18,8 @@ from pydantic import ConfigDict, Field
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
 from smartplay_tools.context.prompts import received
-from smartplay_tools.types.messages import arguments_text, calls_of, halves, text_of
+from smartplay_tools.players.conversion import arguments_text, halves
+from smartplay_tools.types.messages import calls_of, text_of
 
 
 class PlayerChatModel(BaseChatModel):

@@ -41,7 +41,7 @@ from smartplay_langchain.toolkit import artifact_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory
-from smartplay_tools.conversation.host_chat import check_names
+from smartplay_tools.players.conversion import check_names
 from smartplay_tools.types.messages import Call
 
 

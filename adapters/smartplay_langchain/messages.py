@@ -24,10 +24,8 @@ from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
 from smartplay_tools.players import with_end
-from smartplay_tools.types.arguments import object_in
-from smartplay_tools.types.messages import (
+from smartplay_tools.players.conversion import (
     SYSTEM,
-    MessageToolCall,
     accepted_name,
     encodable,
     function_call,
@@ -35,8 +33,9 @@ from smartplay_tools.types.messages import (
     reply_message,
     shown,
     system_text,
-    text_of,
 )
+from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.messages import MessageToolCall, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "langchain_message"

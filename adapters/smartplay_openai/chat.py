@@ -19,48 +19,24 @@ from typing import Any
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
+from smartplay_openai.stream_pieces import merged
 from smartplay_openai.text_calls import read_usage, sampled_tokens
 from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
+from smartplay_tools.players.conversion import halves, kept_item, sendable
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
-    MessageToolCall,
-    accepted_name,
     assistant_message,
     calls_of,
-    encodable,
-    halves,
-    kept_item,
     pictures_of,
     reasoning_of,
     text_of,
 )
 from smartplay_tools.types.pictures import Picture, is_picture
-from smartplay_tools.types.reply_fields import NOT_SENT, merged
-
-
-def acceptable(messages: Sequence[Message]) -> list[Message]:
-    """Return the messages with tool names that the interface takes, and without half characters."""
-    sent: list[Message] = []
-    for message in messages:
-        copy = message.copy()
-        for field, value in message.items():
-            if not (isinstance(value, str) and value.isascii()) and field != "tool_calls":
-                copy[field] = encodable(value)  # type: ignore[literal-required]
-        if message.get("tool_calls"):
-            copy["tool_calls"] = [_call(call) for call in message["tool_calls"]]
-        sent.append(copy)
-    return sent
-
-
-def _call(call: MessageToolCall) -> MessageToolCall:
-    name, arguments = accepted_name(call["function"]["name"]), encodable(call["function"]["arguments"])
-    call_id: str = encodable(call.get("id") or "")
-    return {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
-
+from smartplay_tools.types.reply_fields import NOT_SENT
 
 RENAMED = {"type": "chat_reasoning"}
 """The provider item of a reply whose thoughts came as `reasoning`, the newer name of `reasoning_content`."""
@@ -86,7 +62,7 @@ class ChatCompletions(Interface):
     def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
         """Return the messages."""
         prompt = with_pictures_below(prompt)
-        messages = [_sent(message, prompt.pictures) for message in acceptable(prompt.messages)]
+        messages = [_sent(sendable(message), prompt.pictures) for message in prompt.messages]
         if mark and (at := stable_end(prompt)) is not None:
             marked = {"type": "text", "text": text_of(messages[at]), **BREAKPOINT}
             messages[at] = {**messages[at], "content": [marked]}

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import Message, ToolSpec
-from smartplay_tools.conversation.host_chat import check_names
+from smartplay_tools.players.conversion import check_names
 from smartplay_tools.types.messages import calls_of
 
 

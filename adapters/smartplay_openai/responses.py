@@ -13,7 +13,6 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from smartplay_openai.chat import acceptable
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage
@@ -21,7 +20,8 @@ from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
 from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
-from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, halves, shown, text_of
+from smartplay_tools.players.conversion import halves, sendable, shown
+from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
 
 A = TypeVar("A")
@@ -45,7 +45,7 @@ class Responses(Interface):
         at = stable_end(prompt) if mark else None
         items = [
             _marked(item) if number == at else item
-            for number, message in enumerate(acceptable(prompt.messages))
+            for number, message in enumerate(map(sendable, prompt.messages))
             for item in _items(message, prompt.pictures)
         ]
         return {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}

@@ -20,7 +20,7 @@ from typing import Any
 
 from smartplay_tools import InvalidArgumentError, Message, SampledTokens, Usage
 from smartplay_tools.players import count_in, reported_in
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 
 WordsAndCalls = tuple[str, list[tuple[str, str]]]
 """The words around the calls, and each call's name and arguments as JSON."""

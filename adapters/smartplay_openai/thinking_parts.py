@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from smartplay_openai.stream_pieces import merged
 from smartplay_tools import Message
-from smartplay_tools.types.reply_fields import merged
 
 ITEM = "chat_thinking"
 """The type of the provider item that is one part with thoughts, with these as its `content`."""

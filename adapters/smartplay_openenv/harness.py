@@ -26,7 +26,7 @@ from openenv.core.harness import (
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
-from smartplay_tools.types.messages import encodable, sendable
+from smartplay_tools.players.conversion import encodable, sendable
 
 
 class SmartPlaySession(ResourceSession):

@@ -35,11 +35,9 @@ from pydantic_ai.usage import RequestUsage
 
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec, Usage
 from smartplay_tools.players import with_end
-from smartplay_tools.types.messages import (
+from smartplay_tools.players.conversion import (
     SYSTEM,
-    MessageToolCall,
     arguments_text,
-    calls_of,
     encodable,
     function_call,
     kept_item,
@@ -47,8 +45,8 @@ from smartplay_tools.types.messages import (
     sendable,
     shown,
     system_text,
-    text_of,
 )
+from smartplay_tools.types.messages import MessageToolCall, calls_of, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 ITEM = "pydantic_ai_response"

@@ -23,8 +23,6 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.messages import Message, text_of, words_of
 
-__all__ = ["HostChat", "HostHistory", "check_names"]
-
 log = logging.getLogger("smartplay_tools.conversation")
 
 
@@ -190,18 +188,6 @@ class HostChat:
     def _begun(self) -> AgentSession:
         assert self.session is not None, "the session begins with the first prompt"
         return self.session
-
-
-def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec] = ()) -> None:
-    """Raise an `InvalidArgumentError` for two tools with one name, which frameworks and models confuse.
-
-    Of the game's `own` tools a framework may have kept none: one with another description is not the game's.
-    """
-    described = {tool.name: tool.description for tool in own}
-    twice = {name for name, count in Counter(tool.name for tool in tools).items() if count > 1}
-    taken = {tool.name for tool in tools if described.get(tool.name, tool.description) != tool.description}
-    if clash := sorted(twice | taken):
-        raise InvalidArgumentError(f"Two tools have the name {', '.join(clash)}; rename yours.")
 
 
 def _words_of_user(messages: Iterable[Message]) -> Counter[str]:

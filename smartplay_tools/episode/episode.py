@@ -52,8 +52,8 @@ from smartplay_tools.types import (
     ToolSpec,
     facts_as_html,
 )
-from smartplay_tools.types.arguments import as_text, read
-from smartplay_tools.types.messages import Message, well_formed
+from smartplay_tools.types.arguments import as_text, read, well_formed
+from smartplay_tools.types.messages import Message
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame

@@ -169,9 +169,7 @@ def meaning(arguments: Arguments) -> str:
     """
     if arguments.values is None:
         return arguments.text
-    return canonical_text(
-        {name: str(value) if type(value) is int else value for name, value in arguments.values.items()}
-    )
+    return canonical_text({name: number_as_text(value) for name, value in arguments.values.items()})
 
 
 def as_text(arguments: Any) -> str:

@@ -11,7 +11,7 @@ from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, to
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 

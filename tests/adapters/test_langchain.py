@@ -24,7 +24,7 @@ from smartplay_langchain import (
 from smartplay_langchain.caching import messages_for
 
 import smartplay_tools as sp
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.scripted_langchain import ScriptedModel
 

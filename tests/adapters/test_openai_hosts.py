@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from starlette.testclient import TestClient
 
 import smartplay_tools as sp
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 
 LOCAL = "http://localhost"
 

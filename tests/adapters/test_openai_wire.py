@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 
 pytest.importorskip("openai")
 

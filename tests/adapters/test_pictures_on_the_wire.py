@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.players.conversion import function_call
 from smartplay_tools.records import recorded_pictures
-from smartplay_tools.types.messages import function_call
 from tests import scripts
 
 OBSERVE, NOOP = ("observe", "{}"), ("act", '{"action": "Noop"}')

@@ -11,7 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games import GameSpec
-from smartplay_tools.types.messages import function_call
+from smartplay_tools.players.conversion import function_call
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 

@@ -25,8 +25,8 @@ from smartplay_openai.window.formats import (
     objects,
 )
 from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.conversation.host_chat import check_names
-from smartplay_tools.types.messages import calls_of, encodable, halves, text_of, words_of
+from smartplay_tools.players.conversion import check_names, encodable, halves
+from smartplay_tools.types.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
 """What the ids of calls begin with: in the window, and in this interface."""

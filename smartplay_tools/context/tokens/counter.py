@@ -26,8 +26,8 @@ from smartplay_tools.context.tokens.tokenizers import (
     with_pictures,
 )
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.arguments import as_text, canonical
-from smartplay_tools.types.messages import calls_of, text_and_pictures, well_formed
+from smartplay_tools.types.arguments import as_text, canonical, well_formed
+from smartplay_tools.types.messages import calls_of, text_and_pictures
 
 CACHED_TEXTS = 32_768
 """How many texts a `TokenCounter` remembers: more than the longest episode of the benchmark has."""
