@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.types.reply_fields import NOT_COUNTED
+from smartplay_tools.types.reply_fields import NEIGHBOURS, NOT_COUNTED
 
 
 def merged(before: Any, piece: Any) -> Any:
@@ -44,4 +44,4 @@ def _begun(parts: Sequence[Any], piece: Any) -> int:
     if (index := piece.get("index")) is not None:
         return next((at for at in same if parts[at].get("index") == index), end)
     is_next = bool(same) and same[-1] == end - 1 and not parts[-1].get("signature")
-    return end - 1 if is_next and kind in ("text", "thinking", "reasoning.text", "reasoning.summary") else end
+    return end - 1 if is_next and kind in NEIGHBOURS else end

@@ -15,7 +15,6 @@ from typing import Any, Literal, NotRequired, Required, TypedDict
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read
 from smartplay_tools.types.pictures import is_picture
-from smartplay_tools.types.reply_fields import readable, texts_in
 
 __all__ = [
     "Call",
@@ -118,6 +117,10 @@ def reasoning_of(message: Mapping[str, Any]) -> str:
     """Return the readable text of a message's reasoning, in whichever fields its provider keeps it."""
     text: str = message.get("reasoning_content") or ""
     items, content = message.get("provider_items", ()), message.get("content")
+    if not items and not isinstance(content, list):
+        return text
+    from smartplay_tools.types.reply_fields import readable, texts_in  # reads a table that most replies do not need
+
     if message.get("role") == "assistant" and isinstance(content, list):
         parts = [part for part in content if isinstance(part, Mapping)]
         text += "".join(texts_in([{**part, str(_field_with_text(part)): None} for part in parts]))

@@ -2,36 +2,32 @@
 
 Providers put thoughts, signatures and further data beside the words and calls of a reply, each under names of its own.
 A field goes back under the name under which it came, whole. Counted is every text in it that a person could read, at
-any depth, also in fields that this library does not know.
+any depth, also in fields that this library does not know. The table is `reply_fields.toml`; docs/openai.md prints it.
 """
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
 from typing import Any
 
-__all__ = ["NOT_COUNTED", "NOT_SENT"]
+__all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT"]
 
+_TABLE = tomllib.loads(resources.files(__package__).joinpath("reply_fields.toml").read_text(encoding="utf-8"))
 
-NOT_SENT = frozenset({"annotations", "audio", "function_call"})
+NOT_SENT = frozenset(field["name"] for field in _TABLE["field"] if not field.get("sent", True))
 """The fields of a chat completion that requests must not have: citations, speech, the older form of a call."""
 
-NOT_COUNTED = frozenset(
-    {"id", "call_id", "call_ids", "tool_call_id", "response_id", "index", "encrypted_index"}
-    | {"type", "kind", "part_kind", "role", "phase", "format", "status", "cache_control"}
-    | {"signature", "thought_signature", "thoughtSignature", "encrypted_content"}
-    | {"model", "model_name", "model_provider", "provider_name"}
-)
+NOT_COUNTED = frozenset(_TABLE["not_counted"])
 """The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of models."""
 
-ENCRYPTED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
-"""The types of parts with an encrypted field, and the field."""
+NEIGHBOURS = frozenset(_TABLE["neighbours"])
+"""The types of parts that a piece of a stream without an index continues, up to their signature."""
 
-CALLS = frozenset({"tool_use", "tool-call", "tool_call", "function_call", "invalid_tool_call"})
-"""The types of parts that are calls, which count as such."""
-
-BESIDE = frozenset({"reasoning", "chat_thinking", "chat_call_fields", "chat_reasoning"})
-"""The types of provider items that go back beside the reply's own text; those of other types hold the whole reply."""
+_ENCRYPTED: dict[str, str] = _TABLE["encrypted"]
+_CALLS = frozenset(_TABLE["calls"])
+_BESIDE = frozenset(_TABLE["beside"])
 
 
 def readable(items: Sequence[Any], own: str) -> Iterator[str]:
@@ -45,7 +41,7 @@ def readable(items: Sequence[Any], own: str) -> Iterator[str]:
         if kind is None and isinstance(item, Mapping):
             item = {name: value for name, value in item.items() if name not in NOT_SENT}
         for text in texts_in(item):
-            if kind is not None and kind not in BESIDE and text in own:
+            if kind is not None and kind not in _BESIDE and text in own:
                 own = own.replace(text, "", 1)
             else:
                 yield text
@@ -58,8 +54,8 @@ def texts_in(value: Any) -> Iterator[str]:
     elif isinstance(value, list):
         for item in value:
             yield from texts_in(item)
-    elif isinstance(value, Mapping) and (kind := value.get("type", value.get("part_kind"))) not in CALLS:
-        encrypted = ENCRYPTED.get(kind) if isinstance(kind, str) else None
+    elif isinstance(value, Mapping) and (kind := value.get("type", value.get("part_kind"))) not in _CALLS:
+        encrypted = _ENCRYPTED.get(kind) if isinstance(kind, str) else None
         if value.get("redacted") is True:  # as Inspect marks it
             encrypted = "reasoning"
         for name, inner in value.items():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import random
+import tomllib
+from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +16,7 @@ from smartplay_openai.responses import RESPONSES
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.types.reply_fields import NOT_COUNTED, NOT_SENT
+from smartplay_tools.types.reply_fields import NOT_COUNTED
 
 DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
 WORDS = ["I", " go", " now", "\u00e9", "\U0001f600", ".", "\n", '"', "{"]
@@ -230,8 +232,15 @@ def test_fields_that_requests_must_not_have_stay_away():
     assert back({**unsent, "refusal": None, "reasoning": None}).keys() == {"role", "content", "tool_calls"}
 
 
-def test_the_page_names_the_fields_that_are_not_counted_and_those_that_do_not_go_back():
+def test_the_page_prints_the_table():
+    table = tomllib.loads(resources.files("smartplay_tools.types").joinpath("reply_fields.toml").read_text("utf-8"))
+    rows = [
+        f"| {row['interface']} | `{row['name']}` | {row['holds']} | {'yes' if row.get('counted', True) else 'no'} | "
+        f"{'yes' if row.get('sent', True) else 'no'} | {row['pieces']} | {row['empty']} |".replace(
+            "`any other`", "any other"
+        )
+        for row in table["field"]
+    ]
     text = DOCS.read_text(encoding="utf-8")
-    rows = [row.strip("| ").split(" | ") for row in text.splitlines() if row.startswith("| chat |")]
-    assert {row[1].strip("`") for row in rows if row[4] == "no"} == NOT_SENT
+    assert "\n".join(rows) in text, "docs/openai.md, Fields of a reply, has to be:\n" + "\n".join(rows)
     assert ", ".join(f"`{name}`" for name in sorted(NOT_COUNTED)) in " ".join(text.split())
