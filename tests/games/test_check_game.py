@@ -6,13 +6,12 @@ Each is a change of one or two places, and the sentence that names the rule.
 from __future__ import annotations
 
 import re
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.games import GAMES, gymnasium_game, specs
+from smartplay_tools.games import GAMES, specs
 from smartplay_tools.testing import CHECKS, check_game
 from tests.games.test_gymnasium_game import COINS
 
@@ -279,8 +278,8 @@ def test_a_mistake_in_a_game_around_gymnasium_is_named(changes, sentence):
         check_game(planted(GYMNASIUM_GAME, changes))
 
 
-def test_without_the_fence_around_the_global_streams_it_fails(monkeypatch):
-    monkeypatch.setattr(gymnasium_game, "_GlobalStreams", lambda seed: nullcontext())
+def test_an_environment_that_draws_from_the_global_streams_needs_streams_of_its_own(monkeypatch):
+    monkeypatch.setattr(COINS.entry_point, "uses_global_streams", False)
     with pytest.raises(AssertionError, match="moves the global stream of random"):
         check_game(COINS)
 
