@@ -214,6 +214,8 @@ def _joined(space: spaces.Space[Any], choice: tuple[int, ...]) -> Any:
 _IN_USE = threading.RLock()
 """Held while the global streams are those of a game."""
 
+_NUMPY: Any = np.random  # its stubs lack two of its functions
+
 _TWISTER_BYTES = 625 * 4
 """The size of the state of NumPy's `MT19937` in memory: 624 words and a position."""
 
@@ -235,21 +237,22 @@ class _GlobalStreams:
 
     def __enter__(self) -> None:
         _IN_USE.acquire()
-        bits = np.random.get_bit_generator()
+        bits = _NUMPY.get_bit_generator()
         is_untouched = _GlobalStreams.put_back == (bits, _memory(bits)) != (bits, b"")
         self._outside = random.getstate(), bits, None if is_untouched else np.random.get_state(legacy=False)
         random.setstate(self._python)
-        np.random.set_bit_generator(self._numpy)
+        _NUMPY.set_bit_generator(self._numpy)
 
     def __exit__(self, *_: object) -> None:
         python, bits, state = self._outside
         self._python = random.getstate()
         random.setstate(python)
-        np.random.set_bit_generator(bits)
-        has_second = state is not None and state["has_gauss"]
-        if has_second:
+        _NUMPY.set_bit_generator(bits)
+        if state is not None and state["has_gauss"]:
             np.random.set_state(state)
-        _GlobalStreams.put_back = None if has_second else (bits, _memory(bits))
+            _GlobalStreams.put_back = None
+        else:
+            _GlobalStreams.put_back = bits, _memory(bits)
         _IN_USE.release()
 
 

@@ -119,7 +119,8 @@ def recorded_game(name: str, digest: str | None) -> GameSpec:
 
 
 def _in_file(name: str, found: InFile) -> GameSpec:
-    return replace(found.value, file=without_folders(name), sha256=found.sha256)
+    spec: GameSpec = replace(found.value, file=without_folders(name), sha256=found.sha256)
+    return spec
 
 
 def _checked(spec: object) -> GameSpec:
