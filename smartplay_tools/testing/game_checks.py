@@ -29,6 +29,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -251,12 +252,16 @@ def is_not_changed_by_looking_at_it(spec: GameSpec) -> None:
     )
 
 
+def _note_score(scores: list[float], game: TextGame) -> None:
+    scores.append(game.score)
+
+
 def _look(game: TextGame, spec: GameSpec) -> None:
     """Require what a record needs of the facts that a game declares about its state."""
     facts: dict[str, Any] = {}
-    for name, ask in {"drawing": game.drawing, "needs": lambda: game.needs, "breaks": lambda: game.breaks}.items():
+    for name in ("drawing", "needs", "breaks"):
         try:
-            facts[name] = ask()
+            facts[name] = game.drawing() if name == "drawing" else getattr(game, name)
         except Exception as error:
             raise AssertionError(f"Asking for `{name}` raises {type(error).__name__}: {error}.") from error
     _require_json("drawing", facts["drawing"])
@@ -281,8 +286,7 @@ def has_a_future_that_its_state_hash_decides(spec: GameSpec) -> None:
             made.reset(seed=seed)
             for _ in range(steps):
                 before, action = made.state_hash(), int(rng.choice(few))
-                outcome = made.advance(action)
-                outcome = (*outcome, made.score, made.completed, made.state_hash())
+                outcome = (*made.advance(action), made.score, made.completed, made.state_hash())
                 _require(
                     outcomes.setdefault((before, action), outcome) == outcome,
                     f"{made.actions[action]!r} has two outcomes at the same state hash: `_state` misses something that "
@@ -522,7 +526,7 @@ def adds_no_less_than_its_worst_step(spec: GameSpec) -> None:
         made = spec.make()
         made.reset(seed=seed)
         scores: list[float] = []
-        random_walk(made, _walk(spec), seed, look=lambda game, scores=scores: scores.append(game.score))
+        random_walk(made, _walk(spec), seed, look=partial(_note_score, scores))
         scores.append(made.score)
         least = min(after - before for before, after in itertools.pairwise(scores))
         _require(least >= spec.worst_step, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
