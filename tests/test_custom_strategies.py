@@ -38,7 +38,7 @@ CODE = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTAL
 def file(tmp_path, monkeypatch):
     """The page's strategy in a file, known to nobody yet."""
     monkeypatch.setattr(custom, "_NAMED", {})
-    monkeypatch.setattr(custom, "_READ", {})
+    monkeypatch.setattr(custom.IN_FILES, "read", {})
     monkeypatch.chdir(tmp_path)
     (tmp_path / "first_and_newest.py").write_text(CODE, encoding="utf-8")
     return "first_and_newest.py:FirstAndNewest"
@@ -47,7 +47,7 @@ def file(tmp_path, monkeypatch):
 def forget():
     """Forget every strategy, as another process would."""
     custom._NAMED.clear()
-    custom._READ.clear()
+    custom.IN_FILES.read.clear()
 
 
 def played(strategy, **budget):
@@ -192,7 +192,7 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
         name, value, dist = "first", "first_and_newest:FirstAndNewest", None
 
         def load(self):
-            return registry.read_file(file).make
+            return registry.read_file(file).value
 
     monkeypatch.setattr(registry, "declared_in", lambda group: [Declared()] if group == custom.ENTRY_POINTS else [])
     result, events = played("first:turns=2")

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
@@ -78,6 +78,12 @@ class GameSpec:
     `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
 
+    `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
+    the least that a step adds to the score; None where the score is a final state and no sum.
+
+    `file` and `sha256` are the name (`FILE.py:NAME`) and the digest of the file that the setting was read from, if the
+    user has named it so; they are not given.
+
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
@@ -94,8 +100,12 @@ class GameSpec:
     score_bounds: tuple[float, float] | None = None
     two_valued: bool = False
     challenges: Mapping[str, int] = field(default_factory=dict)
+    memory: int | Literal["all"] | None = None
+    worst_step: float | None = None
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
+    file: str | None = None
+    sha256: str | None = None
 
     def load(self) -> type[TextGame]:
         """Import and return the game's class."""

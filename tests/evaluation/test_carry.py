@@ -155,7 +155,7 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not EXPERIMENT.exists(), reason="not in a checkout")
 def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
-    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").make
+    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").value
     without = run(tmp_path / "without", carry=None, chain=None)
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes
     assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
