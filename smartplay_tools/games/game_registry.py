@@ -8,6 +8,7 @@ package itself is imported when its setting is asked for. Every setting is a Gym
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -77,6 +78,7 @@ class GameSpec:
 
     `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+    `worst_step` is the least that a step adds to the score; None if the score is that of a final state, as in Hanoi.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
@@ -93,6 +95,7 @@ class GameSpec:
     min_score: float | None = None
     score_bounds: tuple[float, float] | None = None
     two_valued: bool = False
+    worst_step: float | None = None
     challenges: Mapping[str, int] = field(default_factory=dict)
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
@@ -118,6 +121,13 @@ class GameSpec:
             return None
         return normalize(score, self.human_score, self.min_score)
 
+    def least_score(self, score: float, steps: int) -> float:
+        """Return the least that an episode could have scored, had it not ended early with this score after `steps`."""
+        lowest = -math.inf if self.score_bounds is None else self.score_bounds[0]
+        if self.worst_step is not None:
+            return max(lowest, score + (self.rollout - steps) * self.worst_step)
+        return score if self.score_bounds is None else min(lowest, score)
+
     def _repr_html_(self) -> str:
         from smartplay_tools.types import facts_as_html
 
@@ -136,7 +146,8 @@ class Games(Mapping[str, GameSpec]):
 
     def __init__(self, benchmark: Iterable[GameSpec]) -> None:
         self._specs = {spec.id: spec for spec in benchmark}
-        self._benchmark = frozenset(self._specs)
+        self.benchmark = frozenset(self._specs)
+        """The ids of the paper's settings."""
 
     def __getitem__(self, game: str) -> GameSpec:
         if game not in self._specs:
@@ -167,7 +178,7 @@ class Games(Mapping[str, GameSpec]):
             raise InvalidArgumentError(
                 f"{spec.id!r} cannot be an id: write letters, digits and a version, as in Nim-v0."
             )
-        if spec.id in self._benchmark:
+        if spec.id in self.benchmark:
             raise InvalidArgumentError(f"{spec.id} is a setting of the benchmark; give yours another id.")
         self._specs[spec.id] = spec
         if gymnasium_is_ready():
@@ -176,11 +187,11 @@ class Games(Mapping[str, GameSpec]):
 
     def added(self) -> list[str]:
         """Return the settings beyond the benchmark's that were registered or loaded in this process."""
-        return [game for game in self._specs if game not in self._benchmark]
+        return [game for game in self._specs if game not in self.benchmark]
 
     def is_declared(self, game: str) -> bool:
         """Return whether a setting is the benchmark's or an installed package's, and so known in every process."""
-        return game in self._benchmark or any(declared.name == game for declared in self._declared())
+        return game in self.benchmark or any(declared.name == game for declared in self._declared())
 
     def tell_gymnasium(self) -> None:
         """Register every setting with Gymnasium; settings that packages declare, by name only."""
@@ -192,7 +203,7 @@ class Games(Mapping[str, GameSpec]):
 
     def _declared(self) -> list[EntryPoint]:
         """The settings that installed packages declare, without those that have an id of the benchmark."""
-        return [point for point in declared_in(ENTRY_POINTS) if point.name not in self._benchmark]
+        return [point for point in declared_in(ENTRY_POINTS) if point.name not in self.benchmark]
 
 
 def _load(declared: EntryPoint) -> GameSpec:
