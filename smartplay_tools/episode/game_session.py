@@ -185,6 +185,7 @@ class GameSession:
     def _act(self, action: int) -> Answer:
         began = time.perf_counter()
         try:
+            declared = self._declared(action)
             text, reward, terminated, truncated = self.game.advance(action)
         except Exception as error:
             # An engine that breaks ends this episode, on the record, and no other.
@@ -197,10 +198,18 @@ class GameSession:
         elif truncated or self.steps >= self.spec.rollout:
             self.end("rollout")
         over = self.end_reason is not None
-        data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True}
+        data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True, **declared}
         if over or self.steps % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
             data["state_hash"] = self.game.state_hash()
         return self._show_observation(text, self.words("game_is_over") if over else "", **data)
+
+    def _declared(self, action: int) -> dict[str, Any]:
+        """What the game declares about the action that comes next, for the record: `needs` and `breaks`."""
+        needs, breaks = self.game.needs, self.game.breaks
+        if needs is None and breaks is None:
+            return {}
+        declared = {"needs": needs, "breaks": breaks}
+        return {"action": action, **{name: list(value) for name, value in declared.items() if value is not None}}
 
     def _observation(self) -> tuple[str, bool]:
         """The current observation and whether it was cut; where the host owns the context, with the history."""

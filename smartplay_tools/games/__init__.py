@@ -1,9 +1,10 @@
 """The games and their settings. Each game is a module or folder with three parts: rules, text and environment.
 
-base           `TextGame`, what all games share
-game_registry  `GameSpec`, a setting, and the registry of settings by id, including those of other packages
-specs          the settings of the benchmark
-paper_tables   the paper's tables
+base            `TextGame`, what all games share
+gymnasium_game  `GymnasiumGame`, a text game around a Gymnasium environment
+game_registry   `GameSpec`, a setting, and the registry of settings by id, including those of other packages
+specs           the settings of the benchmark
+paper_tables    the paper's tables
 
 Nothing is imported here before it is asked for; a setting names its class as a string.
 """
@@ -17,6 +18,7 @@ from smartplay_tools.registry import lazy_exports
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame as TextGame, with_action_list as with_action_list
     from smartplay_tools.games.game_registry import GameSpec as GameSpec
+    from smartplay_tools.games.gymnasium_game import GymnasiumGame as GymnasiumGame
     from smartplay_tools.games.paper_tables import PAPER_RESULTS as PAPER_RESULTS
     from smartplay_tools.games.specs import GAMES as GAMES, get_spec as get_spec, register as register
 
@@ -27,6 +29,7 @@ if not TYPE_CHECKING:
             "smartplay_tools.games.base": "TextGame with_action_list",
             "smartplay_tools.games.paper_tables": "PAPER_RESULTS",
             "smartplay_tools.games.game_registry": "GameSpec",
+            "smartplay_tools.games.gymnasium_game": "GymnasiumGame",
             "smartplay_tools.games.specs": "GAMES get_spec register",
         },
     )

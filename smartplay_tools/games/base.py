@@ -47,6 +47,14 @@ class Words(spaces.Text):
     """
 
 
+class AnyWords(Words):
+    """A space of texts of any characters; those that it samples are letters and digits."""
+
+    def contains(self, x: Any) -> bool:
+        """Return whether a text has a length of the space."""
+        return isinstance(x, str) and self.min_length <= len(x) <= self.max_length
+
+
 @create_shared_memory.register(Words)
 def _refuse(space: Words, n: int = 1, ctx: Any = None) -> NoReturn:
     raise InvalidArgumentError(
@@ -120,12 +128,12 @@ class TextGame(gymnasium.Env[str, Any]):
         self,
         *,
         history: int | None,
-        longest_observation: int,
-        characters: str,
+        longest_observation: int = 4_000,
+        characters: str | None = None,
         render_mode: str | None = None,
         observation: str = "text",
     ) -> None:
-        """`longest_observation` (in characters) and `characters` are the bounds of the observation space.
+        """`longest_observation` (in characters) and `characters` (None for any) bound the observation space.
 
         `observation` is "text"; a picture in addition, or instead, is up to Gymnasium's wrapper.
         """
@@ -152,6 +160,8 @@ class TextGame(gymnasium.Env[str, Any]):
     @functools.cached_property
     def observation_space(self) -> spaces.Text:  # type: ignore[override]  # created at first use: agents never use it
         """Texts of the game's characters, up to its longest observation."""
+        if self._characters is None:
+            return AnyWords(min_length=1, max_length=self._longest_observation)
         characters = "".join(sorted(set(self._characters)))
         return Words(min_length=1, max_length=self._longest_observation, charset=characters)
 
@@ -197,6 +207,22 @@ class TextGame(gymnasium.Env[str, Any]):
     @property
     def optimal_action(self) -> int | None:
         """The best action given the whole state; None if no optimum is known, or the game is over."""
+        return None
+
+    @property
+    def needs(self) -> Sequence[int] | None:
+        """The steps whose observations the next right action depends on, step 0 being the reset; None if unknown.
+
+        It is on record with each action, and never shown to the player.
+        """
+        return None
+
+    @property
+    def breaks(self) -> Sequence[int] | None:
+        """The actions, as `step` takes them, that break the game's rules in this state; None if it declares none.
+
+        It is on record with each action, and never shown to the player.
+        """
         return None
 
     def deviations(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
@@ -80,6 +80,9 @@ class GameSpec:
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
     `worst_step` is the least that a step adds to the score; None if the score is that of a final state, as in Hanoi.
 
+    `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
+    the least that a step adds to the score; None where the score is a final state and no sum.
+
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
@@ -97,6 +100,8 @@ class GameSpec:
     two_valued: bool = False
     worst_step: float | None = None
     challenges: Mapping[str, int] = field(default_factory=dict)
+    memory: int | Literal["all"] | None = None
+    worst_step: float | None = None
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
 

@@ -166,7 +166,11 @@ class CallEvent(TypedDict):
     is_error: bool
     done: bool
     data: dict[str, Any]
-    """The result's data: `picture`, for example, is the sha256, width and height of the picture shown."""
+    """The result's data: `picture`, for example, is the sha256, width and height of the picture shown.
+
+    Where the game declares them, `needs` and `breaks` (`TextGame`) are those before the action, and `action` is its
+    number as the game takes it.
+    """
     cut: bool
     """Whether the answer was cut to its cap."""
     host: NotRequired[Literal["edited", "refused"]]
