@@ -78,10 +78,9 @@ class GameSpec:
 
     `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
-    `worst_step` is the least that a step adds to the score; None if the score is that of a final state, as in Hanoi.
 
     `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
-    the least that a step adds to the score; None where the score is a final state and no sum.
+    the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
@@ -98,7 +97,6 @@ class GameSpec:
     min_score: float | None = None
     score_bounds: tuple[float, float] | None = None
     two_valued: bool = False
-    worst_step: float | None = None
     challenges: Mapping[str, int] = field(default_factory=dict)
     memory: int | Literal["all"] | None = None
     worst_step: float | None = None

@@ -5,9 +5,9 @@ straight lines. Scores are relative: 0 is the random player's on the same seeds,
 the game. All curves of a player at a game have this one yardstick, so their areas can be compared. At 1 no cap costs
 the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that range.
 An episode that ended early counts as the least that its missing steps could have led to (`records.rows.counted_score`).
-So does a cap that is too small for one of the compared strategies but not for all, as an episode without a step: all are
-measured over one range of caps. Where a game declares no least score, such a cap counts as the random score. The area
-varies with the grid of caps by 0.01 to 0.02, so only areas over the same grid are compared.
+So does a cap that is too small for one of the compared strategies but not for all, as an episode without a step: all
+are measured over one range of caps. Where a game declares no least score, such a cap counts as the random score. The
+area varies with the grid of caps by 0.01 to 0.02, so only areas over the same grid are compared.
 
 The interval is a jackknife over seeds: everything of a seed is left out together.
 """
