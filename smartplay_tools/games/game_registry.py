@@ -14,6 +14,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
@@ -144,6 +146,25 @@ class GameSpec:
         return {**vars(self), "challenges": dict(self.challenges)}
 
 
+PACKS = ("smartplay_popgym:CARDS", "smartplay_popgym:LABYRINTHS", "smartplay_minigrid:ROOMS")
+"""The packs of games that come with this package."""
+
+
+@dataclass(frozen=True)
+class Pack:
+    """Settings whose environments are another package's, which an extra of this package installs."""
+
+    extra: str
+    packages: tuple[str, ...]
+    """What has to be installed to play them."""
+    settings: tuple[GameSpec, ...]
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether they can be played here."""
+        return all(find_spec(package) is not None for package in self.packages)
+
+
 class Games(Mapping[str, GameSpec]):
     """The settings by id, the benchmark's first. An unknown id raises `UnknownNameError`, a `KeyError`."""
 
@@ -153,17 +174,20 @@ class Games(Mapping[str, GameSpec]):
         """The ids of the paper's settings."""
 
     def __getitem__(self, game: str) -> GameSpec:
-        if game not in self._specs:
+        if game in self._specs:
+            return self._specs[game]
+        if game not in self._packed:
             for declared in self._declared():
                 if declared.name == game and not _IMPORTS.get():
                     raise PackageNotImportedError(declared)
                 if declared.name == game:
                     return self.register(_load(declared))
             raise UnknownNameError("game", game, self)
-        return self._specs[game]
+        return self._packed[game]
 
     def __iter__(self) -> Iterator[str]:
-        yield from dict.fromkeys([*self._specs, *sorted(declared.name for declared in self._declared())])
+        declared = sorted(declared.name for declared in self._declared())
+        yield from dict.fromkeys([*self._specs, *self._installed(), *declared])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -172,8 +196,8 @@ class Games(Mapping[str, GameSpec]):
         return f"{type(self).__name__}({', '.join(self)})"
 
     def is_loaded(self, game: str) -> bool:
-        """Return whether a setting is the benchmark's or was registered here, so that nothing is imported for it."""
-        return game in self._specs
+        """Return whether a setting is this package's or was registered here, so that nothing foreign is imported."""
+        return game in self._specs or game in self._packed
 
     def register(self, spec: GameSpec) -> GameSpec:
         """Add a setting, or replace one that was added before; those of the benchmark cannot be replaced."""
@@ -193,16 +217,29 @@ class Games(Mapping[str, GameSpec]):
         return [game for game in self._specs if game not in self.benchmark]
 
     def is_declared(self, game: str) -> bool:
-        """Return whether a setting is the benchmark's or an installed package's, and so known in every process."""
-        return game in self.benchmark or any(declared.name == game for declared in self._declared())
+        """Return whether a setting is this or another installed package's, and so known in every process."""
+        return (
+            game in self.benchmark
+            or game in self._packed
+            or any(declared.name == game for declared in self._declared())
+        )
 
     def tell_gymnasium(self) -> None:
         """Register every setting with Gymnasium; settings that packages declare, by name only."""
-        for spec in self._specs.values():
+        for spec in {**self._installed(), **self._specs}.values():
             _register_with_gymnasium(spec)
         for declared in self._declared():
             if declared.name not in self._specs:
                 _announce_to_gymnasium(declared, self)
+
+    @cached_property
+    def _packed(self) -> dict[str, GameSpec]:
+        """The settings of all packs: they are known where they cannot be played, so that their results can be read."""
+        return {spec.id: spec for pack in map(resolve, PACKS) for spec in pack.settings}
+
+    def _installed(self) -> dict[str, GameSpec]:
+        """The settings of the packs that can be played here."""
+        return {spec.id: spec for pack in map(resolve, PACKS) if pack.is_installed for spec in pack.settings}
 
     def _declared(self) -> list[EntryPoint]:
         """The settings that installed packages declare, without those that have an id of the benchmark."""
