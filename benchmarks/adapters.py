@@ -27,6 +27,7 @@ from typing import Any
 import httpx2
 import mcp_types as types
 import uvicorn
+from core import microseconds
 from langchain_core.tools import StructuredTool
 from mcp import Client, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
@@ -63,7 +64,7 @@ def main() -> None:
 
 def tool_calls(calls: int) -> Iterator[Row]:
     episode = fresh()
-    alone = median(lambda: episode.call("act", ACT), calls)
+    alone = microseconds(lambda: episode.call("act", ACT), calls)
     yield "Episode.call", alone, alone, None
     yield "LangChain tool", *langchain_tool(calls)
     in_memory = asyncio.run(mcp_in_memory(calls))
@@ -89,15 +90,6 @@ def fresh() -> sp.Episode:
     return sp.Episode(long, seed=1, context="host", budget=sp.Budget(tool_calls=None))
 
 
-def median(call: Callable[[], Any], calls: int) -> float:
-    times = []
-    for _ in range(calls):
-        begun = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begun)
-    return statistics.median(times) * 1e6
-
-
 async def amedian(call: Callable[[], Awaitable[Any]], calls: int) -> float:
     times = []
     for _ in range(calls):
@@ -111,8 +103,8 @@ def langchain_tool(calls: int) -> tuple[float, float, float]:
     act = SmartPlayToolkit(episode=fresh()).get_tools()[1]
     constant = StructuredTool(name="act", description="-", args_schema=act.args_schema, func=lambda **_: "constant")
     sent = {"type": "tool_call", "id": "c", "name": "act", "args": ACT}
-    ours = median(lambda: act._run(**ACT), calls)
-    return ours, median(lambda: act.invoke(sent), calls), median(lambda: constant.invoke(sent), calls)
+    ours = microseconds(lambda: act._run(**ACT), calls)
+    return ours, microseconds(lambda: act.invoke(sent), calls), microseconds(lambda: constant.invoke(sent), calls)
 
 
 async def mcp_in_memory(calls: int) -> tuple[float, float, float]:

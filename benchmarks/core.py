@@ -30,6 +30,7 @@ from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenize
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import ResolvedBudget
+from smartplay_tools.types.messages import function_call
 
 HANOI = "Hanoi3Disk-v0"
 UNENDING = sp.Budget(tool_calls=None)
@@ -81,12 +82,8 @@ def conversation(turns: int) -> tuple[list[sp.Message], list[Turn]]:
     made = []
     for n in range(turns):
         call_id = f"call_{n}"
-        function = {"name": "act", "arguments": '{"action": "Move the top disk of rod A to the top of rod B"}'}
-        assistant: sp.Message = {
-            "role": "assistant",
-            "content": f"Step {n}: I move a disk.",
-            "tool_calls": [{"id": call_id, "type": "function", "function": function}],
-        }
+        call = function_call(call_id, "act", {"action": "Move the top disk of rod A to the top of rod B"})
+        assistant: sp.Message = {"role": "assistant", "content": f"Step {n}: I move a disk.", "tool_calls": [call]}
         text = f"You tried move {n}. Current configuration:\n- A: |bottom, [2, 1, 0], top|\n- B: |bottom, [], top|"
         result: sp.Message = {"role": "tool", "content": text, "tool_call_id": call_id}
         made.append(Turn(n, assistant, (Item(result, n + 1, n + 1, position=0),), n))

@@ -114,15 +114,13 @@ def main() -> None:
     arguments.add_argument("--concurrent", type=int, default=300)
     asked = arguments.parse_args()
     console = Console()
-    table = Table(title=f"Process executor, {WORKERS} workers, {os.cpu_count()} processors")
-    for heading in ("engine", "player", "episodes", "wall", "steps/s", "in episodes", "in the game"):
-        table.add_column(heading)
+    headings = ("engine", "player", "episodes", "wall", "steps/s", "in episodes", "in the game")
+    table = Table(*headings, title=f"Process executor, {WORKERS} workers, {os.cpu_count()} processors")
     table.add_row(*processes(asked.episodes, "fast", "random"))
     table.add_row(*processes(asked.episodes, "crafter", "random"))
     console.print(table)
-    table = Table(title=f"Async executor, local endpoint, answers in {PACE} s")
-    for heading in ("asked at once", "finished", "failed", "wall", "ideal", "calls/s", "in flight, mean"):
-        table.add_column(heading)
+    headings = ("asked at once", "finished", "failed", "wall", "ideal", "calls/s", "in flight, mean")
+    table = Table(*headings, title=f"Async executor, local endpoint, answers in {PACE} s")
     table.add_row(*waiting(asked.concurrent))
     console.print(table)
 

@@ -12,11 +12,11 @@ command continues where it stopped; `--publish` puts the table into the document
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from page_tables import complete, interval, publish, table_row
+from page_tables import Column, arguments, comparison_table, complete, interval, show
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -68,16 +68,13 @@ def main() -> None:
         out=asked.out,
         workers=asked.workers,
     )
-    written = table(done)
-    print(written)
-    if asked.publish:
-        publish(PAGE, "arena", written)
+    show(PAGE, "arena", table(done), publishes=asked.publish)
 
 
 def table(done: Run) -> str:
     """Every strategy beside plain dropping under the same cap, in Markdown; intervals hold together."""
     comparisons = compare_windows(done.rows, along=(*STRATEGIES, "slack"))
-    columns: list[tuple[str, Callable[[WindowComparison], str]]] = [
+    columns: list[Column] = [
         ("game", lambda c: f"`{c.cell.game}`"),
         ("player", _player),
         ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
@@ -87,10 +84,8 @@ def table(done: Run) -> str:
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
     ]
-    lines = [table_row([heading for heading, _ in columns]), table_row(["---"] * len(columns))]
     shown = [c for c in comparisons if c.cell.player != CONTROL]
-    lines += [table_row([show(comparison) for _, show in columns]) for comparison in shown]
-    return "\n".join([*lines, "", *_control(done.rows)])
+    return "\n".join([comparison_table(columns, shown), "", *_control(done.rows)])
 
 
 def _control(rows: Sequence[Row]) -> list[str]:
@@ -114,13 +109,11 @@ def _player(comparison: WindowComparison) -> str:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Strategies for the past under the same caps, on the same seeds.")
+    parser = arguments("Strategies for the past under the same caps, on the same seeds.", "runs/arena")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
     parser.add_argument("--strategy", action="append", help="a strategy of your own, FILE.py:CLASS; repeatable")
     parser.add_argument("--trials", type=int, default=20, help="episodes of every cell")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
-    parser.add_argument("--out", type=Path, default=Path("runs/arena"), help="the folder of the run")
-    parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
     return parser.parse_args()
 
 

@@ -10,7 +10,6 @@ down before the worlds of `SEED` were played. Their intervals hold together, and
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 
 from arena import HISTORY
 from arena_curves import LEARNED_GAME, STAGES, SUBJECT, areas_of, play, play_learned, priced, read_rows, write_rows
-from page_tables import complete, publish, table_row
+from page_tables import arguments, complete, show, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -164,19 +163,14 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Print the table of the published rows, or play."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "runs/claims")
     parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
-    parser.add_argument("--out", type=Path, default=Path("runs/claims"), help="where the runs are")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
-    parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
         write_rows(played(asked.out, asked.learned), asked.out / "rows.jsonl.xz")
         return
-    written = "\n".join(table(read_rows(PUBLISHED)))
-    print(written)
-    if asked.publish:
-        publish(PAGE, "arena-claims", written)
+    show(PAGE, "arena-claims", "\n".join(table(read_rows(PUBLISHED))), publishes=asked.publish)
 
 
 if __name__ == "__main__":

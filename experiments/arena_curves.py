@@ -11,7 +11,6 @@ Rows are those of runs, each with the calls of memory tools and with what the ep
 
 from __future__ import annotations
 
-import argparse
 import json
 import lzma
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import complete, interval, publish, table_row
+from page_tables import arguments, complete, interval, show, table_row
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -241,12 +240,10 @@ def _place(cell: PlayedCell) -> tuple[str, str, int | None]:
 
 def main() -> None:
     """Print the tables of the published rows, or play."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "runs/curves")
     parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
-    parser.add_argument("--out", type=Path, default=Path("runs/curves"), help="where the runs are")
     parser.add_argument("--game", action="append", choices=[*STAGES], help="play this game alone; repeatable")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
-    parser.add_argument("--publish", action="store_true", help="put tables and figure into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
         write_rows(_played(asked.game or STAGES, asked.out, asked.learned), asked.out / "rows.jsonl.xz")
@@ -254,10 +251,7 @@ def main() -> None:
     rows = read_rows(PUBLISHED)
     curves = areas_of(rows)
     for name, lines in {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(curves)}.items():
-        written = "\n".join(lines)
-        print(written, "\n")
-        if asked.publish:
-            publish(PAGE, name, written)
+        show(PAGE, name, "\n".join(lines), publishes=asked.publish)
     if asked.publish:
         drawn = [each for each in curves if each.name.startswith(SUBJECT.name)]
         save_figure(areas_under_curves(drawn), PAGE.parent / "figures" / "arena-areas", formats=["svg"])

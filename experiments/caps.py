@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from page_tables import publish
+from page_tables import show
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer
@@ -42,10 +42,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="episodes of every player")
     parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
     asked = parser.parse_args()
-    table = "\n".join(_table(asked.seeds))
-    print(table)
-    if asked.publish:
-        publish(PAGE, "caps", table)
+    show(PAGE, "caps", "\n".join(_table(asked.seeds)), publishes=asked.publish)
 
 
 def _table(seeds: int) -> Iterator[str]:

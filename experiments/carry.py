@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from page_tables import complete, interval, publish
+from page_tables import arguments, complete, interval, show
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -63,10 +63,8 @@ def main() -> None:
             **({} if carry is None else {"carry": "notes", "chain": CHAIN}),
         )
         rows += done.rows
-    written = "\n".join(table(rows))
-    print(written)
+    show(DOCS / "experiments.md", "carry", "\n".join(table(rows)), publishes=asked.publish)
     if asked.publish:
-        publish(DOCS / "experiments.md", "carry", written)
         save_figure(score_against_trial(rows), DOCS / "figures" / "carry-score-against-trial", formats=["svg"])
 
 
@@ -127,12 +125,10 @@ def _name(cell: PlayedCell) -> str:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="What notes are worth from trial to trial.")
+    parser = arguments("What notes are worth from trial to trial.", "runs/carry")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
     parser.add_argument("--chains", type=int, default=40, help="chains of every game")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
-    parser.add_argument("--out", type=Path, default=Path("runs/carry"), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put table and figure into the documentation")
     return parser.parse_args()
 
 

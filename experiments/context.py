@@ -20,7 +20,7 @@ from pathlib import Path
 
 from context_questions import CONTROL, QUESTIONS
 from context_tables import table
-from page_tables import mark, publish as publish_table
+from page_tables import arguments, mark, publish as publish_table
 from strategy_figure import ALONG, effects_of_strategies
 
 import smartplay_tools as sp
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="What a smaller context costs in score, and saves in tokens.")
+    parser = arguments("What a smaller context costs in score, and saves in tokens.", "runs/context")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
     parser.add_argument("--base-url", help="the address of the server of openai:MODEL")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=list(QUESTIONS), help="all by default")
@@ -58,8 +58,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     parser.add_argument("--reply-tokens", type=int, help="cap on every reply, which a model needs")
     parser.add_argument("--run-tokens", type=int, help="cap on the tokens of each question")
-    parser.add_argument("--out", type=Path, default=Path("runs/context"), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put figures and tables into the documentation")
     return parser.parse_args()
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
 from context_questions import CONTROL, QUESTIONS
+from page_tables import Column, comparison_table, interval, markdown_table
 
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -20,8 +21,6 @@ from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.runs.sweeps import Sweep
 from smartplay_tools.types import STRATEGIES
 
-Column = tuple[str, Callable[[WindowComparison], str]]
-
 
 def table(name: str, played: Sweep) -> str:
     """The answer to a question, in Markdown."""
@@ -32,41 +31,35 @@ def table(name: str, played: Sweep) -> str:
     if name == "money":
         return _money(played)
     varied = {"prompt-tokens": "prompt_tokens", "slack": "slack"}.get(name, "history")
-    columns: list[Column] = [
+    columns = _columns((varied.replace("_", " "), lambda c: _limit(c.cell.budget[varied])), "difference [95 %]")
+    if name == "slack":
+        columns.append(("gain (percentage points)", lambda c: _points(c.differences.get("prefix_share"))))
+    shown = [c for c in comparisons if name != "history" or c.cell.player != CONTROL]
+    more = {"history": _control, "crafter": _notes, "messenger": _notes}.get(name)
+    return "\n".join([comparison_table(columns, shown), *(["", *more(played)] if more else [])])
+
+
+def _columns(place: Column, less: str) -> list[Column]:
+    """The columns of every comparison of windows; `place` says which window it is, `less` what it is compared with."""
+    return [
         ("game", lambda c: f"`{c.cell.game}`"),
         ("player", lambda c: c.cell.player),
-        (varied.replace("_", " "), lambda c: _limit(c.cell.budget[varied])),
+        place,
         ("episodes", lambda c: str(c.episodes)),
-        ("score [95 %]", lambda c: _interval(c.means["score"])),
-        ("difference [95 %]", lambda c: "reference" if c.is_full else _difference(c.differences.get("score"))),
+        ("score [95 %]", lambda c: interval(c.means["score"])),
+        (less, lambda c: "reference" if c.is_full else _difference(c.differences.get("score"))),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
     ]
-    if name == "slack":
-        columns.append(("gain (percentage points)", lambda c: _points(c.differences.get("prefix_share"))))
-    lines = [_row(heading for heading, _ in columns), _row("---" for _ in columns)]
-    shown = [c for c in comparisons if name != "history" or c.cell.player != CONTROL]
-    lines += [_row(show(comparison) for _, show in columns) for comparison in shown]
-    more = {"history": _control, "crafter": _notes, "messenger": _notes}.get(name)
-    return "\n".join(lines + (["", *more(played)] if more else []))
 
 
 def _strategies(played: Sweep, comparisons: Sequence[WindowComparison]) -> str:
     """Every strategy beside plain dropping under the same cap, and what it costs where prompts are cached."""
     costs = _costs(played, STRATEGY_RULES)
-    columns: list[Column] = [
-        ("game", lambda c: f"`{c.cell.game}`"),
-        ("player", lambda c: c.cell.player),
-        ("cap: strategy", lambda c: f"{_limit(c.cell.budget['prompt_tokens'])}: {strategy_name(c.cell)}"),
-        ("episodes", lambda c: str(c.episodes)),
-        ("score [95 %]", lambda c: _interval(c.means["score"])),
-        ("less dropping [95 %]", lambda c: "reference" if c.is_full else _difference(c.differences.get("score"))),
-        ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
-        ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
-    ]
+    place = "cap: strategy", lambda c: f"{_limit(c.cell.budget['prompt_tokens'])}: {strategy_name(c.cell)}"
+    columns = _columns(place, "less dropping [95 %]")
     columns += [(tariff.label, partial(_cost_under, costs, at)) for at, tariff in enumerate(STRATEGY_RULES)]
-    lines = [_row(heading for heading, _ in columns), _row("---" for _ in columns)]
-    return "\n".join(lines + [_row(show(comparison) for _, show in columns) for comparison in comparisons])
+    return comparison_table(columns, comparisons)
 
 
 def _cost_under(costs: dict[bytes, CellCost], at: int, comparison: WindowComparison) -> str:
@@ -76,16 +69,8 @@ def _cost_under(costs: dict[bytes, CellCost], at: int, comparison: WindowCompari
 def _money(played: Sweep) -> str:
     """What an episode of every window costs under the rules of caches, the least of a game and a rule in bold."""
     costs = list(_costs(played, MONEY_RULES).values())
-    headings = (
-        "game",
-        "player",
-        "cap, slack",
-        "episodes",
-        "score",
-        "tokens",
-        *(tariff.label for tariff in MONEY_RULES),
-    )
-    lines = [_row(headings), _row("---" for _ in headings)]
+    headings = ("game", "player", "cap, slack", "episodes", "score", "tokens", *(rule.label for rule in MONEY_RULES))
+    lines: list[tuple[str, ...]] = []
     for cost in costs:
         rivals = [other for other in costs if other.cell.game == cost.cell.game]
         amounts = (
@@ -94,8 +79,8 @@ def _money(played: Sweep) -> str:
         )
         window = f"{_limit(cost.cell.budget['prompt_tokens'])}, {cost.cell.budget['slack']:g}"
         facts = (f"`{cost.cell.game}`", cost.cell.player, window, str(cost.episodes), f"{cost.score:,.4g}")
-        lines.append(_row((*facts, short(cost.tokens), *amounts)))
-    return "\n".join(lines)
+        lines.append((*facts, short(cost.tokens), *amounts))
+    return markdown_table(headings, lines)
 
 
 def _costs(played: Sweep, tariffs: Sequence[Tariff]) -> dict[bytes, CellCost]:
@@ -126,7 +111,8 @@ def _control(played: Sweep) -> list[str]:
 
 def _notes(played: Sweep) -> list[str]:
     """The effect of notes with each history, seed by seed."""
-    lines = [_row(("history", "game", "pairs", "score of rule-notes less that of rule [95 %]")), _row(("---",) * 4)]
+    headings = ("history", "game", "pairs", "score of rule-notes less that of rule [95 %]")
+    lines: list[tuple[str, ...]] = []
     with_notes, without = (
         {(cell.game, cell.budget["history"]): rows for cell, rows in by_cell(played.rows) if cell.player == name}
         for name in ("rule-notes", "rule")
@@ -134,31 +120,17 @@ def _notes(played: Sweep) -> list[str]:
     for game, history in with_notes:
         effect = paired_difference(with_notes[game, history], without.get((game, history), []), MEASURES["score"])
         if effect is not None:
-            lines.append(_row((str(history), f"`{game}`", str(effect.episodes), _difference(effect))))
-    return lines if len(lines) > 2 else []
-
-
-def _row(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+            lines.append((str(history), f"`{game}`", str(effect.episodes), _difference(effect)))
+    return [markdown_table(headings, lines)] if lines else []
 
 
 def _limit(value: float | None) -> str:
     return "none" if value is None else f"{value:,g}"
 
 
-def _interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
-    if estimate is None:
-        return "no pairs"
-    digits = ",.0f" if max(abs(estimate.mean), abs(estimate.high or 0)) >= 100 else ",.2f"
-    mean = f"{estimate.mean:{sign}{digits}}"
-    if estimate.low is None or estimate.high is None:
-        return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
-    return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"
-
-
 def _difference(estimate: MeanEstimate | None) -> str:
     """A difference, with the smallest one that as many pairs would probably show (MDE) where 0 is not excluded."""
-    text = _interval(estimate, "+")
+    text = interval(estimate, "+")
     if estimate is None or estimate.low is None or estimate.high is None or not estimate.low <= 0 <= estimate.high:
         return text
     if not estimate.sd:

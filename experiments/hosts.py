@@ -27,7 +27,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from page_tables import complete, interval, publish
+from page_tables import arguments, complete, interval, show
 from smartplay_openai import LocalEndpoint
 
 import smartplay_tools as sp
@@ -249,9 +249,7 @@ def main() -> None:
     agents = {name: agent_of(name, asked.player) for name in asked.host or HOSTS}
     hosted = run(agents, out=asked.out / "hosts", context="host", workers=1)
     written = "\n".join(table(window.rows, hosted.rows, hosted.folder))
-    print(written)
-    if asked.publish:
-        publish(PAGE, "-".join(["hosts", *(asked.host or ())]), written)
+    show(PAGE, "-".join(["hosts", *(asked.host or ())]), written, publishes=asked.publish)
 
 
 def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> Iterator[str]:
@@ -286,12 +284,10 @@ def _share_over(rows: Sequence[Row], folder: RunFolder) -> str:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Context strategies of other frameworks, on the same worlds.")
+    parser = arguments("Context strategies of other frameworks, on the same worlds.", "runs/hosts")
     parser.add_argument("--player", default="rule-notes", help="what answers in the place of the frameworks' model")
     parser.add_argument("--host", action="append", choices=[*HOSTS, *APART], help="one of the hosts alone; repeatable")
     parser.add_argument("--trials", type=int, default=10, help="episodes of every cell")
-    parser.add_argument("--out", type=Path, default=Path("runs/hosts"), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
     return parser.parse_args()
 
 

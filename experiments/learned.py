@@ -13,21 +13,19 @@ cells are published beside the rows.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from learned_tables import Played, publish, tables
+from page_tables import arguments
 
 PUBLISHED = Path(__file__).parent / "learned"
 
 
 def main() -> None:
     """Play, or print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "runs/learned")
     parser.add_argument("what", choices=("play", "table"))
-    parser.add_argument("--out", type=Path, default=Path("runs/learned"))
     parser.add_argument("--quick", action="store_true", help="play a few small cells, of each kind one")
-    parser.add_argument("--publish", action="store_true", help="put tables and figure into the documentation")
     asked = parser.parse_args()
     if asked.what == "play":
         from learned_lab import play  # which needs the extra `train`

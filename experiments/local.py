@@ -14,14 +14,13 @@ own, `play --player local:FILE.gguf` plays any.
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from page_tables import publish
+from page_tables import arguments, markdown_table, show
 from smartplay_local.model_files import find_model
 
 import smartplay_tools as sp
@@ -133,15 +132,15 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
         line = cells.setdefault((cell.player.removeprefix("local:").removesuffix(".gguf"), cell.game), {})
         line[budget] = list(members)
     heads = list(dict.fromkeys(budget for line in cells.values() for budget in line))
-    scores = [["player", "game", *heads]]
-    calls = [["player", "game", "episodes", "steps", *WRONG, "ended as"]]
+    scores: tuple[list[str], list[list[str]]] = (["player", "game", *heads], [])
+    calls: tuple[list[str], list[list[str]]] = (["player", "game", "episodes", "steps", *WRONG, "ended as"], [])
     for about, line in cells.items():
         names = [about[0], about[1].partition("-")[0]]
-        scores.append(names + [_score(line.get(head, [])) for head in heads])
+        scores[1].append(names + [_score(line.get(head, [])) for head in heads])
         every = [row for members in line.values() for row in members]
         sums = [str(sum(row[name] for row in every)) for name in ("steps", *WRONG.values())]
-        calls.append([*names, str(len(every)), *sums, ", ".join(sorted({row["end_reason"] for row in every}))])
-    return {"local": _markdown(scores), "local-calls": _markdown(calls)}
+        calls[1].append([*names, str(len(every)), *sums, ", ".join(sorted({row["end_reason"] for row in every}))])
+    return {"local": markdown_table(*scores), "local-calls": markdown_table(*calls)}
 
 
 WRONG = {"calls": "tool_calls", "illegal": MISTAKES[0], "malformed": MISTAKES[1]}
@@ -157,16 +156,10 @@ def _score(rows: Sequence[Row]) -> str:
     return f"{estimate.mean:.1f}{bounds} ({len(rows)})"
 
 
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
-    head, *others = (f"| {' | '.join(line)} |" for line in lines)
-    return "\n".join([head, f"|{' --- |' * len(lines[0])}", *others])
-
-
 def main() -> None:
     """Tune, play, or print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__, "runs/local")
     parser.add_argument("what", choices=("tune", "play", "syntax", "table"))
-    parser.add_argument("--out", type=Path, default=Path("runs/local"))
     parser.add_argument("--source", default=MODEL, help="train this: a name, or a GGUF file of a Llama with ChatML")
     parser.add_argument("--worlds", type=int, default=20, help="worlds of each game and cap that the teacher plays")
     parser.add_argument("--rows", type=int, default=100, help="rows that are trained on, of different worlds")
@@ -174,14 +167,11 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=5e-4, help="the learning rate")
     parser.add_argument("--player", action="append", help="play with this player alone, such as local:FILE.gguf")
     parser.add_argument("--trials", type=int, default=5, help="worlds of each game that are played")
-    parser.add_argument("--publish", action="store_true", help="put the table into the page")
     asked = parser.parse_args()
     if asked.what == "table":
         files = sorted(PUBLISHED.glob("*/results.jsonl"))
         for name, written in tables([row for path in files for row in read_rows(path)]).items():
-            print(f"{written}\n")
-            if asked.publish:
-                publish(HERE.parent / "docs" / "local.md", name, written)
+            show(HERE.parent / "docs" / "local.md", name, written, publishes=asked.publish)
     if asked.what == "syntax":
         syntax()
     if asked.what == "play":

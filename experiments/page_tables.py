@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.runs.runner import Run
 
 END = "<!-- end -->"
@@ -28,19 +30,49 @@ def publish(page: Path, name: str, written: str) -> None:
     page.write_text(f"{before}{marked}\n{written}\n\n{end}{after}", encoding="utf-8")
 
 
+def show(page: Path, name: str, written: str, *, publishes: bool) -> None:
+    """Print a table, and put it into a page if it is to be published."""
+    print(written, "\n", flush=True)
+    if publishes:
+        publish(page, name, written)
+
+
 def table_row(cells: Iterable[str]) -> str:
     """Return a line of a table in Markdown."""
     return f"| {' | '.join(cells)} |"
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join(map(table_row, [headings, ["---"] * len(headings), *rows]))
+
+
+Column = tuple[str, Callable[[WindowComparison], str]]
+"""A heading, and what it shows of a comparison."""
+
+
+def comparison_table(columns: Sequence[Column], comparisons: Iterable[WindowComparison]) -> str:
+    """Return a table in Markdown with a line for each comparison."""
+    return markdown_table([heading for heading, _ in columns], ([show(c) for _, show in columns] for c in comparisons))
 
 
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     """Return a mean with its interval; without one, whether all its episodes were equal."""
     if estimate is None:
         return "no pairs"
-    mean = f"{estimate.mean:{sign}.2f}"
+    digits = ",.0f" if max(abs(estimate.mean), abs(estimate.high or 0)) >= 100 else ",.2f"
+    mean = f"{estimate.mean:{sign}{digits}}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
-    return f"{mean} [{estimate.low:{sign}.2f}, {estimate.high:{sign}.2f}]"
+    return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"
+
+
+def arguments(description: str | None, out: str) -> argparse.ArgumentParser:
+    """Return a parser of what every experiment takes: the folder of its runs, and whether to publish."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path(out), help="the folder of the runs")
+    parser.add_argument("--publish", action="store_true", help="put tables and figures into the documentation")
+    return parser
 
 
 def complete(*arguments: Any, **options: Any) -> Run:

@@ -11,18 +11,16 @@ goes on where it stopped. `--publish` puts the figure and the table into the doc
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import publish
+from page_tables import arguments, interval, show
 
 import smartplay_tools as sp
+from smartplay_tools.cli.options import key_values
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 
@@ -75,7 +73,7 @@ def table(cells: Cells) -> str:
             paired = paired_difference(rows, cells["text", cap], MEASURES["score"]) if form != "text" else None
             used = fmean(map(tokens, rows))
             shown = fmean(row["tokens"]["prompt"] / max(1, row["turns"]) for row in rows)
-            against = "reference" if form == "text" else _interval(paired)
+            against = "reference" if form == "text" else interval(paired, "+")
             lines.append(f"| {cap:,} | {form} | {score:,.0f} | {against} | {used / 1e3:,.1f}k | {shown:,.0f} |")
     return "\n".join(lines)
 
@@ -95,39 +93,19 @@ def frontier(cells: Cells) -> Figure:
     return drawn
 
 
-def _interval(estimate: MeanEstimate | None) -> str:
-    if estimate is None:
-        return "no pairs"
-    if estimate.low is None or estimate.high is None:
-        return f"{estimate.mean:+,.0f}"
-    return f"{estimate.mean:+,.0f} [{estimate.low:+,.0f}, {estimate.high:+,.0f}]"
-
-
 def main() -> None:
     """Play, print the table, draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("runs/pictures"))
+    parser = arguments(__doc__, "runs/pictures")
     parser.add_argument("--player", help="A model that plays all three; by default the rule players.")
     parser.add_argument("--player-option", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--publish", action="store_true")
     asked = parser.parse_args()
-    options = {name: _value(text) for name, _, text in (given.partition("=") for given in asked.player_option)}
+    options = key_values(asked.player_option, "--player-option")
     cells = play(asked.out, asked.player, options, asked.trials, asked.seed)
-    text = table(cells)
-    print(text)
+    show(DOCS / "pictures.md", "pictures", table(cells), publishes=asked.publish)
     folder = DOCS / "figures" if asked.publish else asked.out
     save_figure(frontier(cells), folder / "pictures-frontier", formats=["svg"])
-    if asked.publish:
-        publish(DOCS / "pictures.md", "pictures", text)
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
 
 
 if __name__ == "__main__":

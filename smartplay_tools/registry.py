@@ -6,7 +6,8 @@ their names are read from the packages' metadata, which imports nothing.
 
 `FILE.py:CLASS` names a class in a file of the user's, without a package around it. The name alone says where the class
 is, so it goes to worker processes as text, and each imports the file itself. A file is known by its resolved path and
-the digest of its content: one that was edited is imported again, and its earlier classes stay what they were.
+the digest of its content: one that was edited is imported again, and its earlier classes stay what they were. What a
+record names in this way has its digest beside the name, and is not imported for the record: see `NamedInFiles`.
 
 `lazy_exports` gives a package names that are imported when they are first used, so that importing the package takes
 milliseconds (PEP 562). The package lists them twice: for type checkers and editors as ordinary imports under
@@ -68,18 +69,21 @@ def is_in_file(name: str) -> bool:
     return name.rpartition(":")[0].endswith(".py")
 
 
-class FileClass(NamedTuple):
-    """A class that was read from a file of the user's."""
+class InFile(NamedTuple):
+    """A class or another object that was read from a file of the user's."""
 
-    make: Callable[..., Any]
+    value: Any
     sha256: str
     """The digest of the file's content as it was imported."""
+    path: Path
+    """The file, as the user has named it."""
 
 
-def read_file(name: str, kind: str = "player") -> FileClass:
+def read_file(name: str, kind: str = "player", noun: str = "class", is_one: Callable[[Any], bool] = callable) -> InFile:
     """Import the file of `FILE.py:CLASS` and return the class; `InvalidArgumentError` if it is not there.
 
-    `kind` is what the class is called in messages.
+    `kind` and `noun` say in messages what the class is and what it is called; `is_one` returns whether an object of
+    the file is one.
     """
     from hashlib import sha256
     from pathlib import Path
@@ -87,13 +91,71 @@ def read_file(name: str, kind: str = "player") -> FileClass:
     place, _, attribute = name.rpartition(":")
     path = Path(place)
     if not path.is_file():
-        raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:CLASS.")
+        raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:{noun.upper()}.")
     source = path.read_bytes()
     digest = sha256(source).hexdigest()
     held = getattr(_module(path, source, digest), attribute, None)
-    if not callable(held):
-        raise InvalidArgumentError(f"{path} has no class {attribute!r}; name a {kind} of it as {path}:CLASS.")
-    return FileClass(held, digest)
+    if not is_one(held):
+        raise InvalidArgumentError(f"{path} has no {noun} {attribute!r}; name a {kind} of it as {path}:{noun.upper()}.")
+    return InFile(held, digest, path)
+
+
+def without_folders(name: str) -> str:
+    """Return `FILE.py:CLASS` as records have it: the name of the file alone."""
+    from pathlib import Path
+
+    file, _, attribute = name.rpartition(":")
+    return f"{Path(file).name}:{attribute}"
+
+
+class NamedInFiles:
+    """What the user has named in files in this process: strategies, or games.
+
+    A record has the name of such a file, without its folders, and the digest of its content. It can come from a
+    stranger, so it never imports a file: the user names the file, which may have been moved, and its content decides.
+
+    Arguments:
+        kind: what it is, which is also the option of `replay` that names it.
+        noun: what it is called in messages.
+        is_one: returns whether an object of a file is one.
+    """
+
+    def __init__(self, kind: str, noun: str = "class", is_one: Callable[[Any], bool] = callable) -> None:
+        self._kind, self._noun, self._is_one = kind, noun, is_one
+        self.read: dict[tuple[str | None, str], InFile] = {}
+        """By the digest of the file, and the name in it."""
+
+    def load(self, name: str, digest: str | None = None, path: Path | None = None) -> InFile:
+        """Import the file that a user has named; `InvalidArgumentError` if that is not possible.
+
+        `digest` is that of the file as it has to be; None for the file as it is now. `path` is the file, where `name`
+        has no folder.
+        """
+        file, _, attribute = name.rpartition(":")
+        if digest is None or (digest, attribute) not in self.read:
+            found = read_file(f"{path or file}:{attribute}", self._kind, self._noun, self._is_one)
+            self.read[found.sha256, attribute] = found
+            if digest not in (None, found.sha256):
+                raise InvalidArgumentError(
+                    f"{found.path} has changed since its episodes were planned; put the earlier file back, or play "
+                    "again with the new one."
+                )
+            digest = found.sha256
+        return self.read[digest, attribute]
+
+    def recorded(self, name: str, digest: str | None) -> InFile:
+        """Return what a record names, without importing a file for it; `digest` is that of its file."""
+        attribute = name.rpartition(":")[2]
+        if (digest, attribute) in self.read:
+            return self.read[digest, attribute]
+        if without_folders(name) in {f"{found.path.name}:{own}" for (_, own), found in self.read.items()}:
+            raise InvalidArgumentError(
+                f"{name} has changed since the record was made; name an unchanged copy of the file with --{self._kind}."
+            )
+        raise InvalidArgumentError(
+            f"The record was played with the {self._kind} {name}; name it with --{self._kind}, with the path of its "
+            "file, to import it."
+        )
 
 
 def _module(path: Path, source: bytes, digest: str) -> ModuleType:

@@ -99,26 +99,21 @@ class Judge:
     def _boundary(self, k: int) -> int:
         if self.history is None:
             return 0
-        if not self.masks or self.slack == 0:
-            return max(0, self.newest(k) - self.history)
-        b = 0
-        for j in range(1, k + 1):
-            t = self.newest(j)
-            if t - b > self.history:
-                b = t - math.ceil((1 - self.slack) * self.history)
-        return b
+        return self._date_from(k, self.history, self.slack if self.masks else Fraction(0))
 
     def _words_from(self, k: int) -> int:
-        if self.words_kept is None:
-            return 0
-        if self.slack == 0:
-            return max(0, self.newest(k) - self.words_kept)
-        w = 0
+        return 0 if self.words_kept is None else self._date_from(k, self.words_kept, self.slack)
+
+    def _date_from(self, k: int, kept: int, slack: Fraction) -> int:
+        """The oldest date of which all is shown after k turns; with slack, it moves in blocks."""
+        if slack == 0:
+            return max(0, self.newest(k) - kept)
+        oldest = 0
         for j in range(1, k + 1):
             t = self.newest(j)
-            if t - w > self.words_kept:
-                w = t - math.ceil((1 - self.slack) * self.words_kept)
-        return w
+            if t - oldest > kept:
+                oldest = t - math.ceil((1 - slack) * kept)
+        return oldest
 
     def _pictures_from(self, k: int) -> int:
         if self.pictures_kept is None:

@@ -27,24 +27,12 @@ def test_the_first_turns_are_in_every_prompt():
     assert views[-1]["dropped_turns"] > 30
 
 
-def test_what_does_not_fit_is_left_out():
-    result, events = played(first_turns=50, prompt_tokens=900)
-    anchors = [event["anchors"] for event in events if event["event"] == "view"]
-    assert result.end_reason == "rollout"
-    assert 0 < max(anchors) < 50
-
-
 def test_they_stand_in_front_of_the_summary():
     _, events = played(first_turns=2, summary_tokens=40, slack=0.5, prompt_tokens=1_000)
     sent = [one.prompt for one in Record(events).sent_prompts() if not one.prompt.asks_for_summary][-1]
     contents = [str(message["content"]) for message in sent.messages]
     [summary] = [at for at, text in enumerate(contents) if text.startswith("Your summary of what has left")]
     assert [message["role"] for message in sent.messages[:summary]].count("assistant") == 2
-
-
-def test_a_summary_is_not_asked_for_while_nothing_leaves():
-    result, _ = played(first_turns=99, summary_tokens=20, slack=0.5, history=10)
-    assert result.summaries == 0
 
 
 def test_where_nothing_leaves_it_is_refused():

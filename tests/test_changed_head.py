@@ -87,12 +87,3 @@ def test_an_episode_that_is_closed_after_a_limit_of_the_host_ends_as_host():
         session.halt("tool call limit")
     assert (session.result.end_reason, session.result.detail) == ("host", "tool call limit")
     assert sp.replay(events).identical
-
-
-def test_a_reply_after_a_failed_attempt_makes_it_forgotten():
-    session, _ = session_of()
-    with session.episode:
-        session.prompt()
-        session.fail(ConnectionError("no route to host"))
-        play_turn(session, calling(act("A->C")))
-    assert session.result.end_reason == "closed"

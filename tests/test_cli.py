@@ -54,20 +54,9 @@ def test_play_prints_json_for_machines():
 
 
 def test_play_takes_every_episode_option():
-    options = {
-        "--history": "2",
-        "--prompt-tokens": "2000",
-        "--reply-tokens": "100",
-        "--episode-tokens": "none",
-        "--result-tokens": "auto",
-        "--tool-calls": "50",
-        "--slack": "0.5",
-        "--manual": "pinned",
-        "--batch": "first_act",
-        "--tokenizer": "approximate",
-    }
-    words = [word for pair in options.items() for word in pair]
-    result = sp.EpisodeResult.model_validate_json(run("play", HANOI, "--json", *words).output)
+    caps = "--history 2 --prompt-tokens 2000 --reply-tokens 100 --episode-tokens none --result-tokens auto"
+    rest = "--tool-calls 50 --slack 0.5 --manual pinned --batch first_act --tokenizer approximate"
+    result = sp.EpisodeResult.model_validate_json(run("play", HANOI, "--json", *caps.split(), *rest.split()).output)
     assert result.deviations["history"] == {"paper": 30, "played": 2}
     assert result.completed
 

@@ -20,8 +20,9 @@ from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.runs import plan_episodes, run_plan
+from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
@@ -37,7 +38,7 @@ CODE = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTAL
 def file(tmp_path, monkeypatch):
     """The page's strategy in a file, known to nobody yet."""
     monkeypatch.setattr(custom, "_NAMED", {})
-    monkeypatch.setattr(custom, "_READ", {})
+    monkeypatch.setattr(custom.IN_FILES, "read", {})
     monkeypatch.chdir(tmp_path)
     (tmp_path / "first_and_newest.py").write_text(CODE, encoding="utf-8")
     return "first_and_newest.py:FirstAndNewest"
@@ -46,7 +47,7 @@ def file(tmp_path, monkeypatch):
 def forget():
     """Forget every strategy, as another process would."""
     custom._NAMED.clear()
-    custom._READ.clear()
+    custom.IN_FILES.read.clear()
 
 
 def played(strategy, **budget):
@@ -114,12 +115,14 @@ class P:
 """
 
 
-def shown_and_digest(strategy: str) -> tuple[list[int], str]:
-    """The turns that the last prompt of an episode shows, and the digest on its record."""
-    result, events = played(strategy)
+def shown_by(turns: str) -> list[int]:
+    """Write the file, and return the turns that the last prompt of an episode with its strategy shows."""
+    Path("s.py").write_text(choosing(turns), encoding="utf-8")
+    result, events = played("s.py:S")
     assert result.end_reason == "rollout"
-    [view] = [event["turns"] for event in events if event["event"] == "view"][-1:]
-    return view, events[0]["config"]["strategy_sha256"]
+    assert events[0]["config"]["strategy_sha256"] == digest_of("s.py")
+    assert sp.get_player("s.py:P").turns == turns
+    return [event["turns"] for event in events if event["event"] == "view"][-1]
 
 
 def digest_of(path: str) -> str:
@@ -128,14 +131,8 @@ def digest_of(path: str) -> str:
 
 def test_a_file_that_was_rewritten_is_a_new_strategy(file):
     """As in a notebook: the same name, another content, of the same size and within the same second."""
-    seen = []
-    for turns in ("range(1)", "range(0)", "range(1)"):
-        Path("s.py").write_text(choosing(turns), encoding="utf-8")
-        shown, digest = shown_and_digest("s.py:S")
-        assert digest == digest_of("s.py")
-        assert sp.get_player("s.py:P").turns == turns
-        seen.append(shown)
-    assert seen[0] == seen[2] != seen[1]
+    first, second, third = map(shown_by, ("range(1)", "range(0)", "range(1)"))
+    assert first == third != second
 
 
 def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch):
@@ -143,11 +140,7 @@ def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch
     for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
         (tmp_path / folder).mkdir()
         monkeypatch.chdir(tmp_path / folder)
-        Path("s.py").write_text(choosing(turns), encoding="utf-8")
-        shown, digest = shown_and_digest("s.py:S")
-        assert digest == digest_of("s.py")
-        assert sp.get_player("s.py:P").turns == turns
-        seen.append(shown)
+        seen.append(shown_by(turns))
     assert seen[0] != seen[1]
 
 
@@ -199,7 +192,7 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
         name, value, dist = "first", "first_and_newest:FirstAndNewest", None
 
         def load(self):
-            return registry.read_file(file).make
+            return registry.read_file(file).value
 
     monkeypatch.setattr(registry, "declared_in", lambda group: [Declared()] if group == custom.ENTRY_POINTS else [])
     result, events = played("first:turns=2")

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app, doctor as checkup
 from smartplay_tools.cli.doctor import PartCheck, check_modules
-from smartplay_tools.games.minecraft.engines import ENGINES
 
 ROOT = Path(sp.__file__).parents[1]
 
@@ -167,13 +166,3 @@ def test_what_cannot_be_looked_at_is_refused():
     result = CliRunner().invoke(app, ["doctor", "--only", "house"])
     assert result.exit_code == 2
     assert "--only house: known are core, engine, extra, model." in result.output
-
-
-@pytest.mark.slow
-def test_engines_can_be_looked_at_alone(monkeypatch):
-    monkeypatch.delenv("SMARTPLAY_MINEDOJO_PYTHON", raising=False)
-    result = CliRunner().invoke(app, ["doctor", "--only", "engine", "--json"])
-    assert result.exit_code == 0
-    engines = {row["name"]: row["works"] for row in json.loads(result.stdout)}
-    assert list(engines) == list(ENGINES)
-    assert engines["voxel"]

@@ -135,7 +135,15 @@ def test_data_is_never_overwritten(run, tmp_path):
         export(run, tmp_path / "data")
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [({"format": "csv"}, "csv"), ({"best": 0}, "best")], ids=str)
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"format": "csv"}, "csv"),
+        ({"best": 0}, "best"),
+        ({"format": "sft-episodes", "summaries": True}, "sft-episodes has no rows for summaries"),
+    ],
+    ids=str,
+)
 def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path, arguments, sentence):
     with pytest.raises(sp.SmartPlayError, match=sentence):
         export(run, tmp_path / "data", **arguments)
@@ -264,11 +272,6 @@ def test_summaries_have_rows_when_they_are_asked_for(tmp_path, form):
     taught = [(prompt[-1]["content"], reply["content"]) for prompt, reply, _ in pairs]
     for sent, summary in zip(asked, recorded.summaries, strict=True):
         assert (sent.prompt.messages[-1]["content"], summary["message"]["content"]) in taught
-
-
-def test_formats_without_summaries_refuse_them(run, tmp_path):
-    with pytest.raises(sp.InvalidArgumentError, match="sft-episodes has no rows for summaries"):
-        export(run, tmp_path / "data", "sft-episodes", summaries=True)
 
 
 @pytest.mark.parametrize("form", ["sft-episodes", "sft-chains"])

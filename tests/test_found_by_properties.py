@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.prompts.wording import VERSION, Wording
@@ -66,13 +64,6 @@ def test_nothing_is_recorded_after_the_end(tmp_path: Path) -> None:
     assert json.loads(path.read_text().splitlines()[-1])["event"] == "end"
     assert sp.replay(path).identical
     assert sp.replay(path).result == episode.result
-
-
-def test_a_budget_that_cannot_hold_the_hosts_head_is_a_value_error_at_the_start() -> None:
-    cap = scripts.head_tokens(GAME, scripts.Words(), host=False) + 10
-    episode = sp.Episode(GAME, seed=0, budget=sp.Budget(prompt_tokens=cap), tokenizer=scripts.Words())
-    with pytest.raises(sp.InvalidArgumentError, match="prompt_tokens"):
-        sp.Conversation(episode, head=[{"role": "user", "content": "word " * 20}], foreign_tools=[scripts.NOTE])
 
 
 def test_a_cut_history_says_how_much_of_the_whole_is_missing() -> None:

@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.records import resume
 from tests import scripts
-from tests.test_conversation import acting, calling
+from tests.test_conversation import calling
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -57,43 +57,21 @@ def test_a_file_is_made_seen_changed_and_deleted(files):
     [
         ("view", {"path": "/memories/x"}, "The path /memories/x does not exist. Please provide a valid path."),
         ("create", {"path": "/memories/a", "file_text": "x"}, "File /memories/a already exists"),
-        ("create", {"path": "/memories", "file_text": "x"}, "File /memories already exists"),
         ("create", {"path": "/memories/a/b", "file_text": "x"}, "The path /memories/a is not a directory."),
         ("create", {"path": "/else", "file_text": "x"}, "Path must start with /memories, got: /else"),
-        (
-            "create",
-            {"path": "/memories/../a", "file_text": "x"},
-            "Path /memories/../a would escape /memories directory",
-        ),
-        ("create", {"path": "/memories/a/", "file_text": "x"}, "The path /memories/a/ does not exist. Please provide"),
+        ("create", {"path": "/memories/../a", "file_text": "x"}, "Path /memories/../a would escape /memories"),
+        ("create", {"path": "/memories/b", "file_text": "word " * 60}, "The files would have"),
         (
             "str_replace",
             {"path": "/memories/a", "old_str": "z", "new_str": ""},
-            "No replacement was performed, old_str",
-        ),
-        (
-            "str_replace",
-            {"path": "/memories/a", "old_str": "o", "new_str": ""},
-            "No replacement was performed. Multiple",
+            "No replacement was performed",
         ),
         (
             "insert",
             {"path": "/memories/a", "insert_line": 3, "insert_text": "x"},
-            "Invalid `insert_line` parameter: 3.",
+            "Invalid `insert_line` parameter",
         ),
-        ("insert", {"path": "/memories", "insert_line": 0, "insert_text": "x"}, "The path /memories is not a file."),
         ("delete", {"path": "/memories"}, "Cannot delete the /memories directory itself"),
-        ("delete", {"path": "/memories/x"}, "The path /memories/x does not exist"),
-        (
-            "rename",
-            {"old_path": "/memories", "new_path": "/memories/x"},
-            "Cannot rename the /memories directory itself",
-        ),
-        (
-            "rename",
-            {"old_path": "/memories/x", "new_path": "/memories/a"},
-            "The destination /memories/a already exists",
-        ),
         ("rename", {"old_path": "/memories/a", "new_path": "/memories/a/b"}, "The destination /memories/a/b is below"),
     ],
 )
@@ -103,7 +81,7 @@ def test_what_cannot_be_done_changes_nothing_and_is_no_malformed_call(files, com
     assert files(command, **arguments).startswith(f"Error: {answer}")
     assert files.episode.ledger.strategies.asked["memory_tokens"].files.texts == before
     stats = files.episode.stats
-    assert (stats.malformed_calls, stats.refused_memory, stats.refused_calls) == (0, 0, 0)
+    assert (stats.malformed_calls, stats.refused_memory, stats.refused_calls) == (0, answer.startswith("The files"), 0)
 
 
 @pytest.mark.parametrize(
@@ -135,52 +113,6 @@ def test_arguments_that_are_not_needed_may_be_null(files):
     (spec,) = [tool for tool in files.episode.tools if tool.name == "memory"]
     assert spec.parameters["required"] == list(spec.parameters["properties"])
     assert sp.schema(spec, "openai")["function"]["strict"]
-
-
-def test_the_size_of_all_files_with_their_paths_is_capped(files):
-    assert files("create", path="/memories/a", file_text="word " * 50).startswith("File created")
-    assert files.episode.ledger.strategies.asked["memory_tokens"].size == 54
-    refused = files("create", path="/memories/b", file_text="word word word")
-    assert refused == "Error: The files would have 61 tokens, more than 60. Nothing was changed."
-    assert files("create", path="/memories/b", file_text="word word").startswith("File created")
-    assert files("rename", old_path="/memories/b", new_path="/memories/a-longer-name").startswith("Error: The files")
-    assert files("delete", path="/memories/a").startswith("Successfully")
-    assert files.episode.stats.refused_memory == 2
-
-
-def test_hidden_files_count_and_are_not_listed(files):
-    files("create", path="/memories/.hidden", file_text="one")
-    assert files("view", path="/memories").splitlines()[1:] == ["6 tokens\t/memories"]
-    assert files("view", path="/memories/.hidden").endswith("\tone")
-
-
-def test_a_listing_has_two_levels(files):
-    files("create", path="/memories/a/b/c/d", file_text="")
-    shown = files("view", path="/memories").splitlines()[1:]
-    assert [line.partition("\t")[2] for line in shown] == ["/memories", "/memories/a/", "/memories/a/b/"]
-
-
-def test_answers_are_cut_as_results_are_and_a_range_reads_on():
-    budget = sp.Budget(memory_tokens=200, result_tokens=30)
-    with sp.Episode(RPS, seed=1, tokenizer=scripts.Words(), budget=budget) as episode:
-        text = "\n".join(f"line {number}" for number in range(40))
-        episode.call("memory", {"command": "create", "path": "/memories/a", "file_text": text})
-        shown = episode.call("memory", {"command": "view", "path": "/memories/a"})
-        assert shown.text.endswith("tokens cut]")
-        rest = episode.call("memory", {"command": "view", "path": "/memories/a", "view_range": [38, -1]})
-    assert rest.text.endswith("    38\tline 37\n    39\tline 38\n    40\tline 39")
-
-
-def test_nothing_of_the_files_is_in_view_unless_the_agent_looks():
-    budget = sp.Budget(memory_tokens=50, history=1)
-    conversation = sp.Conversation(sp.Episode(RPS, seed=1, budget=budget))
-    write = {"command": "create", "path": "/memories/a", "file_text": "He likes Rock"}
-    look = {"command": "view", "path": "/memories/a"}
-    seen = []
-    for message in (calling(("memory", json.dumps(write))), *[acting()] * 4, calling(("memory", json.dumps(look)))):
-        conversation.receive(message)
-        seen.append("He likes Rock" in str(conversation.prompt().messages))
-    assert seen == [True, True, False, False, False, True]
 
 
 def test_the_files_are_there_again_after_a_resume_and_a_refused_call_changes_nothing():

@@ -49,25 +49,6 @@ def test_pages_together_are_the_observation():
     assert conversation.episode.stats.pages == len(pages) - 1
 
 
-def test_every_page_is_as_long_as_fits():
-    conversation = begin()
-    (result,) = conversation.receive(acting())
-    text = whole()
-    kept = without_line(result.text)
-    assert text.startswith(kept)
-    longer = text[: len(kept) + 1]
-    assert WORDS.count(f'{longer}\n[9 more tokens: read_result("r1.2")]') > 20
-
-
-def test_results_are_numbered_in_the_order_in_which_they_were_cut():
-    conversation = begin(history=0)
-    conversation.receive(calling(("observe", "{}"), ("act", '{"action": "fly"}'), ("act", '{"action": "1"}')))
-    conversation.receive(acting())
-    assert 'read_result("r2.2")' in conversation.latest_turn.items[0].message["content"]
-    assert read(conversation, "r1.2").text != read(conversation, "r2.2").text
-    assert read(conversation, "r1.1").text.endswith('read_result("r1.2")]')
-
-
 @pytest.mark.parametrize("page", ["r2.1", "r1.9", "r0.1", "r1", "r01.2", " r1.2", "r1.2 ", "", "1.2", "r" + "9" * 5000])
 def test_a_page_that_does_not_exist_is_a_mistake(page):
     conversation = begin(result_tokens=40)
@@ -76,44 +57,6 @@ def test_a_page_that_does_not_exist_is_a_mistake(page):
     assert result.is_error
     stats = conversation.episode.stats
     assert (stats.malformed_calls, stats.pages, stats.steps) == (1, 0, 1)
-
-
-def test_what_fits_is_not_offloaded_and_errors_are_cut_as_ever():
-    conversation = begin(result_tokens=60)
-    (result,) = conversation.receive(acting())
-    assert result.text == whole()
-    (mistake,) = conversation.receive(calling(("act", json.dumps({"action": "fly " * 300}))))
-    assert mistake.text.endswith("tokens cut]") or WORDS.count(mistake.text) < 60
-    assert read(conversation, "r1.1").is_error
-
-
-def test_where_not_a_character_fits_the_text_is_empty_and_nothing_follows():
-    conversation = begin(result_tokens=3)
-    (result,) = conversation.receive(acting())
-    assert result.text == ""
-    assert not read(conversation, "r1.1").is_error
-    assert read(conversation, "r1.2").is_error
-
-
-def test_a_page_ages_as_an_observation_of_its_step():
-    conversation = begin(history=1)
-    conversation.receive(acting())
-    text = read(conversation, "r1.2").text
-    shown = []
-    for _ in range(4):
-        shown.append(any(m["content"] == text for m in conversation.prompt().messages))
-        conversation.receive(acting())
-    assert shown == [True, True, False, False]
-
-
-def test_a_page_is_neither_a_step_nor_an_observation():
-    conversation = begin()
-    conversation.receive(acting())
-    read(conversation, "r1.2")
-    turn = conversation.latest_turn
-    assert (turn.shows, turn.dates) == ((), (1,))
-    conversation.prompt()
-    assert conversation.view.shown_steps == 1
 
 
 @pytest.mark.parametrize("budget", [{"result_tokens": None}, {"result_tokens": "auto"}])

@@ -31,6 +31,7 @@ from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
 from tests import fuzz, scripts
+from tests.test_conversation import acting, calling
 
 GAMES = ("Crafter-v0", "MinedojoCreative0-v0")
 SHOWN = "The picture shows the current observation."
@@ -171,15 +172,6 @@ def test_picture_size_gives_finer_textures(size, side):
         assert (picture.width, picture.height) == (side, side)
 
 
-@pytest.mark.slow
-def test_both_engines_of_crafter_show_the_same_pictures():
-    shown = []
-    for engine in ("fast", "crafter"):
-        with sp.Episode("Crafter-v0", seed=5, observation="picture", engine=engine) as episode:
-            shown.append([episode.call("act", {"action": "Move West"}).picture.sha256 for _ in range(5)])
-    assert shown[0] == shown[1]
-
-
 def test_looking_changes_nothing():
     ends = [played(40, observation=form)[-1]["result"]["state_hash"] for form in ("text", "picture", "both")]
     assert len(set(ends)) == 1
@@ -244,7 +236,7 @@ def test_a_prompts_sha256_depends_on_its_pictures():
         with sp.Episode("Crafter-v0", seed=seed, observation="picture", transcript=events) as episode:
             conversation = sp.Conversation(episode)
             conversation.prompt()
-            conversation.receive(scripts._move({"content": None}, [(("observe", "{}"), "a")], []).message)
+            conversation.receive(calling(("observe", "{}")))
             messages = conversation.prompt().messages
             assert text_of(messages[-1]) == SHOWN
         shas.append([event["sha256"] for event in events if event["event"] == "view"])
@@ -258,7 +250,7 @@ def test_an_episode_with_pictures_is_continued_from_its_record(tmp_path):
         conversation = sp.Conversation(episode)
         for _ in range(3):
             conversation.prompt()
-            conversation.receive(scripts._move({"content": None}, [(("observe", "{}"), "a")], []).message)
+            conversation.receive(calling(("observe", "{}")))
         before = conversation.prompt()
         episode.ledger.writer.close()
         episode.ledger.writer = None
@@ -340,9 +332,7 @@ def test_no_picture_is_kept_that_no_prompt_can_show():
         conversation = sp.Conversation(episode)
         for action in ("Noop", "Move West", "Move East", "Noop"):
             conversation.prompt()
-            conversation.receive(
-                scripts._move({"content": None}, [(("act", json.dumps({"action": action})), "a")], []).message
-            )
+            conversation.receive(acting(action))
         conversation.prompt()
         assert len(conversation.pictures) == 2
 
@@ -436,24 +426,6 @@ def test_a_host_of_words_is_refused():
         with pytest.raises(sp.InvalidArgumentError, match="results in words only"):
             GameTools(episode)
         sp.AgentSession(episode, pictures=True)
-
-
-def test_a_sweep_varies_what_observations_are(tmp_path):
-    forms = ["text", "picture", "both"]
-    budget = sp.Budget(tool_calls=3)
-    swept = sp.sweep(
-        ["Crafter-v0"],
-        ["random"],
-        out=tmp_path / "run",
-        vary={"observation": forms},
-        budget=budget,
-        trials=1,
-        executor="inline",
-    )
-    assert [row["observation"] for row in swept.rows] == forms
-    assert len({row["seed"] for row in swept.rows}) == 1
-    assert len({row["state_hash"] for row in swept.rows}) == 1
-    assert {row["tokenizer"] for row in swept.rows[1:]} == {"o200k_base+claude-28"}
 
 
 # Before and after a run.

@@ -52,7 +52,7 @@ assert import_everything() == known > 100
 PLAY = """
 import warnings
 import smartplay_tools as sp
-from smartplay_tools.records import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of filelock, which has neither Unix nor Windows here

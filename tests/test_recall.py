@@ -8,10 +8,8 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.records import Record
 from smartplay_tools.types import Budget, EpisodeResult
-from tests import scripts
-from tests.test_conversation import acting, calling
+from tests.test_conversation import calling
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 NOTHING = "Nothing that has left your view matches."
@@ -70,69 +68,6 @@ def test_a_document_says_how_it_came_about(later):
     assert 'Step 4, after act("1"):' in asked(later, "4")
 
 
-def test_the_first_result_that_showed_an_observation_is_the_document():
-    conversation = begin()
-    for _ in range(2):
-        conversation.receive(calling(("observe", "{}")))
-    for _ in range(3):
-        conversation.receive(acting())
-        conversation.receive(calling(("observe", "{}")))
-    assert asked(conversation, "0-9").split("\n")[0] == "Step 0, after observe():"
-    assert steps_in(asked(conversation, "0-9")) == [0, 1]
-    assert "observe" not in asked(conversation, "1")
-
-
-def test_all_calls_of_a_message_have_the_documents_of_its_prompt(later):
-    first, _, second = later.receive(calling(recalling("1-99"), ("act", '{"action": "Rock"}'), recalling("1-99")))
-    assert first.text == second.text
-    assert steps_in(first.text) == [1, 2, 3, 4]
-
-
-def test_an_answer_ages_as_an_observation_of_its_step(later):
-    asked(later, "1")
-    shown = []
-    for _ in range(3):
-        shown.append("Step 1, after" in str(later.prompt().messages))
-        later.receive(acting())
-    assert shown == [True, True, False]
-
-
-def test_where_turns_are_masked_so_is_an_answer():
-    conversation = begin(beyond_history="mask", recall_tokens=60)
-    for _ in range(4):
-        conversation.receive(acting())
-    asked(conversation, "1")
-    conversation.receive(acting())
-    conversation.receive(acting())
-    masked = [m["content"] for m in conversation.prompt().messages if m["role"] == "tool"]
-    assert masked[4] == "[observation left the history window]"
-    assert conversation.view.shown_steps == 2
-
-
-def test_what_does_not_fit_is_left_out_and_a_long_document_is_cut():
-    conversation = begin(recall_tokens=50, stalled_turns=None)
-    for _ in range(9):
-        conversation.receive(acting())
-    count = conversation.episode.counter.text
-    assert steps_in(asked(conversation, "1-9")) == [1]
-    short = begin(recall_tokens=12)
-    for _ in range(9):
-        short.receive(acting())
-    text = asked(short, "2")
-    assert text.startswith("Step 2")
-    assert text.endswith("tokens cut]")
-    assert count(text) <= 12
-    assert short.episode.stats.cut_results == 1
-
-
-def test_the_cap_of_results_is_not_that_of_answers():
-    conversation = begin(result_tokens=10, recall_tokens=100)
-    for _ in range(4):
-        conversation.receive(acting())
-    assert steps_in(asked(conversation, "1-2")) == [1, 2]
-    assert conversation.episode.counter.text(asked(conversation, "x " * 50)) <= 10
-
-
 @pytest.mark.parametrize("arguments", ['{"query": 5}', "{}", '{"query": "1", "more": "2"}', "[]", ""])
 def test_a_query_that_is_no_text_is_malformed(arguments):
     conversation = begin()
@@ -163,27 +98,6 @@ def test_it_is_refused_where_nothing_leaves_or_an_answer_cannot_fit():
         begin(prompt_tokens=needed - 1, result_tokens=30)
     with pytest.raises(sp.InvalidArgumentError, match='recall_tokens needs a window over tool calls, and context="ho'):
         sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(recall_tokens=50))
-
-
-def test_the_same_question_again_brings_nothing_new(later):
-    stalls = later.episode.ledger.stalls
-    asked(later, "1")
-    assert stalls.in_a_row == 0
-    asked(later, "1")
-    assert stalls.in_a_row == 1
-    asked(later, "2")
-    assert stalls.in_a_row == 0
-
-
-def test_an_answer_counts_as_observations_in_the_accounts():
-    events = []
-    conversation = begin(events)
-    for _ in range(4):
-        conversation.receive(acting())
-    asked(conversation, "1-2")
-    conversation.episode.close()
-    turn = Record(scripts.as_json(events)).turns[-1]
-    assert (turn.shows, turn.dates, turn.items[0].date) == ((), (4,), 4)
 
 
 def test_a_row_without_recalls_is_that_of_before():

@@ -11,9 +11,8 @@ from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.records import sent_prompts
 from smartplay_tools.types import STRATEGIES
-from tests import checker, scripts
+from tests import scripts
 from tests.test_conversation import acting, calling, saying
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
@@ -113,36 +112,6 @@ class TestNotes:
         assert conversation.episode.stats.malformed_calls == 1
         assert conversation.latest_turn.notes is None
 
-    def test_of_two_in_one_message_the_last_counts(self):
-        conversation = begin(notes_tokens=5)
-        conversation.receive(calling(noting("one"), noting("")))
-        assert conversation.latest_turn.notes is None
-        conversation.receive(calling(noting(""), noting("two")))
-        assert conversation.latest_turn.notes == 1
-        conversation.receive(calling(noting("three"), noting("word " * 9)))  # the second is refused
-        assert conversation.latest_turn.notes == 2
-
-    def test_in_the_last_call_they_are_accepted_and_recorded(self):
-        events: list[Any] = []
-        conversation = begin(events, notes_tokens=5, tool_calls=2)
-        conversation.receive(calling(("observe", ""), noting("one")))
-        assert conversation.result.end_reason == "tool_calls"
-        assert [event["data"].get("notes") for event in events if event["event"] == "call"] == [None, "kept"]
-        assert sp.replay(events, tokenizer=WORDS).identical
-
-    def test_notes_that_do_not_fit_give_way_and_come_back(self):
-        conversation = begin(**room(190, notes_tokens=90))
-        conversation.receive(calling(noting("word " * 80)))
-        conversation.receive(acting(say="word " * 60))
-        assert "word " * 80 not in str(conversation.prompt().messages)
-        conversation.receive(acting())
-        assert "word " * 80 in str(conversation.prompt().messages)
-
-    def test_without_the_budget_there_is_no_such_tool(self):
-        conversation = begin()
-        (result,) = conversation.receive(calling(noting("one")))
-        assert result.text.startswith('Error: There is no tool "take_notes". The tools are observe, act, read_manual.')
-
     @pytest.mark.parametrize(
         ("text", "kept", "counted"),
         [("one two", "kept", (0, 0)), ("word " * 9, None, (1, 0)), (" ", "cleared", (0, 0)), (5, None, (0, 1))],
@@ -202,18 +171,6 @@ class TestSummaries:
         assert conversation.prompt().purpose == "play"
         assert "He likes Rock." in conversation.prompt().messages[2]["content"]
         assert conversation.episode.stats.empty_summaries == 1
-
-    def test_calls_in_one_are_not_played(self):
-        events: list[Any] = []
-        conversation = summarised(events)
-        before = conversation.episode.stats
-        turns, steps, refused = before.turns, before.steps, before.refused_calls
-        assert conversation.receive(acting(say="Known: nothing.")) == []
-        after = conversation.episode.stats
-        assert (after.turns, after.steps, after.refused_calls) == (turns, steps, refused + 1)
-        assert "Known: nothing." in str(conversation.prompt().messages)
-        conversation.episode.close()
-        assert sp.replay(events, tokenizer=WORDS).identical
 
     def test_a_provider_that_fails_in_the_middle_ends_the_episode_and_it_can_be_resumed(self):
         class Failing(sp.ScriptedPlayer):
@@ -280,17 +237,6 @@ class TestSummaries:
         assert result.summaries == asked.count("summary") > 2
         assert result.turns == len(turns) == asked.count("play") == 30
 
-    def test_a_prompt_is_judged_and_rebuilt_from_the_record_word_for_word(self):
-        events: list[Any] = []
-        conversation = summarised(events, notes_tokens=9, beyond_history="mask", history=3)
-        sent = [conversation.prompt()]
-        conversation.receive(saying("He likes Rock."))
-        sent.append(conversation.prompt())
-        conversation.episode.close()
-        rebuilt = list(sent_prompts(events))[-2:]
-        assert [one.prompt for one in rebuilt] == sent
-        assert all(one.sha256 == one.recorded_sha256 for one in rebuilt)
-
     @pytest.mark.parametrize(
         ("budget", "why"),
         [
@@ -348,12 +294,6 @@ def test_an_episode_has_strategies_of_its_own():
     assert first.reserve > 9
 
 
-def test_auto_caps_are_those_of_plain_dropping():
-    plain = sp.Episode(RPS, seed=1, budget=sp.Budget(prompt_tokens=900)).budget
-    noted = sp.Episode(RPS, seed=1, budget=sp.Budget(prompt_tokens=900, notes_tokens=99)).budget
-    assert (plain.result_tokens, plain.manual_tokens) == (noted.result_tokens, noted.manual_tokens)
-
-
 @pytest.mark.parametrize("strategy", [{}, {"beyond_history": "mask"}, {"notes_tokens": 9}, {"summary_tokens": 30}])
 @pytest.mark.parametrize("slack", [0.0, 0.5])
 def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, strategy, slack):
@@ -393,17 +333,3 @@ def _turn(number: int) -> Any:
     result: sp.Message = {"role": "tool", "content": f"Round {number} was tied.", "tool_call_id": f"{number}"}
     item = Item(result, number + 1, number + 1, 0, words=Wording.of(VERSION))
     return Turn(number, acting(say="Rock it is."), (item,), number)
-
-
-def test_every_combination_is_judged_over_a_whole_game():
-    for strategy in (
-        {"beyond_history": "mask"},
-        {"notes_tokens": 12},
-        {"summary_tokens": 12},
-        {"beyond_history": "mask", "notes_tokens": 12, "summary_tokens": 12},
-    ):
-        script = [scripts.Move(acting(say="Rock it is."), ()), scripts.Move(calling(noting("Rock.")), ())] * 8
-        budget = sp.Budget(**room(170, **strategy, history=4, slack=0.5))
-        played = scripts.converse(RPS, script, seed=1, tokenizer=WORDS, budget=budget)
-        checker.check_episode(played.events, played.sent, WORDS.count)
-        assert sp.replay(played.events, tokenizer=WORDS).identical

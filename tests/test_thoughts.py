@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import smartplay_tools as sp
+from smartplay_tools.types.messages import function_call
 from tests import scripts
 
 RPS = "RockPaperScissorDifferentScore-v0"
 
 
 def speaking(words, *calls, **more):
-    made = [
-        {"id": f"c{at}", "type": "function", "function": {"name": name, "arguments": arguments}}
-        for at, (name, arguments) in enumerate(calls)
-    ]
+    made = [function_call(f"c{at}", *call) for at, call in enumerate(calls)]
     return {"role": "assistant", "content": words, **more, **({"tool_calls": made} if made else {})}
 
 
@@ -40,11 +38,6 @@ def test_words_reasoning_and_items_leave_and_calls_and_names_stay():
     assert set(bare) == {"role", "name", "content", "tool_calls"}
     assert (bare["content"], bare["name"]) == (None, "me")
     assert bare["tool_calls"] == prompts[1][0]["tool_calls"]
-
-
-def test_a_reply_without_a_call_stays_as_it_was_said():
-    prompts, _ = played([speaking("Just words."), *[speaking("One.", ROCK)] * 4], own_words=0, stalled_turns=None)
-    assert [reply["content"] for reply in prompts[-1]] == ["Just words.", None, None, None, "One."]
 
 
 def test_with_slack_words_leave_in_blocks():

@@ -226,22 +226,6 @@ def test_calls_without_a_conversation_replay_too(tmp_path, context):
     assert sp.replay(path).identical
 
 
-def test_foreign_tools_and_host_messages_replay(tmp_path):
-    path = tmp_path / "foreign.jsonl"
-    search = sp.ToolSpec("search", "Search.", {"type": "object", "properties": {}})
-    call = {"id": "s", "type": "function", "function": {"name": "search", "arguments": "{}"}}
-    act = {"id": "a", "type": "function", "function": {"name": "act", "arguments": '{"action":"1"}'}}
-    with sp.Episode(GAMES[0], seed=1, transcript=path) as episode:
-        head = [{"role": "user", "content": "Be brief."}]
-        conversation = sp.Conversation(episode, head=head, foreign_tools=[search])
-        for _ in range(3):
-            conversation.receive({"role": "assistant", "content": None, "tool_calls": [call, act]})
-            conversation.add({"role": "tool", "tool_call_id": "s", "content": "nothing"})
-            conversation.add({"role": "user", "content": "go on"})
-            conversation.receive({"role": "assistant", "content": "idle"})
-    assert sp.replay(path).identical
-
-
 def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
     def transcript(call_id: str, arguments: object, usage: sp.Usage | None) -> list:
         events: list = []

@@ -1,7 +1,7 @@
 """MiniGrid's rooms in words: Memory in six sizes, LockedRoom, and GoToLocal of BabyAI.
 
 The player sees a part of a grid, seven squares wide and seven deep, and has to remember what it has passed. Rules,
-rewards and worlds are MiniGrid's; the words are ours. This module does not import MiniGrid; a game does when it is made.
+rewards and worlds are MiniGrid's; the words are ours. This module does not import MiniGrid; a game does.
 """
 
 from __future__ import annotations

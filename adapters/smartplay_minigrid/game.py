@@ -34,10 +34,10 @@ class Room(GymnasiumGame):
     picture_engines = (None,)
     actions = ("Turn left", "Turn right", "Go forward", "Pick up", "Drop", "Toggle", "Done")
     manual = (
-        "You are in a grid of rooms, and see the part of it that lies before you: seven squares deep and seven wide, as "
-        "far as no wall is in the way. Do what the task says. You pick up, drop and toggle what is in the square in "
-        "front of you; a toggle opens and closes a door, and one that is locked only with a key of its color. The score "
-        "is 1 for the task, less a part for every step that it took, and 0 without it."
+        "You are in a grid of rooms, and see the part of it that lies before you: seven squares deep and seven wide, "
+        "as far as no wall is in the way. Do what the task says. You pick up, drop and toggle what is in the square in "
+        "front of you; a toggle opens and closes a door, and one that is locked only with a key of its color. The "
+        "score is 1 for the task, less a part for every step that it took, and 0 without it."
     )
 
     def __init__(self, *, env: str, **options: Any) -> None:

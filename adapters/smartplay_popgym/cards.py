@@ -94,9 +94,9 @@ class RepeatPrevious(CardGame):
         """`k` counts as POPGym does: the newest card is 1, the one before it 2."""
         self.k = k
         manual = (
-            f"You are shown cards, one after another. Name the suit of the card that was shown {k - 1} cards before the "
-            "newest one. Every right answer adds to your score, and every wrong one takes as much away; while there is "
-            "no such card, answers do not count."
+            f"You are shown cards, one after another. Name the suit of the card that was shown {k - 1} cards before "
+            "the newest one. Every right answer adds to your score, and every wrong one takes as much away; while "
+            "there is no such card, answers do not count."
         )
         super().__init__(decks=decks, manual=manual, **options)
 
@@ -135,7 +135,7 @@ class Autoencode(CardGame):
     def asked(self) -> int | None:
         """The last card that has not been named yet."""
         card = 52 * self.decks - self._named
-        return card if 0 <= self._named and card > 0 else None
+        return card if self._named >= 0 and card > 0 else None
 
 
 class CountRecall(PopgymGame):
@@ -147,9 +147,9 @@ class CountRecall(PopgymGame):
         self._words = KINDS[kinds]
         most = 52 * decks // len(self._words)
         manual = (
-            f"You are shown cards, one after another, and are asked for a kind of cards ({', '.join(self._words)}). Say "
-            "how many cards of that kind have been shown so far, the newest card included. Every right answer adds to "
-            "your score, and every wrong one takes as much away."
+            f"You are shown cards, one after another, and are asked for a kind of cards ({', '.join(self._words)}). "
+            "Say how many cards of that kind have been shown so far, the newest card included. Every right answer adds "
+            "to your score, and every wrong one takes as much away."
         )
         super().__init__(actions=tuple(map(_cards, range(most + 1))), manual=manual, **options)
 

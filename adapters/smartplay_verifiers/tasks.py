@@ -22,6 +22,8 @@ from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.games.specs import load_game
+from smartplay_tools.registry import is_in_file
 from smartplay_tools.transcript import Event, write_records
 
 INFO = "smartplay"
@@ -37,12 +39,16 @@ class SmartPlayData(vf.TaskData):
     config: dict[str, Any]
     """The `EpisodeConfig`, seed included."""
     reward: RewardName
+    game: str | None = None
+    """The game as the taskset names it, where that is a file, whose path a config does not have."""
     strategy: str | None = None
     """The budget's strategy as the taskset names it, with the path of its file, which a config does not have."""
 
     def episode(self, record: list[Event]) -> Episode:
         """Return the task's episode, with `record` as its transcript."""
         config = EpisodeConfig(**self.config)
+        if self.game is not None:
+            load_game(self.game, config.game_sha256)
         if self.strategy is not None:
             load_strategy(self.strategy, config.strategy_sha256)
         return Episode.from_config(config, transcript=record)
@@ -167,6 +173,7 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
                 prompt=f"Play {factory.game}, trial {trial}.",
                 config=config.to_json(),
                 reward=chosen.reward,
+                game=chosen.game if is_in_file(chosen.game) else None,
                 strategy=budget.strategy,
             )
             yield SmartPlayTask(data, chosen.task)

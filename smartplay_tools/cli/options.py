@@ -26,7 +26,7 @@ class Format(StrEnum):
 
 
 Game = Annotated[
-    str, typer.Argument(help="The id of a setting; `smartplay-tools games` lists them.", show_default=False)
+    str, typer.Argument(help="The id of a setting, which `games` lists, or FILE.py:NAME.", show_default=False)
 ]
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.", min=0)]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -13,10 +14,9 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
-from smartplay_tools.context.strategies import load_strategy
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit
+from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
 from smartplay_tools.records.replays import replay as run_again
 
 SHOWN_DIFFERENCES = 3
@@ -33,6 +33,9 @@ def replay(
     strategy: Annotated[
         str | None, typer.Option(help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS.")
     ] = None,
+    game: Annotated[
+        str | None, typer.Option(help="The game that the records name, if it is in a file: PATH/FILE.py:NAME.")
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
@@ -41,10 +44,10 @@ def replay(
 
     Example: smartplay-tools replay run.jsonl
     """
-    if strategy is not None:
-        load_strategy(strategy)
+    named = {"game": game, "strategy": strategy}
+    import_named(**named)
     if path.is_dir():
-        same = _replay_run(path, workers, tokenizer, strategy, as_json=as_json)
+        same = _replay_run(path, workers, tokenizer, named, as_json=as_json)
     else:
         same = _replay_file(path, tokenizer, as_json=as_json)
     if not same:
@@ -68,12 +71,14 @@ def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
     return replayed.identical
 
 
-def _replay_run(path: Path, workers: int | None, tokenizer: str | None, strategy: str | None, *, as_json: bool) -> bool:
+def _replay_run(
+    path: Path, workers: int | None, tokenizer: str | None, named: Mapping[str, str | None], *, as_json: bool
+) -> bool:
     folder = RunFolder(path)
     rows = folder.rows()
     total = len(rows)
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
-    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, strategy=strategy, rows=rows)
+    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, **named, rows=rows)
     shown = track(going, "replaying", total, console=progress, transient=True, disable=progress.quiet)
     findings = sorted(shown, key=lambda finding: finding.key)
     differing = [finding for finding in findings if finding.differences]

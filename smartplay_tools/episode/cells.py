@@ -58,6 +58,8 @@ def cell_config(
     try:
         cell = CellConfig(
             game=spec.id,
+            game_file=spec.file,
+            game_sha256=spec.sha256,
             setting=Setting.of(spec),
             engine=engine,
             options=plain,

@@ -34,7 +34,7 @@ from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.games.specs import GAMES, get_spec
+from smartplay_tools.games.specs import GAMES, get_spec, recorded_game
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget, ResolvedBudget
 
@@ -121,6 +121,10 @@ class CellConfig(Rules):
 
     game: str
     """The id of a setting."""
+    game_file: str | None = None
+    """The file and the name in it that the setting was read from, as `FILE.py:NAME` without folders; None without."""
+    game_sha256: str | None = None
+    """The sha256 of that file."""
     setting: Setting
     """The numbers of the setting."""
     engine: str | None = None
@@ -172,7 +176,12 @@ class CellConfig(Rules):
     def spec(self) -> GameSpec:
         """The setting: the rules as registered here, with the numbers of this config."""
         setting = self.setting
-        return replace(get_spec(self.game), history=setting.history, rollout=setting.rollout, kwargs=setting.kwargs)
+        return replace(self.registered, history=setting.history, rollout=setting.rollout, kwargs=setting.kwargs)
+
+    @property
+    def registered(self) -> GameSpec:
+        """The setting as it is here: registered under its id, or read from the file of this digest."""
+        return get_spec(self.game) if self.game_file is None else recorded_game(self.game_file, self.game_sha256)
 
     def make_game(self, spec: GameSpec) -> TextGame:
         """Build the game, before its first reset. `spec` is the setting, which need not be registered."""

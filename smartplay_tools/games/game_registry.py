@@ -84,6 +84,9 @@ class GameSpec:
     `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
     the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
 
+    `file` and `sha256` are the name (`FILE.py:NAME`) and the digest of the file that the setting was read from, if the
+    user has named it so; they are not given.
+
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
     `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
@@ -104,6 +107,8 @@ class GameSpec:
     worst_step: float | None = None
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
+    file: str | None = None
+    sha256: str | None = None
 
     def load(self) -> type[TextGame]:
         """Import and return the game's class."""

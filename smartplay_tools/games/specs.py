@@ -7,12 +7,17 @@ No game is imported: a setting names its class as a string, and the class is loa
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError, name_of
 from smartplay_tools.games.game_registry import Games, GameSpec
 from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES
+from smartplay_tools.registry import InFile, NamedInFiles, is_in_file, without_folders
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def _challenges(*degrees: int) -> Mapping[str, int]:
@@ -93,9 +98,33 @@ GAMES = Games(
 """Every setting that can be played, by id: the benchmark's, then those that were registered or installed."""
 
 
+IN_FILES = NamedInFiles("game", "setting", lambda held: isinstance(held, GameSpec))
+"""The settings in files that the user has named in this process."""
+
+
 def get_spec(game: str | GameSpec) -> GameSpec:
-    """Return the setting of that id; an unknown id raises `UnknownNameError`, which lists similar ids."""
-    return GAMES[game] if isinstance(game, str) else _checked(game)
+    """Return the setting of that id, or the one that `FILE.py:NAME` names.
+
+    An unknown id raises `UnknownNameError`, which lists similar ids.
+    """
+    if not isinstance(game, str):
+        return _checked(game)
+    return load_game(game) if is_in_file(game) else GAMES[game]
+
+
+def load_game(name: str, digest: str | None = None, path: Path | None = None) -> GameSpec:
+    """Import and register a setting that the user has named as `FILE.py:NAME`; see `NamedInFiles.load`."""
+    found = IN_FILES.load(name, digest, path)
+    return GAMES.register(_in_file(name, found))
+
+
+def recorded_game(name: str, digest: str | None) -> GameSpec:
+    """Return the setting in a file that a record names, without importing the file for it."""
+    return _in_file(name, IN_FILES.recorded(name, digest))
+
+
+def _in_file(name: str, found: InFile) -> GameSpec:
+    return replace(found.value, file=without_folders(name), sha256=found.sha256)
 
 
 def _checked(spec: object) -> GameSpec:

@@ -19,7 +19,7 @@ from smartplay_tools.types import AsyncPlayer, Player
 
 def load_from_file(name: str) -> Callable[..., Any]:
     """Return a function that makes the player `FILE.py:CLASS`, without `seed` if its constructor takes none."""
-    return partial(make_player, read_file(name).make)
+    return partial(make_player, read_file(name).value)
 
 
 def make_player(factory: Callable[..., Any], *, seed: int, **options: Any) -> Any:

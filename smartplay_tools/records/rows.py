@@ -33,14 +33,17 @@ __all__ = [
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
 
-COPIED = ("player", "player_options", *RULES, "options", "tokenizer", "strategy_sha256", "prompts", "budget", "asked")
+FILES = ("game_file", "game_sha256", "strategy_sha256")
+"""The fields of a row about files of the user's."""
+
+COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "prompts", "budget", "asked")
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation", "strategy_sha256"})
+LATER = frozenset({"peak_prompt_tokens", "observation", *FILES})
 """The fields that rows of older versions do not have."""
 
-_OPTIONAL = {*Rules.later, "strategy_sha256"}
+_OPTIONAL = {*Rules.later, *FILES}
 """The fields that a row has only where there is something to say."""
 
 
@@ -109,6 +112,8 @@ class _Row(EpisodeResult):
     batch: str
     options: dict[str, Any]
     tokenizer: str
+    game_file: str | None = None
+    game_sha256: str | None = None
     strategy_sha256: str | None = None
     prompts: str
     budget: ResolvedBudget

@@ -24,6 +24,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.transcript.file import comparable
+from smartplay_tools.types.messages import function_call
 from tests import checker
 
 GAME, SEED = "Hanoi3Disk-v0", 7
@@ -112,17 +113,7 @@ def move(short: str) -> str:
 
 def calling(*calls: tuple[str, Any], say: str = "") -> sp.Message:
     """An assistant message; its calls have the ids c0, c1, ... in every message, as some models send them."""
-    tool_calls = [
-        {
-            "id": f"c{at}",
-            "type": "function",
-            "function": {
-                "name": name,
-                "arguments": sent if isinstance(sent, str) else json.dumps(sent, ensure_ascii=False),
-            },
-        }
-        for at, (name, sent) in enumerate(calls)
-    ]
+    tool_calls = [function_call(f"c{at}", name, sent) for at, (name, sent) in enumerate(calls)]
     message: dict[str, Any] = {"role": "assistant", "content": say}
     return {**message, "tool_calls": tool_calls} if calls else message  # type: ignore[return-value]
 

@@ -28,6 +28,7 @@ from smartplay_openai.agents import SmartPlayModel
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.types.messages import text_of
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel, read, step
@@ -102,15 +103,10 @@ def as_recorded(events: list, stub: OpenAIStub, cap: int) -> None:
     for prompt, received in zip(sent, stub.received, strict=True):
         assert [name for name, _, _ in received.tools] == [tool.name for tool in prompt.prompt.tools]
         tools = [sp.ToolSpec(*tool) for tool in received.tools]
-        texts = [spoken(message) for message in prompt.prompt.messages]
-        assert [spoken(message) for message in received.messages] == texts
+        texts = [text_of(message) for message in prompt.prompt.messages]
+        assert [text_of(message) for message in received.messages] == texts
         assert counter.prompt(prompt.prompt.messages, tools) <= cap
     assert sp.replay(events).identical
-
-
-def spoken(message: Any) -> str:
-    content = message["content"]
-    return content if isinstance(content, str) else "".join(part["text"] for part in content or ())
 
 
 @pytest.mark.parametrize("kind", [OpenAIChatCompletionsModel, OpenAIResponsesModel])
@@ -128,7 +124,7 @@ async def test_handoffs_are_counted_and_a_used_one_is_no_mistake(kind):
             await Runner.run(first, "Play!", max_turns=None, run_config=model.run_config)
     assert (episode.result.completed, episode.result.malformed_calls, episode.result.turns) == (True, 0, 9)
     as_recorded(events, stub, 900)
-    instructions = [spoken(prompt.messages[2]) for prompt in stub.received]
+    instructions = [text_of(prompt.messages[2]) for prompt in stub.received]
     assert instructions == ["I am the first."] * 2 + ["I am the second."] * 4 + ["I am the first."] * 3
 
 
@@ -208,9 +204,9 @@ async def test_a_second_episode_in_the_same_session_begins_afresh():
                 await Runner.run(agent, words, max_turns=None, run_config=model.run_config, session=session)
     assert two.result.completed
     head = next(event["messages"] for event in events if event["event"] == "head")
-    assert [spoken(message) for message in head[2:]] == ["Second game."]
+    assert [text_of(message) for message in head[2:]] == ["Second game."]
     assert not any(
-        "episode is over" in spoken(message) for prompt in stub.received[1:-1] for message in prompt.messages
+        "episode is over" in text_of(message) for prompt in stub.received[1:-1] for message in prompt.messages
     )
     session.close()
 
@@ -228,7 +224,7 @@ async def test_words_between_two_runs_are_counted_and_shown():
             items.append({"role": "user", "content": "Hurry!"})
             await Runner.run(agent, items, max_turns=None, run_config=model.run_config)
     assert (episode.result.completed, episode.result.turns) == (True, 7)
-    assert spoken(stub.received[2].messages[-1]) == "Hurry!"
+    assert text_of(stub.received[2].messages[-1]) == "Hurry!"
     as_recorded(events, stub, 10_000)
 
 
@@ -270,7 +266,7 @@ async def test_a_rejected_call_is_refused_in_the_hosts_words():
             await Runner.run(agent, state, max_turns=None, run_config=model.run_config)
     (call,) = [event for event in events if event["event"] == "call"]
     assert call["host"] == "refused"
-    assert spoken(stub.received[1].messages[-1]) == call["refusal"]
+    assert text_of(stub.received[1].messages[-1]) == call["refusal"]
     assert (episode.result.steps, episode.result.refused_calls) == (0, 1)
 
 
@@ -309,7 +305,7 @@ async def test_a_call_that_a_guardrail_rejected_has_the_guardrails_words_as_its_
     assert [event.get("host") for event in record] == [None if ok else "refused" for ok in played]
     words = f"Not {move('A->B')}, please."
     assert [event.get("refusal", "") for event in record] == ["" if ok else words for ok in played]
-    seen = [spoken(message) for message in stub.received[1].messages if message["role"] == "tool"]
+    seen = [text_of(message) for message in stub.received[1].messages if message["role"] == "tool"]
     assert [text == words for text in seen] == [not ok for ok in played]
     assert (episode.result.steps, episode.result.refused_calls) == (sum(played), len(played) - sum(played))
     as_recorded(events, stub, 10_000)

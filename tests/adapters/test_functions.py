@@ -10,6 +10,7 @@ import asyncio
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,67 +41,55 @@ def installed(module: str) -> Any:
     return pytest.importorskip(module, exc_type=ImportError)
 
 
-def test_smolagents(episode):
-    smolagents = installed("smolagents")
-    observe, act, read_manual = (smolagents.tool(function) for function in episode.functions())
-    assert act.inputs["action"]["type"] == "string"
-    assert "Rock" in act.description
-    assert act(action="Rock").startswith("You chose Rock")
-    assert "You chose Rock" in observe()
-    assert read_manual() == episode.game.manual
+def assert_they_play(episode: sp.Episode, tools: list[Any], description: str, run: Callable[..., str]) -> None:
+    """Play a step with a framework's tools, of which `run` calls one."""
+    observe, act, read_manual = tools
+    assert "Rock" in description
+    assert run(act, action="Rock").startswith("You chose Rock")
+    assert "You chose Rock" in run(observe)
+    assert run(read_manual) == episode.game.manual
     assert episode.stats.tool_calls == 3
+
+
+def test_smolagents(episode):
+    tools = [installed("smolagents").tool(function) for function in episode.functions()]
+    assert tools[1].inputs["action"]["type"] == "string"
+    assert_they_play(episode, tools, tools[1].description, lambda tool, **arguments: tool(**arguments))
 
 
 def test_llama_index(episode):
-    tools = installed("llama_index.core.tools")
-    observe, act, read_manual = (tools.FunctionTool.from_defaults(function) for function in episode.functions())
-    assert act.metadata.get_parameters_dict()["required"] == ["action"]
-    assert "Rock" in act.metadata.description
-    assert act.call(action="Rock").content.startswith("You chose Rock")
-    assert "You chose Rock" in observe.call().content
-    assert read_manual.call().content == episode.game.manual
-    assert episode.stats.tool_calls == 3
+    kind = installed("llama_index.core.tools").FunctionTool
+    tools = [kind.from_defaults(function) for function in episode.functions()]
+    assert tools[1].metadata.get_parameters_dict()["required"] == ["action"]
+    assert_they_play(
+        episode, tools, tools[1].metadata.description, lambda tool, **arguments: tool.call(**arguments).content
+    )
 
 
 def test_autogen(episode):
-    core, tools = installed("autogen_core"), installed("autogen_core.tools")
-    functions = [tools.FunctionTool(function, description=function.__doc__) for function in episode.functions()]
-    observe, act, read_manual = functions
+    core, kind = installed("autogen_core"), installed("autogen_core.tools").FunctionTool
+    tools = [kind(function, description=function.__doc__) for function in episode.functions()]
 
     def run(tool: Any, **arguments: str) -> str:
         return asyncio.run(tool.run_json(arguments, core.CancellationToken()))
 
-    assert act.schema["parameters"]["required"] == ["action"]
-    assert "Rock" in act.description
-    assert run(act, action="Rock").startswith("You chose Rock")
-    assert "You chose Rock" in run(observe)
-    assert run(read_manual) == episode.game.manual
-    assert episode.stats.tool_calls == 3
+    assert tools[1].schema["parameters"]["required"] == ["action"]
+    assert_they_play(episode, tools, tools[1].description, run)
 
 
 def test_google_adk(episode):
-    tools = installed("google.adk.tools")
-    observe, act, read_manual = (tools.FunctionTool(function) for function in episode.functions())
+    tools = [installed("google.adk.tools").FunctionTool(function) for function in episode.functions()]
 
     def run(tool: Any, **arguments: str) -> str:
         return asyncio.run(tool.run_async(args=arguments, tool_context=None))
 
-    assert "Rock" in act.description
-    assert run(act, action="Rock").startswith("You chose Rock")
-    assert "You chose Rock" in run(observe)
-    assert run(read_manual) == episode.game.manual
-    assert episode.stats.tool_calls == 3
+    assert_they_play(episode, tools, tools[1].description, run)
 
 
 def test_dspy(episode):
-    dspy = installed("dspy")
-    observe, act, read_manual = (dspy.Tool(function) for function in episode.functions())
-    assert act.args == {"action": {"type": "string"}}
-    assert "Rock" in act.desc
-    assert act(action="Rock").startswith("You chose Rock")
-    assert "You chose Rock" in observe()
-    assert read_manual() == episode.game.manual
-    assert episode.stats.tool_calls == 3
+    tools = [installed("dspy").Tool(function) for function in episode.functions()]
+    assert tools[1].args == {"action": {"type": "string"}}
+    assert_they_play(episode, tools, tools[1].desc, lambda tool, **arguments: tool(**arguments))
 
 
 @pytest.mark.slow

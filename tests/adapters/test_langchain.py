@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import subprocess
-import sys
 from typing import Any
 
 import pytest
 from langchain.agents import create_agent
-from langchain.agents.middleware import ModelRetryMiddleware
 from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langchain_tests.integration_tests import ToolsIntegrationTests
@@ -100,21 +97,6 @@ class TestToolkit:
         assert "You chose Rock" in made["observe"].invoke({})
         assert made["act"].episode.config.context == "host"
 
-    @pytest.mark.slow
-    def test_langchain_core_is_enough(self):
-        script = (
-            "import sys; sys.modules['langchain'] = None\n"
-            "from smartplay_langchain import SmartPlayToolkit\n"
-            "print(len(SmartPlayToolkit.from_game('RockPaperScissorBasic-v0', seed=0).get_tools()))\n"
-            "try:\n    from smartplay_langchain import SmartPlayMiddleware\n"
-            "except ImportError as error:\n    print(error)\n"
-        )
-        shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-        assert shown.stdout.splitlines() == [
-            "3",
-            "SmartPlayMiddleware needs an optional dependency: pip install 'smartplay-tools[langchain]'",
-        ]
-
 
 def invoke(episode: sp.Episode, model: Any, asynchronously: bool, messages: list[Any] | None = None, **options: Any):
     middleware = [SmartPlayMiddleware(episode), *options.pop("middleware", [])]
@@ -152,20 +134,6 @@ class TestMiddleware:
         assert second[-2]["content"] == "Nothing about towers.", "results are in the order of their calls"
         (head,) = [event for event in events if event["event"] == "head"]
         assert head["tools"][-1]["name"] == "search"
-
-    def test_a_retried_model_call_is_one_reply(self, asynchronously):
-        class Faulty(ScriptedModel):
-            def _generate(self, *args: Any, **kwargs: Any) -> Any:
-                if not self.settings:
-                    self.settings.append({})
-                    raise ConnectionError("try again")
-                return super()._generate(*args, **kwargs)
-
-        episode, _ = fresh(sp.Budget(tool_calls=1))
-        with episode:
-            retry = ModelRetryMiddleware(max_retries=1, initial_delay=0.0, jitter=False)
-            invoke(episode, Faulty([calling(act("A->C"))]), asynchronously, middleware=[retry])
-        assert (episode.result.turns, episode.result.steps) == (1, 1)
 
 
 def test_what_a_provider_adds_goes_back_to_it_and_is_counted():
@@ -305,16 +273,3 @@ def test_the_state_is_read_from_its_end():
         session.update(Watched(state))
         assert session.recorded_reply(Watched(state)) is None
     assert min(Watched.looked) >= len(state) - 3
-
-
-def test_what_never_reaches_a_plain_toolkit():
-    """Why a toolkit alone is not a measurement: LangChain answers an unknown tool, and stops at broken JSON."""
-    with fresh(context="host")[0] as episode:
-        tools = SmartPlayToolkit(episode=episode).get_tools()
-        unknown = ScriptedModel([calling(("jump", {})), calling(say="Well.")])
-        state = create_agent(unknown, tools).invoke({"messages": []})
-        assert "not a valid tool" in state["messages"][1].content
-        broken = create_agent(ScriptedModel([calling(("act", "{"))]), tools).invoke({"messages": []})
-        (reply,) = broken["messages"]
-        assert isinstance(reply, AIMessage)
-    assert episode.result.tool_calls == 0

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import json
 import operator
 from typing import Any
 
@@ -38,12 +37,7 @@ class Obliging:
         message: Any = {"role": "assistant", "content": "Hello, whoever you are."}
         if prompt.tools and prompt.messages[-1]["role"] != "tool":
             tool = prompt.tools[0]
-            function = {"name": tool.name, "arguments": json.dumps(plainest(tool.parameters, tool.parameters))}
-            message = {
-                "role": "assistant",
-                "content": "",
-                "tool_calls": [{"id": "c0", "type": "function", "function": function}],
-            }
+            message = calling((tool.name, plainest(tool.parameters, tool.parameters)))
         return sp.Reply(message, sp.Usage(prompt=10, reply=5))
 
     async def areply(self, prompt: sp.Prompt) -> sp.Reply:

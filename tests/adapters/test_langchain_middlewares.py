@@ -37,6 +37,7 @@ from smartplay_langchain import SmartPlayMiddleware
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.types.messages import text_of
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals
@@ -96,16 +97,11 @@ def as_recorded(events: list[Any], stub: OpenAIStub) -> None:
     sent = [prompt for prompt in sent_prompts(events) if prompt.turn < len(stub.requests)]
     assert len(sent) == len(stub.requests)
     for prompt, received in zip(sent, stub.received, strict=True):
-        texts = [text(m) for m in prompt.prompt.messages if m["role"] != "system"]
-        assert [text(m) for m in received.messages if m["role"] != "system"] == texts
-        system = "\n\n".join(text(m) for m in prompt.prompt.messages if m["role"] == "system")
-        assert [text(m) for m in received.messages if m["role"] == "system"] == [system]
+        texts = [text_of(m) for m in prompt.prompt.messages if m["role"] != "system"]
+        assert [text_of(m) for m in received.messages if m["role"] != "system"] == texts
+        system = "\n\n".join(text_of(m) for m in prompt.prompt.messages if m["role"] == "system")
+        assert [text_of(m) for m in received.messages if m["role"] == "system"] == [system]
         assert counter.prompt(prompt.prompt.messages, prompt.prompt.tools) == views[prompt.sha256]["tokens"]
-
-
-def text(message: Any) -> str:
-    content = message["content"]
-    return content if isinstance(content, str) else "".join(part["text"] for part in content or ())
 
 
 def results(messages: list[Any]) -> list[ToolMessage]:
@@ -142,7 +138,7 @@ def test_texts_that_a_middleware_adds_are_counted_and_recorded(inside, asynchron
         [*moves, *[calling(say="Done.")] * 3], order, budget, asynchronously=asynchronously
     )
     assert result.steps == 8
-    assert all(any(text(m) == words for m in body["messages"]) for body in bodies)
+    assert all(any(text_of(m) == words for m in body["messages"]) for body in bodies)
     assert max(event["tokens"] for event in events if event["event"] == "view") <= 900
 
 
@@ -179,7 +175,7 @@ def test_a_dynamic_prompt_is_dynamic(inside):
     script = [*map(calling, map(act, WAY))]
     result, _, bodies, _ = play(script, lambda ours: [ours, dynamic] if inside else [dynamic, ours])
     assert result.completed
-    systems = [text(body["messages"][0]) for body in bodies]
+    systems = [text_of(body["messages"][0]) for body in bodies]
     assert [system[-len("There are 0 messages.") :].strip() for system in systems[:3]] == [
         "There are 0 messages.",
         "There are 2 messages.",
@@ -196,7 +192,7 @@ def test_context_editing_has_no_effect_and_the_record_is_true(inside):
         sp.Budget(prompt_tokens=900),
     )
     assert result.completed
-    assert not any("[cleared]" in text(message) for body in bodies for message in body["messages"])
+    assert not any("[cleared]" in text_of(message) for body in bodies for message in body["messages"])
 
 
 def test_an_assistant_message_added_during_the_game_is_refused_in_a_sentence():
@@ -215,7 +211,7 @@ def test_a_system_message_among_the_messages_is_part_of_the_system_text():
         return handler(request.override(messages=[*request.messages, SystemMessage("Speak French.")]))
 
     _, _, bodies, _ = play([*map(calling, map(act, WAY))], lambda ours: [ours, rules])
-    assert all(text(body["messages"][0]).endswith("Speak French.") for body in bodies)
+    assert all(text_of(body["messages"][0]).endswith("Speak French.") for body in bodies)
 
 
 def test_tools_may_change_and_the_games_tools_may_not():
@@ -381,12 +377,11 @@ def test_a_person_approves_edits_and_rejects_before_anything_is_played(order, as
     assert (episode.result.steps, episode.result.refused_calls) == (2, 1)
     assert sorted(message.status for message in results(state["messages"])) == ["error", "success", "success"]
     shown = stub.received[1].messages
-    assert any(text(message).endswith("Not that one.") for message in shown if message["role"] == "tool")
+    assert any(text_of(message).endswith("Not that one.") for message in shown if message["role"] == "tool")
     # Older versions of LangChain write no such note.
     noted = any("Executed instead: act" in message.text for message in results(state["messages"]))
-    assert noted == any("Executed instead: act" in text(message) for message in shown if message["role"] == "user"), (
-        "the model reads that its call was replaced"
-    )
+    told = any("Executed instead: act" in text_of(message) for message in shown if message["role"] == "user")
+    assert noted == told, "the model reads that its call was replaced"
     assert sp.replay(events).identical
 
 
@@ -430,7 +425,7 @@ def test_a_tool_call_limit_counts_calls_before_they_are_played(inside):
     assert [message.text for message in results(state) if message.status == "error"] == [
         "Tool call limit exceeded. Do not make additional tool calls."
     ]
-    assert "limit exceeded" in text(bodies[1]["messages"][-1])
+    assert "limit exceeded" in text_of(bodies[1]["messages"][-1])
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -464,7 +459,7 @@ def test_a_middleware_may_answer_in_the_games_place_and_may_not_change_its_resul
     for order in (lambda ours: [ours, refusing], lambda ours: [refusing, ours]):
         result, _, bodies, _ = play(script, order)
         assert (result.steps, result.refused_calls) == (1, 1)
-        assert "Look yourself." in [text(message) for message in bodies[1]["messages"]]
+        assert "Look yourself." in [text_of(message) for message in bodies[1]["messages"]]
     with pytest.raises(sp.InvalidArgumentError, match="changed the result of observe"):
         play(script, lambda ours: [ours, hiding])
 
@@ -513,16 +508,6 @@ def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():
     # The tool node begins the calls of a message in threads; they are still played in the message's order.
     watching.seen[1:3] = sorted(watching.seen[1:3])
     assert watching.seen == ["model: 2", "act", "observe", "model: 5", "model: 7", "model: 7"]
-
-
-def test_a_turn_takes_four_supersteps():
-    episode, _ = fresh()
-    with OpenAIStub([*map(calling, map(act, WAY))]) as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)])
-        steps = list(agent.stream({"messages": []}, stream_mode="updates"))
-    assert episode.result.completed
-    # before the model, the model, after the model; with calls the tools, too; the end and the agent's own
-    assert len(steps) == 7 * 4 + 2
 
 
 class TestWhatIsShown:

@@ -9,20 +9,18 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx2
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
 from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, open_episode
 
 import smartplay_tools as sp
-from smartplay_tools.games import get_spec
 from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
+from tests.adapters.test_mcp import post
 
 
 def on_stdio(*options: str) -> Any:
@@ -112,18 +110,6 @@ class TestStdio:
         with pytest.raises(sp.InvalidArgumentError, match=r"with seed 7, not of .* with seed 8"):
             open_episode(GAME, seed=8, transcript=record)
 
-    def test_a_record_under_another_rollout_resumes_as_that_game(self, tmp_path):
-        short = replace(get_spec(GAME), rollout=2)
-        record = tmp_path / f"{'x' * 32}.jsonl"
-        episode = sp.Episode(short, seed=7, context="host", transcript=record)
-        episode.call(*act("A->C"))
-        again = open_episode(GAME, seed=7, transcript=record)
-        assert again.spec.rollout == 2
-        again.call(*act("A->B"))
-        assert (again.end_reason, again.result.steps) == ("rollout", 2)
-        again.close()
-        episode.close()
-
     def test_only_what_is_needed_is_imported(self):
         """Some hosts wait a second for a server's first answer."""
         heavy = ["mcp", "mcp_types", "starlette", "uvicorn"]
@@ -176,24 +162,6 @@ AGENT = {"Accept": "application/json, text/event-stream"}
 
 
 class TestHttp:
-    def test_an_open_request_does_not_keep_the_server_alive(self):
-        store = EpisodeStore()
-        with HttpServer(store, port=0) as server:
-            where = urlsplit(server.url)
-            path = f"/mcp/{store.open(GAME, seed=1)}"
-            streaming = socket.create_connection((where.hostname, where.port))
-            streaming.sendall(
-                f"GET {path} HTTP/1.1\r\nHost: {where.netloc}\r\nAccept: text/event-stream\r\n\r\n".encode()
-            )
-            posting = socket.create_connection((where.hostname, where.port))
-            head = f"POST {path} HTTP/1.1\r\nHost: {where.netloc}\r\nContent-Type: application/json\r\n"
-            posting.sendall(f"{head}Content-Length: 999\r\n\r\n{{".encode())
-            assert streaming.recv(100).startswith(b"HTTP/1.1 405")
-            began = time.monotonic()
-        assert time.monotonic() - began < 30
-        streaming.close()
-        posting.close()
-
     def test_the_command_stops_when_it_is_told_to(self):
         command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--http", "--port", "0"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -212,42 +180,12 @@ class TestHttp:
         store = EpisodeStore()
         with HttpServer(store, port=0, operator_token="boss") as server:
             handle = store.open(GAME, seed=1)
-            answer = httpx2.post(
-                f"{server.url}/mcp/{handle}/", json=request("ping"), headers=AGENT, trust_env=False, verify=False
-            )
+            answer = post(f"{server.url}/mcp/{handle}/", json=request("ping"), headers=AGENT)
             assert answer.json()["result"] == {}
             boss = {"Authorization": "Bearer boss"}
             asked = {"game": GAME, "seed": 1}
-            made = httpx2.post(f"{server.url}/episodes/", json=asked, headers=boss, trust_env=False, verify=False)
+            made = post(f"{server.url}/episodes/", json=asked, headers=boss)
             assert made.status_code == 201
-
-    def test_pages_that_are_named_may_use_it_from_a_browser(self):
-        store = EpisodeStore()
-        with HttpServer(store, port=0, token="t", origins=["https://inspector.example.org"]) as server:
-            url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
-            asked = {
-                "Origin": "https://inspector.example.org",
-                "Access-Control-Request-Method": "POST",
-                "Access-Control-Request-Headers": "authorization, content-type, mcp-protocol-version",
-            }
-            allowed = httpx2.options(url, headers=asked, trust_env=False, verify=False)
-            assert allowed.status_code == 200
-            assert allowed.headers["access-control-allow-origin"] == "https://inspector.example.org"
-            other = httpx2.options(
-                url, headers={**asked, "Origin": "https://evil.example.org"}, trust_env=False, verify=False
-            )
-            assert other.status_code == 400
-            sent = {**AGENT, "Authorization": "Bearer t", "Origin": "https://inspector.example.org"}
-            answer = httpx2.post(url, json=request("ping"), headers=sent, trust_env=False, verify=False)
-            assert answer.headers["access-control-allow-origin"] == "https://inspector.example.org"
-            refused = httpx2.post(
-                url,
-                json=request("ping"),
-                headers={**sent, "Origin": "https://evil.example.org"},
-                trust_env=False,
-                verify=False,
-            )
-            assert refused.status_code == 403
 
     @pytest.mark.parametrize(
         ("asked", "words"),
@@ -263,7 +201,7 @@ class TestHttp:
         with HttpServer(EpisodeStore(), port=0, operator_token="boss") as server:
             boss = {"Authorization": "Bearer boss"}
             body = {"game": GAME, "seed": 1, **asked}
-            answer = httpx2.post(f"{server.url}/episodes", json=body, headers=boss, trust_env=False, verify=False)
+            answer = post(f"{server.url}/episodes", json=body, headers=boss)
         assert answer.status_code == 400
         assert words in answer.text
 
@@ -278,9 +216,7 @@ class TestHttp:
         store = EpisodeStore()
         with HttpServer(store, port=0) as server:
             url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
-            answer = httpx2.post(
-                url, json=request("tools/list"), headers={**AGENT, **headers}, trust_env=False, verify=False
-            )
+            answer = post(url, json=request("tools/list"), headers={**AGENT, **headers})
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, code)
 
     @pytest.mark.parametrize("method", [[], {}, None, 1])
@@ -292,7 +228,7 @@ class TestHttp:
             meta = {"io.modelcontextprotocol/protocolVersion": version}
             body = {**request("tools/list", _meta=meta), "method": method}
             headers = {**AGENT, "Mcp-Protocol-Version": version}
-            answer = httpx2.post(url, json=body, headers=headers, trust_env=False, verify=False)
+            answer = post(url, json=body, headers=headers)
         assert (answer.status_code, answer.json()["error"]["code"]) == (400, -32600)
 
 
@@ -316,7 +252,7 @@ class TestHalfCharacters:
             url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
             body = json.dumps(request("tools/call", name="act", arguments=HALF)).encode("ascii")
             headers = {**AGENT, "content-type": "application/json"}
-            answer = httpx2.post(url, content=body, headers=headers, trust_env=False, verify=False)
+            answer = post(url, content=body, headers=headers)
         assert answer.status_code == 200
         assert answer.json()["result"]["isError"]
 

@@ -71,37 +71,6 @@ def test_the_event_loop_changes_nothing(endpoint, name, stream):
     assert comparable(away_events) == comparable(home_events)
 
 
-class SlowRules:
-    """The rule player with a delay of a fifth of a second; counts how many calls waited at the same time."""
-
-    name = "slow"
-
-    def __init__(self):
-        self.rules, self.waiting, self.most = sp.get_player("rule"), 0, 0
-
-    async def areply(self, prompt):
-        self.waiting += 1
-        self.most = max(self.most, self.waiting)
-        await asyncio.sleep(0.2)
-        self.waiting -= 1
-        return self.rules.reply(prompt)
-
-
-@pytest.mark.slow
-def test_hundreds_of_conversations_at_once():
-    slow, budget = SlowRules(), sp.Budget(tool_calls=3)
-
-    async def play_all(base_url):
-        async with sp.get_player("openai:slow", base_url=base_url) as player:
-            return await asyncio.gather(*(arecord("Hanoi3Disk-v0", player, seed, budget) for seed in range(200)))
-
-    with so.LocalEndpoint(slow) as endpoint:
-        played = asyncio.run(play_all(endpoint.base_url))
-    for seed, (_, events) in enumerate(played):
-        assert comparable(events) == comparable(record("Hanoi3Disk-v0", slow.rules, seed, budget)[1])
-    assert slow.most > 50
-
-
 # What is counted.
 
 
@@ -413,6 +382,7 @@ def test_a_model_plays_without_a_web_server():
         ("agents", "import smartplay_openai.agents", "agents"),
         ("starlette", "from smartplay_openai import LocalEndpoint", "serve"),
         ("uvicorn", "from smartplay_openai import WindowEndpoint", "serve"),
+        ("langchain", "from smartplay_langchain import SmartPlayMiddleware", "langchain"),
     ],
 )
 def test_a_missing_extra_is_one_sentence(missing, code, extra):

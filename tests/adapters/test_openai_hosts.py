@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 from starlette.testclient import TestClient
 
 import smartplay_tools as sp
+from smartplay_tools.types.messages import function_call
 
 LOCAL = "http://localhost"
 
@@ -77,16 +78,6 @@ def test_it_plays_to_the_end_and_stops_in_words(client, game, wrapping):
         assert GAMES[game] is None or episode.result.score == GAMES[game]
 
 
-def test_a_manual_in_a_result_is_as_good_as_one_in_the_system_text(client):
-    """The rules of MESSENGER score the same in a host as in a window."""
-    won = 0
-    for seed in range(3):
-        with sp.Episode("MessengerL1-v0", seed=seed, context="host") as episode:
-            play_as_a_host(client, episode)
-            won += episode.result.completed
-    assert won == 3
-
-
 def test_it_stops_after_any_end(client):
     with sp.Episode("RockPaperScissorBasic-v0", seed=3, context="host", budget=sp.Budget(tool_calls=4)) as episode:
         assert play_as_a_host(client, episode) == "The game is over."
@@ -101,19 +92,17 @@ def hanoi_tools():
         return [sp.schema(tool, "openai") for tool in episode.tools]
 
 
+def round_of(call_id, name, arguments, text):
+    """A reply with a call, and its result."""
+    reply = {"role": "assistant", "content": None, "tool_calls": [function_call(call_id, name, arguments)]}
+    return [reply, {"role": "tool", "tool_call_id": call_id, "content": text}]
+
+
 def asked(client, *messages, **options):
     """The player's next message; a text is sent as the result of `observe`."""
     sent: list[Any] = [{"role": "user", "content": "Play."}]
     for at, text in enumerate(messages):
-        function = {"name": "observe", "arguments": "{}"}
-        sent += [
-            {
-                "role": "assistant",
-                "content": None,
-                "tool_calls": [{"id": f"c{at}", "type": "function", "function": function}],
-            },
-            {"role": "tool", "tool_call_id": f"c{at}", "content": text},
-        ]
+        sent += round_of(f"c{at}", "observe", "{}", text)
     options = {"tools": hanoi_tools(), **options}
     return client.chat.completions.create(model="rule", messages=sent, **options).choices[0].message
 
@@ -128,10 +117,7 @@ def test_a_game_that_is_won_or_cannot_be_read_breaks_nothing(client):
 
 
 def test_results_out_of_order_are_told_apart_by_their_ids(client):
-    calls = [
-        {"id": f"c{at}", "type": "function", "function": {"name": name, "arguments": arguments}}
-        for at, (name, arguments) in enumerate([("read_manual", "{}"), ("observe", "{}")])
-    ]
+    calls = [function_call("c0", "read_manual", "{}"), function_call("c1", "observe", "{}")]
     messages = [
         {"role": "user", "content": "Play."},
         {"role": "assistant", "content": None, "tool_calls": calls},
@@ -202,7 +188,7 @@ def test_a_forced_tool_that_is_not_the_games_gets_plain_arguments(client):
 
 
 def test_one_call_at_a_time_where_that_is_asked_for():
-    two = [{"id": f"c{at}", "type": "function", "function": {"name": "observe", "arguments": "{}"}} for at in range(2)]
+    two = [function_call(call_id, "observe", "{}") for call_id in ("c0", "c1")]
     script = [{"role": "assistant", "content": None, "tool_calls": two}] * 2
     app = TestClient(so.endpoint_app(sp.ScriptedPlayer(script)), LOCAL)
     for parallel, count in ((False, 1), (True, 2)):
@@ -281,14 +267,7 @@ OBSERVED = st.sampled_from(
     ]
 )
 ROUND = st.builds(
-    lambda call_id, name, arguments, text: [
-        {
-            "role": "assistant",
-            "content": None,
-            "tool_calls": [{"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}],
-        },
-        {"role": "tool", "tool_call_id": call_id, "content": text},
-    ],
+    round_of,
     st.sampled_from(["c1", "c2"]),
     st.sampled_from(["act", "observe", "read_manual", "jump"]),
     st.sampled_from(["{}", '{"action": "1"}', "{", '{"action": 3}']),

@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.types.messages import function_call
 
 pytest.importorskip("openai")
 
@@ -18,10 +19,7 @@ SERVER = {"chat": (so.CHAT.request, so.CHAT.read), "responses": (so.RESPONSES.re
 
 
 def message(content, calls, provider_items):
-    tool_calls = [
-        {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
-        for call_id, name, arguments in calls
-    ]
+    tool_calls = [function_call(*call) for call in calls]
     reply = {"role": "assistant", "content": content, "tool_calls": tool_calls}
     return {**reply, "provider_items": provider_items} if provider_items else reply
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-import json
 from functools import partial
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.records import recorded_pictures
+from smartplay_tools.types.messages import function_call
 from tests import scripts
 
 OBSERVE, NOOP = ("observe", "{}"), ("act", '{"action": "Noop"}')
@@ -18,10 +18,7 @@ SHOWN = "The picture shows the current observation."
 
 def calling(*calls, at):
     """A reply with calls, whose ids name its turn."""
-    listed = [
-        {"id": f"call_{at}_{position}", "type": "function", "function": {"name": name, "arguments": arguments}}
-        for position, (name, arguments) in enumerate(calls)
-    ]
+    listed = [function_call(f"call_{at}_{position}", *call) for position, call in enumerate(calls)]
     return {"role": "assistant", "content": None, "tool_calls": listed}
 
 
@@ -31,15 +28,17 @@ SCRIPT = [calling(NOOP, OBSERVE, at=0), calling(("act", '{"action": "Fly"}'), at
 BELOW = "The picture is in the message below."
 
 
-def played(player, form, server):
-    """Play the script; return the record and the last request's body."""
+def begun(form="picture"):
+    """An episode of four calls, and its record."""
     events = []
     budget = sp.Budget(tool_calls=4)
-    with (
-        server,
-        sp.Episode("Crafter-v0", seed=1, observation=form, budget=budget, transcript=events) as episode,
-        player,
-    ):
+    return sp.Episode("Crafter-v0", seed=1, observation=form, budget=budget, transcript=events), events
+
+
+def played(player, form, server):
+    """Play the script; return the record and the last request's body."""
+    episode, events = begun(form)
+    with server, episode, player:
         sp.play(episode, player)
     return events, server.bodies[-1]
 
@@ -99,6 +98,10 @@ def is_in_results(body, files):
     assert "Error: " in str(results[2])
 
 
+IS_SHOWN = {"chat": is_below, "responses": is_in_outputs, "messages": is_in_results}
+"""How each interface is sent the pictures."""
+
+
 def by_openai(name, **options):
     server = pytest.importorskip("tests.adapters.openai_stub").OpenAIStub(SCRIPT)
     return server, sp.get_player(f"{name}:m", base_url=server.base_url, pictures=True, **options)
@@ -148,12 +151,8 @@ def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
     openai_stub = pytest.importorskip("tests.adapters.openai_stub")
     from smartplay_langchain import SmartPlayMiddleware
 
-    events = []
-    budget = sp.Budget(tool_calls=4)
-    with (
-        openai_stub.OpenAIStub(SCRIPT) as server,
-        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
-    ):
+    episode, events = begun()
+    with openai_stub.OpenAIStub(SCRIPT) as server, episode:
         model = langchain_openai.ChatOpenAI(model="m", base_url=server.base_url, api_key="k")
         with pytest.raises(sp.InvalidArgumentError, match="pass pictures=True if the model sees them"):
             SmartPlayMiddleware(episode)
@@ -188,22 +187,15 @@ async def test_the_agents_sdk_has_pictures_where_the_interface_takes_them(interf
     from smartplay_openai.agents import SmartPlayModel
 
     agents.set_tracing_disabled(True)
-    events = []
-    budget = sp.Budget(tool_calls=4)
+    episode, events = begun()
     kind = agents.OpenAIResponsesModel if interface == "responses" else agents.OpenAIChatCompletionsModel
-    with (
-        openai_stub.OpenAIStub(SCRIPT) as server,
-        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
-    ):
+    with openai_stub.OpenAIStub(SCRIPT) as server, episode:
         http_client = openai.DefaultAsyncHttpxClient(trust_env=False, verify=False)
         async with openai.AsyncOpenAI(base_url=server.base_url, api_key="k", http_client=http_client) as client:
             model = SmartPlayModel(kind("m", client), episode, pictures=True)
             agent = agents.Agent("player", model=model, tools=model.tools)
             await agents.Runner.run(agent, [], max_turns=None, run_config=model.run_config)
-    if interface == "responses":
-        is_in_outputs(server.bodies[-1], files(events))
-    else:
-        is_below(server.bodies[-1], files(events))
+    IS_SHOWN[interface](server.bodies[-1], files(events))
 
 
 def test_a_model_that_is_not_said_to_see_is_refused_before_the_first_request():
@@ -250,12 +242,8 @@ def test_pydantic_ai_has_pictures_where_the_interface_takes_them(interface):
     from tests.adapters.anthropic_stub import AnthropicStub
     from tests.adapters.openai_stub import OpenAIStub
 
-    events = []
-    budget = sp.Budget(tool_calls=4)
-    with (
-        AnthropicStub(SCRIPT) if interface == "messages" else OpenAIStub(SCRIPT) as server,
-        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
-    ):
+    episode, events = begun()
+    with AnthropicStub(SCRIPT) if interface == "messages" else OpenAIStub(SCRIPT) as server, episode:
         if interface == "messages":
             anthropic_client = anthropic.AsyncAnthropic(base_url=server.url, api_key="k")
             model = AnthropicModel("m", provider=AnthropicProvider(anthropic_client=anthropic_client))
@@ -267,14 +255,7 @@ def test_pydantic_ai_has_pictures_where_the_interface_takes_them(interface):
             SmartPlay(episode)
         agent = pydantic_ai.Agent(model, capabilities=[SmartPlay(episode, pictures=True)])
         agent.run_sync("Play.")
-    body, shown = server.bodies[-1], files(events)
-    match interface:
-        case "chat":
-            is_below(body, shown)
-        case "responses":
-            is_in_outputs(body, shown)
-        case "messages":
-            is_in_results(body, shown)
+    IS_SHOWN[interface](server.bodies[-1], files(events))
 
 
 @pytest.mark.parametrize("interface", ["chat", "responses"])
@@ -287,77 +268,40 @@ def test_inspect_has_pictures_where_the_interface_takes_them(interface):
 
     from tests.adapters.openai_stub import OpenAIStub
 
-    events = []
-    budget = sp.Budget(tool_calls=4)
+    episode, events = begun()
     responses = interface == "responses"
-    with (
-        OpenAIStub(SCRIPT) as server,
-        sp.Episode("Crafter-v0", seed=1, observation="picture", budget=budget, transcript=events) as episode,
-    ):
+    with OpenAIStub(SCRIPT) as server, episode:
         model = get_model("openai/m", memoize=False, base_url=server.base_url, api_key="k", responses_api=responses)
         solver = smartplay_agent(lambda state, record: episode, pictures=True)
         task = inspect_ai.Task([Sample(input="Play.")], solver=solver)
         (log,) = inspect_ai.eval(task, model=model, display="none", max_retries=0, log_dir="memory://logs")
     assert log.status == "success", log.error
-    if responses:
-        is_in_outputs(server.bodies[-1], files(events))
-    else:
-        is_below(server.bodies[-1], files(events))
+    IS_SHOWN[interface](server.bodies[-1], files(events))
 
 
 @pytest.mark.parametrize("interface", ["chat", "responses", "messages"])
 def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks_in(interface):
     """The host's agent may speak any interface and keep words only; the model is sent the window."""
-    anthropic, openai = pytest.importorskip("anthropic"), pytest.importorskip("openai")
+    pytest.importorskip("anthropic" if interface == "messages" else "openai")
     from smartplay_openai import WindowEndpoint
 
     from tests.adapters.openai_stub import OpenAIStub
-    from tests.adapters.window_host import MESSAGES_TOOLS, TOOLS, HostAgent
+    from tests.adapters.window_host import INTERFACES, client_of, play_through
 
     with (
         OpenAIStub(SCRIPT) as server,
         sp.get_player("openai:m", base_url=server.base_url, pictures=True) as player,
         WindowEndpoint(player) as endpoint,
+        client_of(interface, endpoint) as client,
     ):
         handle = endpoint.open("Crafter-v0", seed=1, observation="picture", budget=sp.Budget(tool_calls=4))
-        host = HostAgent(endpoint, handle)
-        if interface == "chat":
-            host.play()
-        elif interface == "messages":
-            with anthropic.Anthropic(base_url=endpoint.url, api_key="k") as client:
-                sent = []
-                while calls := ask_for_message(client, host, sent, MESSAGES_TOOLS):
-                    results = [(call.id, host.run(call.name, call.input)) for call in calls]
-                    blocks = [{"type": "tool_result", "tool_use_id": i, "content": text} for i, text in results]
-                    sent.append({"role": "user", "content": blocks})
-        else:
-            with openai.OpenAI(base_url=endpoint.base_url, api_key="k") as client:
-                items = [{"role": "user", "content": "Play."}]
-                tools = [{"type": "function", "strict": False, **tool["function"]} for tool in TOOLS]
-                while calls := ask_for_response(client, host, items, tools):
-                    for call in calls:
-                        text = host.run(call.name, json.loads(call.arguments))
-                        items.append({"type": "function_call_output", "call_id": call.call_id, "output": text})
+        tools = dict(zip(("observe", "act", "read_manual"), endpoint.functions(handle), strict=True))
+        play_through(INTERFACES[interface](client, endpoint.model(handle), False), tools)
         assert endpoint.result(handle).tool_calls == 4
         shown = files_below(server.bodies[-1])
     assert len(shown) == 2
     with sp.Episode("Crafter-v0", seed=1, observation="picture") as episode:
         assert shown == [episode.call(*call).picture.png for call in (NOOP, OBSERVE)]
-
-
-def ask_for_message(client, host, sent, tools):
-    """Ask for a message of Anthropic's interface; return its calls."""
-    first = {"role": "user", "content": "Play."}
-    answer = client.messages.create(model=host.model, max_tokens=100, messages=[first, *sent], tools=tools)
-    sent.append({"role": "assistant", "content": answer.content})
-    return [block for block in answer.content if block.type == "tool_use"]
-
-
-def ask_for_response(client, host, items, tools):
-    """Ask for a response of OpenAI's interface; return its calls."""
-    answer = client.responses.create(model=host.model, input=items, tools=tools)
-    items.extend(answer.output)
-    return [item for item in answer.output if item.type == "function_call"]
 
 
 def test_the_window_endpoint_refuses_a_model_that_is_not_said_to_see():

@@ -11,6 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games import GameSpec
+from smartplay_tools.types.messages import function_call
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 
@@ -41,10 +42,7 @@ def known_for_now(monkeypatch: pytest.MonkeyPatch, spec: GameSpec) -> None:
 
 def reply(*calls: tuple[str, str], content: Any = None, **more: Any) -> dict[str, Any]:
     """Return an assistant message with some tool calls, (name, arguments)."""
-    listed = [
-        {"id": "same", "type": "function", "function": {"name": name, "arguments": arguments}}
-        for name, arguments in calls
-    ]
+    listed = [function_call("same", *call) for call in calls]
     return {"role": "assistant", "content": content, **({"tool_calls": listed} if listed else {}), **more}
 
 

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import random
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -15,21 +10,18 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.episode.carried import Carried, longest_message
 from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.board.submissions.check import check_submission
 from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until, trial_seed
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
 from smartplay_tools.evaluation.runs.merge import audit, merge
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.bundles import FACTS
-from tests.evaluation.players import BrokenOnce, act
-from tests.processes import heed_interrupts, needs_unix
+from tests.evaluation.players import BrokenOnce
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 NOTING = sp.Budget(notes_tokens=100, prompt_tokens=900, tool_calls=12)
@@ -163,7 +155,7 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(not EXPERIMENT.exists(), reason="not in a checkout")
 def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
-    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").make
+    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").value
     without = run(tmp_path / "without", carry=None, chain=None)
     (panel,) = score_against_trial([*without.rows, *played.rows]).axes
     assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
@@ -202,155 +194,3 @@ def test_what_cannot_be_carried_is_refused_in_a_sentence(tmp_path, options, reas
 def test_a_single_episode_carries_nothing():
     with pytest.raises(sp.InvalidArgumentError, match="rules of a run"):
         sp.Episode(BANDIT, seed=1, carry="notes", budget=NOTING)
-
-
-def test_the_longest_message_is_reserved_and_never_exceeded():
-    counter, chance = shared_counter(), random.Random(1)
-    with sp.Episode(BANDIT, seed=1, budget=NOTING) as episode:
-        budget, words = episode.budget, episode.words
-    longest = longest_message("notes", budget, counter, words)
-    pieces = ["\n", " ", "/", "a", "word", "'s", "1", "\u00e9", "\u4e2d", "[", "\r\n\n"]
-    for _ in range(20):
-        result, notes = ("".join(chance.choices(pieces, k=400)) for _ in range(2))
-        while counter.text(result) > budget.result_tokens:
-            result = result[:-1]
-        while counter.text(notes) > budget.notes_tokens:
-            notes = notes[:-1]
-        message = Carried(record="0" * 32, result=result, notes=notes).message(counter, longest, words)
-        assert counter.message(message) <= longest
-
-
-class Clearing:
-    """Takes notes in the first trial, and clears them in the second."""
-
-    name = "clearing"
-
-    def __init__(self, *, seed: int, first: int) -> None:
-        self._text = {0: "remember", 1: "  "}.get(seed - first)
-        self._asked = False
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        self._asked, begins = True, not self._asked
-        if self._text is None or not begins:
-            return sp.Reply(act("1"))
-        note = {"name": "take_notes", "arguments": json.dumps({"text": self._text})}
-        return sp.Reply({"role": "assistant", "tool_calls": [{"id": "n", "type": "function", "function": note}]})
-
-
-def test_notes_that_were_cleared_are_not_carried(tmp_path):
-    first = trial_seed(0, BANDIT, 0)
-    done = run(tmp_path / "run", players={"clearing": Clearing}, player_options={"first": first}, trials=4, chain=None)
-    carried = [sp.read_transcript(done.transcript(row["key"]))[0].get("carried") for row in done.rows]
-    assert [each and each.get("notes") for each in carried] == [None, "remember", None, None]
-
-
-class Filing:
-    """Looks at its files, and adds one with the number of the trial."""
-
-    name = "filing"
-
-    def __init__(self, *, seed: int, first: int) -> None:
-        trial = seed - first
-        path = f"/memories/{trial}.txt"
-        self._calls = [
-            {"command": "view", "path": "/memories"},
-            {"command": "create", "path": path, "file_text": f"trial {trial}"},
-            {"command": "create", "path": "/memories/long.txt", "file_text": "word " * 500},
-        ]
-        if trial == 2:
-            self._calls.append({"command": "delete", "path": "/memories/0.txt"})
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        if not self._calls:
-            return sp.Reply(act("1"))
-        call = {"name": "memory", "arguments": json.dumps(self._calls.pop(0))}
-        return sp.Reply({"role": "assistant", "tool_calls": [{"id": "m", "type": "function", "function": call}]})
-
-
-def test_files_are_carried_and_none_is_in_view(tmp_path):
-    options = {"first": trial_seed(0, BANDIT, 0)}
-    budget = sp.Budget(memory_tokens=60, prompt_tokens=1500, tool_calls=8)
-    done = run(
-        tmp_path / "run",
-        players={"filing": Filing},
-        player_options=options,
-        trials=4,
-        chain=None,
-        carry="memory",
-        budgets=budget,
-    )
-    events = [sp.read_transcript(done.transcript(row["key"])) for row in done.rows]
-    carried = [each[0].get("carried", {}).get("files") for each in events]
-    first, second, third = ({f"/memories/{n}.txt": f"trial {n}"} for n in range(3))
-    assert carried == [None, first, first | second, second | third]
-    views = [next(event["text"] for event in each if event["event"] == "call") for each in events]
-    assert "/memories/0.txt" in views[1]
-    assert "/memories/1.txt" in views[3]
-    heads = [str(next(event for event in each if event["event"] == "head")["messages"]) for each in events]
-    assert not any("trial 0" in head for head in heads)
-    assert "The last result there was" in heads[1]
-    assert not any(finding.differences for finding in audit(done.folder, 1))
-
-
-SCRIPT = """
-import sys
-import smartplay_tools as sp
-from smartplay_tools.players import get_player
-
-class Slow:
-    name = "slow"
-    def __init__(self, *, seed, seconds):
-        self._player, self._seconds = get_player("rule-notes", seed=seed), seconds
-    def reply(self, prompt):
-        import time
-        time.sleep(self._seconds)
-        return self._player.reply(prompt)
-
-if __name__ == "__main__":
-    out, executor = sys.argv[1:3]
-    run = sp.evaluate([{game!r}], {{"slow": Slow}}, out=out, trials={trials}, executor=executor, workers=2,
-                      player_options={{"seconds": 0.002}}, budgets=sp.Budget(notes_tokens=100), carry="notes",
-                      chain=3, on_progress=lambda p: print(p.finished, flush=True))
-    sys.exit(0 if run.complete else 1)
-"""
-
-
-def start(out: Path, executor: str, trials: int) -> subprocess.Popen[str]:
-    needs_unix()
-    script = out.parent / "script.py"
-    script.write_text(SCRIPT.format(game=BANDIT, trials=trials))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    command = [sys.executable, str(script), str(out), executor]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
-
-
-@pytest.mark.slow
-def test_a_ray_cluster_plays_the_same_records(tmp_path):
-    pytest.importorskip("ray", reason="the extra `ray` is not installed")
-    for executor in ("inline", "ray"):
-        with start(tmp_path / executor, executor, trials=6) as process:
-            assert process.wait(240) == 0
-    assert records(RunFolder(tmp_path / "ray")) == records(RunFolder(tmp_path / "inline"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("executor", "kills", "trials"),
-    [("inline", 1, 4), ("processes", 8, 24)],
-)
-def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials):
-    chance = random.Random(executor)
-    with start(tmp_path / "whole", executor, trials) as process:
-        assert process.wait(120) == 0
-    for _ in range(kills):
-        with start(tmp_path / "killed", executor, trials) as process:
-            assert process.stdout is not None
-            process.stdout.readline()  # the run has begun
-            time.sleep(chance.random() * 0.5)
-            process.kill()
-    with start(tmp_path / "killed", executor, trials) as process:
-        assert process.wait(120) == 0
-    whole, killed = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "killed")
-    rows = [(folder.path / "results.jsonl").read_bytes() for folder in (whole, killed)]
-    assert rows[0] == rows[1]
-    assert not any(finding.differences for finding in audit(killed, 1))

@@ -43,21 +43,8 @@ def test_a_machine_gets_json_and_nothing_else(tmp_path):
 
 
 def test_the_papers_protocol_can_be_evaluated(tmp_path):
-    code, _, _ = run(
-        "eval",
-        "--games",
-        HANOI,
-        "--players",
-        "random",
-        "--trials",
-        1,
-        "--executor",
-        "inline",
-        "--protocol",
-        "paper",
-        "--out",
-        tmp_path,
-    )
+    asked = f"--games {HANOI} --players random --trials 1 --executor inline --protocol paper"
+    code, _, _ = run("eval", *asked.split(), "--out", tmp_path)
     (row,) = RunFolder(tmp_path).rows()
     assert (code, row["protocol"], row["turns"]) == (0, "paper", 60)
     assert run("replay", tmp_path, "--workers", 1)[0] == 0
@@ -100,18 +87,8 @@ def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
 
 @pytest.mark.slow
 def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
-    arguments = (
-        "eval",
-        "--games",
-        f"{HANOI},{BANDIT}",
-        "--players",
-        "openai:gpt-5-mini",
-        "--trials",
-        10,
-        "--out",
-        tmp_path / "run",
-        "--dry-run",
-    )
+    asked = f"--games {HANOI},{BANDIT} --players openai:gpt-5-mini --trials 10 --dry-run"
+    arguments = ("eval", *asked.split(), "--out", tmp_path / "run")
     code, output, _ = run(*arguments, "--reply-tokens", 100, "--json")
     assert code == 0
     hanoi, bandit = json.loads(output)
@@ -132,18 +109,6 @@ def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
     assert "--run-cost $0.01 will pause the run" in capped
     assert "--run-tokens 1.0G is enough for the whole run" in capped
     assert re.search(r"all +20 ", table)
-
-
-def test_what_random_play_then_takes_is_within_the_estimate(tmp_path):
-    _, output, _ = run(
-        "eval", "--games", f"{BANDIT},{HANOI}", "--players", "random", "--trials", 2, "--dry-run", "--json"
-    )
-    played = sp.evaluate([BANDIT, HANOI], ["random"], out=tmp_path, trials=2, executor="inline")
-    for cell in json.loads(output):
-        rows = [row for row in played.rows if row["game"] == cell["cell"]["game"]]
-        took = sum(row["tokens"]["prompt"] for row in rows)
-        assert cell["prompt_tokens"]["low"] <= took <= cell["prompt_tokens"]["high"]
-        assert cell["calls"]["low"] <= sum(row["turns"] for row in rows) <= cell["calls"]["high"]
 
 
 def test_a_dry_run_obeys_the_caps_of_an_episode_and_the_length_that_is_assumed():
@@ -169,11 +134,6 @@ def test_shards_are_merged_by_command(tmp_path):
     code, output, _ = run("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
     assert (code, output) == (0, f"{tmp_path / 'whole'}: 4 of 4 episodes are finished.\n")
     assert run("merge", tmp_path / "1", "--out", tmp_path / "whole")[0] == 2
-
-
-def test_a_merge_that_misses_a_shard_says_so_to_scripts(tmp_path):
-    arguments = ("eval", "--games", HANOI, "--players", "random", "--trials", 4, "--executor", "inline")
-    assert run(*arguments, "--shard", "1/2", "--out", tmp_path / "1")[0] == 0
     code, output, _ = run("merge", tmp_path / "1", "--out", tmp_path / "half")
     assert (code, output) == (1, f"{tmp_path / 'half'}: 2 of 4 episodes are finished.\n")
 

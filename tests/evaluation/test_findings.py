@@ -67,14 +67,6 @@ def dearer_reply(events: Events) -> None:
     next(event for event in events if event["event"] == "usage")["reply"] = 200_000
 
 
-def other_answer(events: Events) -> None:
-    next(event for event in events if event["event"] == "call")["text"] = "You have won."
-
-
-def other_prompt(events: Events) -> None:
-    next(event for event in events if event["event"] == "view")["sha256"] = "0" * 64
-
-
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -82,8 +74,6 @@ def other_prompt(events: Events) -> None:
         (broken_off, "The record breaks off: it does not say how the episode ended."),
         (dearer_prompt, "The prompt of turn 0 has 5000 tokens."),
         (dearer_reply, "tokens under a cap of 100000."),
-        (other_answer, "(call, turn 0) text is"),
-        (other_prompt, "sha256"),
     ],
 )
 def test_a_record_that_was_changed(run, tmp_path, change, sentence):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.merge import audit
 from tests.processes import heed_interrupts, needs_proc, needs_unix
 
 pytestmark = pytest.mark.slow
@@ -27,18 +28,24 @@ from tests.evaluation.players import Slow
 
 if __name__ == "__main__":
     out, executor, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
-    run = sp.evaluate({games!r}, {{"slow": Slow}}, out=out, trials={trials}, executor=executor, workers=2,
-                      player_options={{"seconds": seconds}}, on_progress=lambda p: print(p.finished, flush=True))
+    run = sp.evaluate({games!r}, out=out, trials={trials}, executor=executor, workers=2,
+                      on_progress=lambda p: print(p.finished, flush=True), {options})
     print("stopped by", run.stopped, flush=True)
     sys.exit(0 if run.complete else 1)
 """
 
 
-def start(out: Path, executor: str, *, games: list[str], trials: int, seconds: float) -> subprocess.Popen[str]:
+SLOW = 'players={"slow": Slow}, player_options={"seconds": seconds}'
+CHAINS = 'players=["rule-notes"], carry="notes", chain=3, budgets=sp.Budget(notes_tokens=100)'
+
+
+def start(
+    out: Path, executor: str, *, games: list[str], trials: int, seconds: float, options: str = SLOW
+) -> subprocess.Popen[str]:
     """A run in a separate process."""
     needs_unix()
     script = out.parent / "script.py"
-    script.write_text(SCRIPT.format(games=games, trials=trials))
+    script.write_text(SCRIPT.format(games=games, trials=trials, options=options))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     command = [sys.executable, str(script), str(out), executor, str(seconds)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, preexec_fn=heed_interrupts)
@@ -57,23 +64,31 @@ def children(pid: int) -> list[int]:
     return numbers
 
 
-@pytest.mark.parametrize(("executor", "kills", "trials"), [("inline", 1, 2), ("inline", 10, 20), ("processes", 10, 20)])
-def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials):
-    games, chance = [BANDIT, HANOI], random.Random(f"kills {executor}")
-    with start(tmp_path / "whole", executor, games=games, trials=trials, seconds=0.001) as process:
+@pytest.mark.parametrize(
+    ("executor", "kills", "trials", "options"),
+    [
+        *(("inline", 1, 2, SLOW), ("inline", 10, 20, SLOW), ("processes", 10, 20, SLOW)),
+        *(("inline", 1, 4, CHAINS), ("processes", 8, 24, CHAINS)),
+    ],
+)
+def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials, options):
+    chance = random.Random(f"kills {executor}")
+    how = {"games": [BANDIT, HANOI], "trials": trials, "seconds": 0.001, "options": options}
+    with start(tmp_path / "whole", executor, **how) as process:
         assert process.wait(120) == 0
     for _ in range(kills):
-        with start(tmp_path / "killed", executor, games=games, trials=trials, seconds=0.001) as process:
+        with start(tmp_path / "killed", executor, **how) as process:
             assert process.stdout is not None
             process.stdout.readline()  # the run has begun
             time.sleep(chance.random() * 0.8)
             process.kill()
-    with start(tmp_path / "killed", executor, games=games, trials=trials, seconds=0.001) as process:
+    with start(tmp_path / "killed", executor, **how) as process:
         assert process.wait(120) == 0
     whole, killed = (tmp_path / name / "results.jsonl" for name in ("whole", "killed"))
     assert whole.read_bytes() == killed.read_bytes()
     assert {failure["end_reason"] for failure in RunFolder(tmp_path / "killed").failures()} <= {"interrupted"}
     assert list((tmp_path / "killed" / "running").iterdir()) == []
+    assert not any(finding.differences for finding in audit(RunFolder(tmp_path / "killed"), 1))
 
 
 @pytest.mark.parametrize(

@@ -47,18 +47,6 @@ def test_a_refusal_for_good_stops_the_run_after_one_attempt(tmp_path, status, co
     assert "the same command then continues the run" in sentence
 
 
-@pytest.mark.slow
-def test_the_same_command_goes_on_when_the_key_is_right(tmp_path):
-    with serving(lambda body, number: first_arm(body, number) if number else refusal(401, "k", "wrong key")) as (
-        url,
-        _,
-    ):
-        assert play(tmp_path, url, "--trials", 2)[0] == 1
-        code, _, stderr = play(tmp_path, url, "--trials", 2)
-    assert code == 0, stderr
-    assert len(RunFolder(tmp_path).rows()) == 2
-
-
 def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
     arguments = ("--trials", 20, "--player-option", "retries=1", "--player-option", "pause=0.01")
     code, _, stderr = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
@@ -66,14 +54,6 @@ def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_pa
     (failure,) = RunFolder(tmp_path).failures()
     assert "http://127.0.0.1:9/v1/chat/completions" in failure["error"]
     assert "http://127.0.0.1:9/v1/chat/completions" in stderr
-
-
-@pytest.mark.slow
-def test_the_others_begin_with_the_first_reply(tmp_path):
-    with serving(first_arm) as (url, bodies):
-        assert play(tmp_path, url, "--trials", 6)[0] == 0
-    assert len(RunFolder(tmp_path).rows()) == 6
-    assert len(bodies) == 6 * 50
 
 
 @pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", "anthropic:m", "langchain:openai:m"])

@@ -74,6 +74,19 @@ def test_a_cap_holds_on_a_cluster(tmp_path):
     assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
 
 
+def test_a_cluster_plays_the_records_of_chains(tmp_path):
+    asked = f"--games {BANDIT} --players rule-notes --trials 6 --carry notes --chain 3 --notes-tokens 100 --workers 2"
+    played = []
+    for executor in ("inline", "ray"):
+        out = tmp_path / executor
+        command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
+        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240)
+        folder = RunFolder(out)
+        played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
+    assert len(played[0]) == 6
+    assert played[0] == played[1]
+
+
 RETRIED_ELSEWHERE = """
 import os, sys
 from pathlib import Path

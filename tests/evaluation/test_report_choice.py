@@ -18,6 +18,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from tests.evaluation.players import Broken
 from tests.evaluation.report_runs import known_for_now, record
 
 pytest.importorskip("jinja2")
@@ -78,22 +79,11 @@ def test_keys_are_chosen_and_what_chooses_nothing_is_an_error(run):
 
 
 def test_mistakes_and_failures_can_be_chosen(tmp_path):
-    run, players = tmp_path / "run", {"breaks": Breaks, "idle": Idle, "random": random_player}
+    run, players = tmp_path / "run", {"breaks": Broken, "idle": Idle, "random": random_player}
     sp.evaluate([HANOI], players, out=run, trials=1, budgets=sp.Budget(tool_calls=2), executor="inline")
     assert len(held([run], "failed")) == 4, "one attempt and its retries"
     (idle,) = (row["key"] for row in RunFolder(run).rows() if row["player"] == "idle")
     assert held([run], "mistakes") == [idle]
-
-
-class Breaks:
-    """A player that raises."""
-
-    name = "breaks"
-
-    def __init__(self, *, seed: int) -> None: ...
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        raise ValueError("broken")
 
 
 class Idle:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.pages.report.page import write_report
-from tests.evaluation.report_runs import BANDIT, HANOI, HOSTILE, RPS, act, converse, hostile, record, reply
+from tests.evaluation.report_runs import BANDIT, HANOI, RPS, record
 from tests.evaluation.test_report import Page
 
 pytestmark = pytest.mark.slow
@@ -181,12 +181,3 @@ def test_a_comparison_that_is_not_there_is_the_run(show, tmp_path):
     page = show(tmp_path / "run", "#compare=a&with=nothing")
     assert page.locator("#run").is_visible()
     assert page.locator("#compare").is_hidden()
-
-
-def test_what_a_model_wrote_is_read_side_by_side_and_never_run(show, tmp_path):
-    hostile(tmp_path / "run" / "hostile.jsonl")
-    converse(tmp_path / "run" / "mild.jsonl", BANDIT, [reply(act("1"), content=HOSTILE), reply(act("2"))])
-    page = show(tmp_path / "run", "#compare=hostile&with=mild&step=1")
-    assert HOSTILE in page.locator(".card.side0").text_content()
-    assert HOSTILE in page.locator(".card.side1 .speech").text_content()
-    assert page.title().startswith("Side by side")

@@ -157,12 +157,6 @@ def test_a_shard_is_as_long_as_its_part(tmp_path):
     assert f"{part.planned} of {part.planned} episodes finished" in run(tmp_path).output
 
 
-def test_a_folder_without_a_run_is_one_sentence(tmp_path):
-    refused = run(tmp_path)
-    assert refused.exit_code == 2
-    assert "is not the folder of a run" in " ".join(refused.output.split())
-
-
 def test_a_table_that_cannot_be_written_is_one_sentence(tmp_path):
     evaluate([GAMES[0]], ("random",), out=tmp_path, trials=1, executor="inline")
     done = run(tmp_path, "--csv", tmp_path / "none" / "x.csv")

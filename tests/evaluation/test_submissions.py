@@ -89,14 +89,6 @@ def test_an_answer_that_was_edited_is_found_by_the_chain(bundle, tmp_path):
     assert len(checked.rows) == 3
 
 
-def test_a_row_that_was_edited_is_found(bundle, tmp_path):
-    def edit(files: Files) -> None:
-        files["results.jsonl"] = files["results.jsonl"].replace(b'"illegal_actions": 0', b'"illegal_actions": 7', 1)
-
-    checked = check(bundle, tmp_path, edit)
-    assert [finding.text for finding in checked.errors] == ["The row says illegal_actions is 7, the record 0."]
-
-
 def test_episodes_that_are_missing_or_doubled_are_found(bundle, tmp_path):
     def remove(files: Files) -> None:
         del files[records(files, HANOI)[0]]

@@ -160,11 +160,6 @@ def test_a_withheld_manual_deviates_in_both_protocols():
         assert cell_summary(rows).deviations["manual"]["played"] == "none"
 
 
-def test_the_games_own_deviations_are_kept():
-    rows = play_rows("MessengerL1-v0", trials=2)
-    assert cell_summary(rows).deviations["texts"] == {"paper": "original", "played": "grammar"}
-
-
 # Cells and conditions.
 
 

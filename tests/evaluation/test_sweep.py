@@ -37,14 +37,6 @@ def test_a_grid_is_every_combination_in_the_order_of_the_lists():
     assert windows(cells[:4]) == [(1, None, 0), (1, None, 0.5), (None, None, 0), (None, None, 0.5)]
 
 
-def test_what_does_not_vary_is_the_same_in_every_cell():
-    cells = grid(
-        [BANDIT], ["rule"], vary={"history": [1, 5]}, budget=sp.Budget(tool_calls=7, history=3), batch="first_act"
-    ).cells
-    assert {(c.budget.tool_calls, c.batch) for c in cells} == {(7, "first_act")}
-    assert [c.budget.history for c in cells] == [1, 5]
-
-
 def test_a_window_that_is_named_twice_is_played_once():
     """50 is the paper's history of the bandit, and not of Hanoi, where it is a window of its own."""
     cells = grid([BANDIT, HANOI], ["rule"], vary={"history": ["game", 50, 1, 1], "prompt_tokens": [None, None]}).cells
@@ -60,20 +52,17 @@ def test_what_does_not_vary_is_in_the_budget():
     assert [(cell.budget.history, cell.budget.tool_calls) for cell in cells] == [(3, 5), (3, 9)]
 
 
-def test_an_axis_is_no_argument():
-    with pytest.raises(sp.InvalidArgumentError, match="no argument history"):
-        grid([BANDIT], ["rule"], history=[1, 5])
-
-
-def test_only_axes_vary():
-    with pytest.raises(sp.InvalidArgumentError, match="cannot vary steps; its axes are history, prompt_tokens"):
-        grid([BANDIT], ["rule"], vary={"steps": [1]})
-
-
-@pytest.mark.parametrize("values", [[], 5, "game"])
-def test_values_are_lists(values):
-    with pytest.raises(sp.InvalidArgumentError, match="history must be a list"):
-        grid([BANDIT], ["rule"], vary={"history": values})
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"history": [1, 5]}, "no argument history"),
+        ({"vary": {"steps": [1]}}, "cannot vary steps; its axes are history, prompt_tokens"),
+        *(({"vary": {"history": values}}, "history must be a list") for values in ([], 5, "game")),
+    ],
+)
+def test_axes_vary_by_lists_and_nothing_else_does(asked, sentence):
+    with pytest.raises(sp.InvalidArgumentError, match=sentence):
+        grid([BANDIT], ["rule"], **asked)
 
 
 def test_a_sweep_of_nothing_is_refused(tmp_path):

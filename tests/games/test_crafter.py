@@ -331,15 +331,6 @@ def test_larger_pictures_are_the_packages_too(package: ReferenceEngine, size: in
     assert np.array_equal(drawn[border : border + len(expected), border : border + len(expected)], expected)
 
 
-def test_larger_pictures_show_the_same() -> None:
-    game = started(9, render_mode="rgb_array", picture_size=576)
-    for step in range(180):
-        game.step(step % 5)
-    picture = game.render()
-    assert picture.shape == (576, 576, 3)
-    assert picture.std() > 10
-
-
 def test_in_mode_ansi_the_observation_is_rendered() -> None:
     game = started(9, render_mode="ansi")
     assert game.render() == game.observation

@@ -70,16 +70,6 @@ def test_death_shows_the_originals_accident_unless_corrected() -> None:
     assert "Environment Error." not in dead(1).observation  # level 1 keeps its avatar
 
 
-def test_the_history_holds_the_paper_s_two_steps() -> None:
-    game = make(2)
-    game.reset(seed=4)
-    for _ in range(4):
-        info = game.step(4)[-1]
-    assert info["history"].startswith(
-        "Most recent 2 steps of the player's in-game observation:\n\nPlayer Observation Step 2:"
-    )
-
-
 @pytest.mark.parametrize("split", ["train", "val", "test"])
 @pytest.mark.parametrize("level", LEVELS)
 def test_every_split_can_be_played(split: str, level: int) -> None:

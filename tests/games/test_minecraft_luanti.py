@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from smartplay_tools.games.minecraft.voxel.blocks import Block
 from smartplay_tools.games.minecraft.voxel.walking import EYES, Walker
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld
 from tests.guides.luanti import Guide
-from tests.processes import needs_proc, needs_unix
+from tests.processes import is_running, is_soon, needs_proc, needs_unix
 
 needs_unix()
 needs_proc()
@@ -299,15 +298,6 @@ def test_the_paper_texts_can_be_played_too():
 # Nothing is left behind.
 
 
-def is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    # A zombie process counts as ended.
-    return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-
-
 def servers(folders: Path) -> list[int]:
     """The processes whose working directory is in these folders."""
     numbers = []
@@ -320,13 +310,6 @@ def servers(folders: Path) -> list[int]:
     return numbers
 
 
-def eventually(condition, seconds: float = 20) -> bool:
-    deadline = time.monotonic() + seconds
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.05)
-    return condition()
-
-
 @needs_server
 def test_closing_leaves_neither_process_nor_folder(folders):
     engine = LuantiEngine(text="corrected")
@@ -336,7 +319,7 @@ def test_closing_leaves_neither_process_nor_folder(folders):
     assert len(list(folders.iterdir())) == 1
     engine.close()
     engine.close()
-    assert not is_alive(guard)
+    assert not is_running(guard)
     assert servers(folders) == list(folders.iterdir()) == []
 
 
@@ -377,7 +360,7 @@ def test_however_python_ends_nothing_is_left(folders, then, code):
             assert len(servers(folders)) == 1
             process.kill()
         assert process.wait(20) == code
-    assert eventually(lambda: not is_alive(guard) and not servers(folders) and not list(folders.iterdir()))
+    assert is_soon(lambda: not is_running(guard) and not servers(folders) and not list(folders.iterdir()))
 
 
 @needs_server
@@ -465,9 +448,9 @@ def test_a_server_that_hangs_is_ended_when_python_is_killed(program, folders):
     program("trap '' TERM HUP INT; while true; do sleep 1; done")
     script = "from smartplay_tools.games.minecraft.luanti.engine import *\nLuantiEngine(text='paper').reset(0, None)"
     with subprocess.Popen([sys.executable, "-c", script]) as process:
-        assert eventually(lambda: bool(servers(folders)))
+        assert is_soon(lambda: bool(servers(folders)))
         process.kill()
-    assert eventually(lambda: not servers(folders) and not list(folders.iterdir()))
+    assert is_soon(lambda: not servers(folders) and not list(folders.iterdir()))
 
 
 def test_without_a_server_the_remedy_is_named(monkeypatch):

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
-from tests.processes import needs_proc, needs_unix
+from tests.processes import is_running, is_soon, needs_proc, needs_unix
 
 needs_unix()
 needs_proc()
@@ -57,21 +56,6 @@ def program(path: Path, *lines: str) -> str:
     path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
     path.chmod(0o755)
     return str(path)
-
-
-def is_running(pid: int) -> bool:
-    """Whether a process exists and is not a zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def is_soon(condition) -> bool:
-    deadline = time.monotonic() + 30
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    return condition()
 
 
 # A faulty worker: a program that reads requests, and these lines for each.
@@ -363,16 +347,13 @@ def test_an_environment_is_made_in_a_new_folder_only(tmp_path):
     [
         (["echo 3 12"], "MineDojo needs Python 3.11; .* is 3.12"),
         (["exit 1"], "MineDojo needs Python 3.11; .* is not a Python"),
+        (None, "/nowhere/python cannot be run: No such file"),
     ],
 )
 def test_another_python_is_refused(lines, sentence, tmp_path):
+    python = "/nowhere/python" if lines is None else program(tmp_path / "python", *lines)
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
-        install(tmp_path / "venv", program(tmp_path / "python", *lines))
-
-
-def test_a_python_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(sp.InvalidArgumentError, match="/nowhere/python cannot be run: No such file"):
-        install(tmp_path / "venv", "/nowhere/python")
+        install(tmp_path / "venv", python)
 
 
 def test_a_failed_installation_says_why_and_leaves_no_folder(tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.transcript import Event
 from smartplay_tools.types import ResolvedBudget
 
@@ -93,7 +94,7 @@ def longest_message(carry: str, budget: ResolvedBudget, n: Counting) -> int:
 def play_chains(seed: int, out: Path) -> int:
     """Play chains under a random budget, and compare what each trial begins with; return how many were carried to.
 
-    A budget is refused exactly where it should be.
+    A budget is refused exactly where it should be, and every record replays.
     """
     rng = random.Random(seed)
     game, carry = rng.choice(GAMES), rng.choice(("notes", "memory"))
@@ -134,4 +135,5 @@ def play_chains(seed: int, out: Path) -> int:
             files = record[0]["carried"].get("files") or {}
             assert files == (before.files if carry == "memory" else {}), f"{where}: {files}, {before.files}"
         before = before.after(record, n)
+    assert not any(finding.differences for finding in audit(run.folder, 1)), where
     return carried

@@ -25,7 +25,7 @@ NIGHT = 148
 
 def words_of(prompt):
     """The newest observation of a prompt as the player puts it into words; None if there is none yet."""
-    seen = Reading(sp.Prompt(read_file(f"{FILE}:in_words").make(prompt), prompt.tools)).observations
+    seen = Reading(sp.Prompt(read_file(f"{FILE}:in_words").value(prompt), prompt.tools)).observations
     return seen[-1] if seen else None
 
 

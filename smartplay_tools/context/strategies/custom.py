@@ -19,7 +19,7 @@ from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.view import Selection, ranges_of
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line, name_of
 from smartplay_tools.games.game_registry import packages_are_imported
-from smartplay_tools.registry import Registry, is_in_file, read_file
+from smartplay_tools.registry import NamedInFiles, Registry, is_in_file, without_folders
 from smartplay_tools.types import Budget
 from smartplay_tools.types.arguments import value_in
 
@@ -62,8 +62,8 @@ class Loaded:
 _NAMED: dict[str, Loaded] = {}
 """The strategies without a file that this process has been asked for, by their names without options."""
 
-_READ: dict[tuple[str | None, str], Loaded] = {}
-"""The strategies in files that the user has named in this process, by the digest of the file, and class."""
+IN_FILES = NamedInFiles("strategy")
+"""The strategies in files that the user has named in this process."""
 
 
 def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
@@ -86,18 +86,7 @@ def load_strategy(name: str, digest: str | None = None, path: Path | None = None
         if place not in _NAMED:
             _NAMED[place] = Loaded(_REGISTRY[place])
         return _NAMED[place]
-    file, _, attribute = place.rpartition(":")
-    if digest is None or (digest, attribute) not in _READ:
-        path = path or Path(file)
-        make, sha256 = read_file(f"{path}:{attribute}", "strategy")
-        _READ[sha256, attribute] = Loaded(make, sha256, path)
-        if digest not in (None, sha256):
-            raise InvalidArgumentError(
-                f"{path} has changed since its episodes were planned; put the earlier file back, or play again with "
-                "the new one."
-            )
-        digest = sha256
-    return _READ[digest, attribute]
+    return Loaded(*IN_FILES.load(place, digest, path))
 
 
 def name_on_record(name: str) -> str:
@@ -105,8 +94,7 @@ def name_on_record(name: str) -> str:
     place, _ = parted(name)
     if not is_in_file(place):
         return name
-    file, _, attribute = place.rpartition(":")
-    return f"{Path(file).name}:{attribute}{name.removeprefix(place)}"
+    return without_folders(place) + name.removeprefix(place)
 
 
 def recorded_strategy(name: str, digest: str | None) -> Loaded:
@@ -119,18 +107,7 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
         if place not in _NAMED and place in _REGISTRY and not packages_are_imported():
             raise InvalidArgumentError(f"{place} is a strategy of an installed package; --plugins imports it.")
         return load_strategy(name)
-    file, _, attribute = place.rpartition(":")
-    if (digest, attribute) in _READ:
-        return _READ[digest, attribute]
-    named = {(loaded.path.name, own) for (_, own), loaded in _READ.items() if loaded.path is not None}
-    if (Path(file).name, attribute) in named:
-        raise InvalidArgumentError(
-            f"{place} has changed since the record was made; name an unchanged copy of the file with --strategy."
-        )
-    raise InvalidArgumentError(
-        f"The record was played with the strategy {place}; name it with --strategy, with the path of its file, to "
-        "import it."
-    )
+    return Loaded(*IN_FILES.recorded(place, digest))
 
 
 def make_strategy(name: str, loaded: Loaded) -> Strategy:

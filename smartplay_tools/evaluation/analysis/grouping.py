@@ -19,7 +19,7 @@ from typing import Any, Self
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
@@ -31,7 +31,7 @@ USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 _COPIED = ("game", "engine", "player", "player_options", "tokenizer", "options")
 """The fields of a cell that are those of its rows."""
 
-_WRITTEN = (*_COPIED, *RULES, "strategy_sha256", "budget", "asked")
+_WRITTEN = (*_COPIED, *RULES, "game_sha256", "strategy_sha256", "budget", "asked")
 """The fields of a row that say what its cell is."""
 
 
@@ -49,6 +49,8 @@ class PlayedCell:
     """Resolved, in numbers."""
     tokenizer: str
     options: Mapping[str, Any]
+    game_sha256: str | None = None
+    """The sha256 of the file of the game; None if it is not in a file."""
     strategy_sha256: str | None = None
     """The sha256 of the file of the budget's strategy; None if it is not in a file."""
     asked: tuple[Budget, ...] = field(default=(), compare=False)
@@ -63,20 +65,21 @@ class PlayedCell:
             **{name: row[name] for name in _COPIED},
             rules={name: row.get(name, USUAL[name]) for name in RULES},
             budget=numbers,
+            game_sha256=row.get("game_sha256"),
             strategy_sha256=row.get("strategy_sha256"),
             asked=(Budget.from_record(asked),),
         )
 
     @property
-    def spec(self) -> GameSpec:
-        """The setting."""
-        return get_spec(self.game)
+    def spec(self) -> GameSpec | None:
+        """The setting; None if it is not known here, as one in a file that this process has not imported."""
+        return GAMES.get(self.game)
 
     def key(self, *, without: Collection[str] = ()) -> bytes:
         """Return what identifies the cell, without these fields of its budget: equal for equal cells."""
         budget = {name: value for name, value in self.budget.items() if name not in without}
         file = None if "strategy" in without else self.strategy_sha256
-        return canonical_json([*(getattr(self, name) for name in _COPIED), self.rules, file, budget])
+        return canonical_json([*(getattr(self, name) for name in _COPIED), self.rules, self.game_sha256, file, budget])
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ class Condition:
     budget: Mapping[str, Any]
     """As it was asked for, with "game" and "auto" instead of numbers."""
     variant: str
-    """Engine, file of the strategy and options, if some game was played with several; otherwise empty."""
+    """Engine, files of game and strategy, and options, if some game was played with several; otherwise empty."""
     cells: tuple[PlayedCell, ...]
 
     @property
@@ -178,6 +181,6 @@ def _variants(cells: Sequence[PlayedCell]) -> list[tuple[str, tuple[PlayedCell, 
 
 def _variant(cell: PlayedCell) -> str:
     engine = [] if cell.engine is None else [f"engine {cell.engine}"]
-    file = [] if cell.strategy_sha256 is None else [f"file {cell.strategy_sha256[:8]}"]
+    file = [f"file {sha256[:8]}" for sha256 in (cell.game_sha256, cell.strategy_sha256) if sha256 is not None]
     options = (f"{name}={value}" for name, value in sorted(cell.options.items()))
     return ", ".join([*engine, *file, *options]) or "no options"

@@ -22,7 +22,7 @@ from typing import Self
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
-from smartplay_tools.games.specs import GAMES, get_spec
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row, grouped, mean_score, unit_of
 
 __all__ = ["MEASURES", "differences", "paired_difference"]
@@ -88,7 +88,8 @@ def values(rows: Iterable[Row], measure: Measure) -> list[float]:
 
 def completion(row: Row) -> float | None:
     """1 if the objective was reached, otherwise 0; None for games that have no objective."""
-    return None if get_spec(row["game"]).family in FAMILIES_WITHOUT_OBJECTIVE else float(row["completed"])
+    spec = GAMES.get(row["game"])
+    return None if spec is not None and spec.family in FAMILIES_WITHOUT_OBJECTIVE else float(row["completed"])
 
 
 def reward(row: Row) -> float:

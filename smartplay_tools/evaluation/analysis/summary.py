@@ -266,7 +266,7 @@ def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
             deviation["played"] += [values["played"]] if values["played"] not in deviation["played"] else []
     for values in merged.values():
         values["played"] = values["played"][0] if len(values["played"]) == 1 else values["played"]
-    if len(rows) != cell.spec.trials:
+    if cell.spec is not None and len(rows) != cell.spec.trials:
         merged["trials"] = differs(cell.spec.trials, len(rows))
     return merged
 

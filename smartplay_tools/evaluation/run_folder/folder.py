@@ -127,6 +127,8 @@ class Manifest(BaseModel):
     """How often each world is played, one trial after the other; None for once."""
     run_file: str | None = None
     """The text of the run file, if there is one."""
+    game_files: dict[str, str] | None = None
+    """The paths of the files of games, by the sha256 of the file; None without such a game."""
     strategy_files: dict[str, str] | None = None
     """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
     until: Until | None = None
@@ -173,7 +175,7 @@ class Manifest(BaseModel):
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""
-        optional = ("repeats", "run_file", "strategy_files", "until", "spending")
+        optional = ("repeats", "run_file", "game_files", "strategy_files", "until", "spending")
         return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
 
 

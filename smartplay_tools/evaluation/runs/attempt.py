@@ -31,6 +31,7 @@ from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
+from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import get_player, player_registry
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
@@ -62,6 +63,8 @@ class Task:
     price: Price | None = None
     carried: Carried | None = None
     """What the episode takes over from the trial before it in its chain."""
+    game_file: Path | None = None
+    """The file of the game of its cell; None if that is not in a file."""
     strategy_file: Path | None = None
     """The file of the custom strategy of its cell; None if that is not in a file."""
 
@@ -120,7 +123,7 @@ def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 
 
 def _episode(task: Task) -> Episode:
-    _load_strategy(task)
+    _load_files(task)
     config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
     return Episode.from_config(config, transcript=task.record, carried=task.carried)
 
@@ -140,16 +143,18 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
 def _earlier(task: Task) -> list[Event]:
     """The record of an earlier attempt, unless it began with something other than what the trial before has left."""
     assert task.previous is not None
-    _load_strategy(task)
+    _load_files(task)
     events = read_transcript(task.previous)
     if Carried.of(events[0]) != task.carried:
         raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
     return events
 
 
-def _load_strategy(task: Task) -> None:
-    """Import the custom strategy that the plan names; a config or a record alone does not say where its file is."""
+def _load_files(task: Task) -> None:
+    """Import the game and the strategy that the plan names; a config or a record does not say where their files are."""
     cell = task.planned.cell
+    if cell.game_file is not None:
+        load_game(cell.game_file, cell.game_sha256, task.game_file)
     if cell.budget.strategy is not None:
         load_strategy(cell.budget.strategy, cell.strategy_sha256, task.strategy_file)
 

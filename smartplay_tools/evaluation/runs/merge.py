@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.games.specs import load_game
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.resumption import chain_fault
@@ -118,30 +119,38 @@ def audit(
     workers: int,
     tokenizer: str | None = None,
     *,
+    game: str | None = None,
     strategy: str | None = None,
     rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
     """Yield the audit of every finished episode of a run, in the order of completion.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
-    registered. `tokenizer` names the records' tokenizer if its file was moved, `strategy` is the
-    name of their strategy, if that is in a file. Rows are read from the folder unless they are given.
+    registered. `tokenizer` names the records' tokenizer if its file was moved, `game` and `strategy` are the names of
+    their game and their strategy, if these are in files. Rows are read from the folder unless they are given.
     """
     rows = folder.rows() if rows is None else rows
     before = {key: folder.transcript(earlier) for key, earlier in folder.manifest().predecessors.items()}
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
-    work = functools.partial(_audit_all, tokenizer=tokenizer, strategy=strategy)
+    work = functools.partial(_audit_all, tokenizer=tokenizer, game=game, strategy=strategy)
     with parallel_map(work, records, processes) as results:
         for _, findings in results:
             yield from findings
 
 
-def _audit_all(
-    records: Sequence[tuple[Path, Path | None, Row]], *, tokenizer: str | None, strategy: str | None
-) -> list[EpisodeAudit]:
+def import_named(game: str | None, strategy: str | None) -> None:
+    """Import the game and the strategy in files that a user names for records, which import no file themselves."""
+    if game is not None:
+        load_game(game)
     if strategy is not None:
         load_strategy(strategy)
+
+
+def _audit_all(
+    records: Sequence[tuple[Path, Path | None, Row]], *, tokenizer: str | None, game: str | None, strategy: str | None
+) -> list[EpisodeAudit]:
+    import_named(game, strategy)
     return [_audit(record, before, row, tokenizer=tokenizer) for record, before, row in records]
 
 

@@ -25,7 +25,7 @@ from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpiso
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.specs import IN_FILES, get_spec
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
@@ -68,15 +68,16 @@ class Plan:
             ManifestEpisode(episode.key, episode.place, episode.trial, episode.seed) for episode in self.episodes
         )
         repeats = None if self.repeats == 1 else self.repeats
-        in_files = (cell for cell in self.cells if cell.strategy_sha256 is not None)
-        files = {str(cell.strategy_sha256): str(strategy_file(cell)) for cell in in_files}
+        games = {cell.game_sha256: str(game_file(cell)) for cell in self.cells}
+        strategies = {cell.strategy_sha256: str(strategy_file(cell)) for cell in self.cells}
         return Manifest(
             seed=self.seed,
             cells=self.cells,
             episodes=tuple(episodes),
             repeats=repeats,
             prices={**prices_in_tables(self.cells), **prices},
-            strategy_files=files or None,
+            game_files=_in_files(games),
+            strategy_files=_in_files(strategies),
             **facts,
         )
 
@@ -130,6 +131,16 @@ def player_of(cell: CellConfig) -> str:
 def player_key(cell: CellConfig) -> str:
     """Return a player and its options as one text, which is equal for cells with the same player."""
     return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"
+
+
+def _in_files(paths: Mapping[str | None, str]) -> dict[str, str] | None:
+    """Return the paths that have a digest; None without any."""
+    return {sha256: path for sha256, path in paths.items() if sha256 is not None} or None
+
+
+def game_file(cell: CellConfig) -> Path | None:
+    """Return the file of a cell's game, as the user has named it; None if it is not in a file."""
+    return None if cell.game_file is None else IN_FILES.recorded(cell.game_file, cell.game_sha256).path
 
 
 def strategy_file(cell: CellConfig) -> Path | None:

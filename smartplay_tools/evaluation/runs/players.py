@@ -113,7 +113,7 @@ def player_named(name: str) -> PlayerConfig:
             f'{{"p": {name_of(name)}}}.'
         )
     if is_in_file(name):
-        function = read_file(name).make
+        function = read_file(name).value
         if is_agent(function):
             return PlayerConfig(name=name, agent=FunctionAgent(function))
     return PlayerConfig(name=name)

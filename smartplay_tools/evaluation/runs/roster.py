@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from smartplay_tools.conversation.loop import check_observation, check_player
+from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
@@ -89,18 +90,18 @@ def _by_executor(
                 suits[key] = "inline"
         if key in made_for:
             check_observation(made_for[key], cell.observation)
-        episodes_of.setdefault(_for_game(cell.game, suits[key], asked), []).append(episode)
+        episodes_of.setdefault(_for_game(cell, suits[key], asked), []).append(episode)
     return {name: episodes for name, episodes in episodes_of.items() if episodes}, remote
 
 
-def _for_game(game: str, suits: str, asked: str | None) -> str:
+def _for_game(cell: CellConfig, suits: str, asked: str | None) -> str:
     """Return the executor for a game, which other processes may not know."""
-    if suits not in ELSEWHERE or not is_known_only_here(game):
+    if suits not in ELSEWHERE or not is_known_only_here(cell):
         return suits
     if asked is not None:
         raise InvalidArgumentError(
-            f"{game} was registered in this notebook, which worker processes cannot import; declare it in a package, "
-            'or ask for executor="inline".'
+            f"{cell.game} was registered in this notebook, which worker processes cannot import; name it in a file as "
+            'FILE.py:NAME, or ask for executor="inline".'
         )
     return "inline"
 
@@ -129,9 +130,9 @@ def why_only_here(task: Task) -> str | None:
     return None
 
 
-def is_known_only_here(game: str) -> bool:
-    """Return whether a game was registered by the code of a notebook, and so in no other process."""
-    return _is_without_file() and not GAMES.is_declared(game)
+def is_known_only_here(cell: CellConfig) -> bool:
+    """Return whether a cell's game was registered by the code of a notebook, and so in no other process."""
+    return _is_without_file() and cell.game_file is None and not GAMES.is_declared(cell.game)
 
 
 def _is_without_file() -> bool:

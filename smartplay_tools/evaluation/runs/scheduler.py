@@ -25,7 +25,7 @@ from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
 from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of, strategy_file
+from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file, player_key, player_of, strategy_file
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
@@ -247,8 +247,8 @@ class Scheduler:
         config = self._setup.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
         carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
-        price, file = self._setup.prices.get(player_of(cell)), strategy_file(cell)
-        task = Task(episode, config, record, previous, price, carried, file)
+        price, files = self._setup.prices.get(player_of(cell)), (game_file(cell), strategy_file(cell))
+        task = Task(episode, config, record, previous, price, carried, *files)
         self._running[episode.key] = task
         return task
 

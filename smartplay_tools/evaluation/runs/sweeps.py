@@ -137,11 +137,12 @@ def grid(
     protocol = rules.get("protocol", "tools")
     refused: set[tuple[str, str, str]] = set()
     left_out: list[str] = []
-    for game, budget, observation in product(games, budgets, varied["observation"]):
+    specs = [get_spec(game) for game in games]
+    for spec, budget, observation in product(specs, budgets, varied["observation"]):
         which = {"context": "window", "protocol": protocol, "observation": observation}
-        if reason := refused_strategy(budget, get_spec(game), **which):
-            refused.add((game, budget.model_dump_json(), observation))
-            left_out.append(f"{game}, {budget.describe()}: {reason}")
+        if reason := refused_strategy(budget, spec, **which):
+            refused.add((spec.id, budget.model_dump_json(), observation))
+            left_out.append(f"{spec.id}, {budget.describe()}: {reason}")
 
     def enforceable(spec: GameSpec, observation: str) -> list[Budget]:
         return [budget for budget in budgets if (spec.id, budget.model_dump_json(), observation) not in refused]
@@ -153,8 +154,8 @@ def grid(
         wanted += make_cells(games, players, allowed, **chosen, **rules)
     wanted, too_small = _split_by_reserve(wanted)
     names = [player if isinstance(player, str) else player.name for player in players]
-    order = {pair: place for place, pair in enumerate(product(games, names))}
-    wanted.sort(key=lambda cell: order[cell.game, player_of(cell)])
+    order = {pair: place for place, pair in enumerate(product(((spec.id, spec.sha256) for spec in specs), names))}
+    wanted.sort(key=lambda cell: order[(cell.game, cell.game_sha256), player_of(cell)])
     cells: dict[str, CellConfig] = {}
     for cell in wanted:
         cells.setdefault(_identity(cell), cell)

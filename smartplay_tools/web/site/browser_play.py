@@ -202,14 +202,14 @@ class BrowserGames:
     """The games that a person may play in a site; each has its own run, which begins when it is first chosen.
 
     Arguments:
-        games: the ids of the settings.
+        games: the settings, by their ids or as `FILE.py:NAME`.
         out: the folder of the run; of several games, that of their runs, each in a folder with the name of its game.
         seed: the seed of the runs.
         options: those of `human_cell`, the same for all games.
     """
 
     def __init__(self, games: Sequence[str], out: str | Path, *, seed: int = 0, **options: Any) -> None:
-        self.games, self.folder = tuple(games), Path(out)
+        self.games, self.folder = tuple(get_spec(game).id for game in games), Path(out)
         self.challenges = self.folder.with_name(f"{self.folder.name}-challenges")
         """The folder of the runs that answer to challenges."""
         self._seed, self._options = seed, options

@@ -54,7 +54,7 @@ class Challenge:
     def query(self) -> str:
         """Return the query of the link; `InvalidArgumentError` if other machines could not play this."""
         cell, usual = self.cell, Budget()
-        _check_portable(cell.budget.strategy, cell.tokenizer, *cell.options.values())
+        _check_portable(cell.game_file or cell.budget.strategy, cell.tokenizer, *cell.options.values())
         asked = {name: _text(value) for name, value in dict(cell.budget).items() if value != getattr(usual, name)}
         rules = {name: getattr(cell, name) for name in OWN_RULES if getattr(cell, name) != getattr(Rules(), name)}
         options = {_OPTION + name: json.dumps(value) for name, value in cell.options.items()}
@@ -100,10 +100,10 @@ def _cell(game: str, given: dict[str, str]) -> CellConfig:
     return cell
 
 
-def _check_portable(strategy: str | None, *others: Any) -> None:
-    if strategy is not None or any(isinstance(value, str) and OF_ONE_MACHINE.search(value) for value in others):
+def _check_portable(own: str | None, *others: Any) -> None:
+    if own is not None or any(isinstance(value, str) and OF_ONE_MACHINE.search(value) for value in others):
         raise InvalidArgumentError(
-            "A challenge cannot have a strategy, texts or a tokenizer of your own: other machines lack them."
+            "A challenge cannot have a game, a strategy, texts or a tokenizer of your own: other machines lack them."
         )
 
 

@@ -122,9 +122,10 @@ def _place(comparison: WindowComparison, field: str, steps: Sequence[Any]) -> in
 
 def _draw_human(axes: Axes, members: Iterable[WindowComparison]) -> None:
     """Draw the human score of a game, if scores may be compared with it."""
-    comparable = [c.cell.spec.human_score for c in members if "normalized_score" in c.means]
-    if comparable and comparable[0] is not None:
-        axes.axhline(comparable[0], color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+    comparable = [c.cell.spec for c in members if "normalized_score" in c.means]
+    human = comparable[0].human_score if comparable and comparable[0] is not None else None
+    if human is not None:
+        axes.axhline(human, color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
 
 
 def _lines(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:

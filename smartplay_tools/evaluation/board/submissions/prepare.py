@@ -80,6 +80,7 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
             "prices": {name: price for name, price in manifest.prices.items() if name == player},
             "caps": {},
             "run_file": None,
+            "game_files": None,
             "strategy_files": None,
             "spending": None,
         }

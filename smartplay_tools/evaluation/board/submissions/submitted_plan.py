@@ -83,6 +83,7 @@ class SubmittedPlan(Manifest):
     episodes: Annotated[tuple[ManifestEpisode, ...], FailFast(), Field(min_length=1, max_length=MOST_EPISODES)]
     shard: None
     run_file: None = None
+    game_files: None = None
     strategy_files: None = None
     spending: None = None
 
@@ -139,6 +140,9 @@ def check_plan(plan: SubmittedPlan, allowed: Allowed) -> CheckedPlan:
 def _unsafe(cell: CellConfig, allowed: Allowed) -> Iterator[Finding]:
     """Yield why a cell is not replayed."""
     game = cell.game[:100]
+    if cell.game_file is not None:
+        yield error("plan", f"{game} was played from the file {cell.game_file[:100]!r}; files are not imported.")
+        return
     if not GAMES.is_loaded(cell.game) and not allowed.plugins:
         yield error(
             "engine", f"{game!r} is not a setting of the benchmark; --plugins replays games of installed packages."

@@ -35,7 +35,6 @@ from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.games.minecraft.game import Minecraft
 from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
-from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import CallEvent, compares_pictures
 from smartplay_tools.types import ObservationForm
@@ -111,7 +110,7 @@ class Drawings:
         return why
 
     def _drawing(self, record: Record) -> dict[str, Any]:
-        if GAMES[record.game].family == "minecraft":
+        if record.config.spec.family == "minecraft":
             return draw_walk(record)
         return self._replay(record)
 
@@ -151,7 +150,7 @@ class Drawings:
         for act in acts:
             actions.append(_play_again(game, tools, act, config.observation))
             states.append(game.drawing())
-        kind = "text" if states[0].keys() == {"text"} else GAMES[config.game].family
+        kind = "text" if states[0].keys() == {"text"} else config.spec.family
         return {
             "kind": kind,
             "source": REPLAYED + SAW[config.observation],
@@ -162,11 +161,11 @@ class Drawings:
         }
 
     def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
-        played = (config.game, config.setting, config.engine, config.options, config.budget.history)
+        played = (config.game, config.game_sha256, config.setting, config.engine, config.options, config.budget.history)
         cell = (*played, config.observation, config.prompts)
         if self._made is None or self._made[0] != cell:
             self._close()
-            if not packages_are_imported() and config.setting.kwargs != Setting.of(GAMES[config.game]).kwargs:
+            if not packages_are_imported() and config.setting.kwargs != Setting.of(config.registered).kwargs:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
             game = config.make_game(config.spec)

@@ -34,7 +34,7 @@ from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tab
 from smartplay_tools.evaluation.analysis.details import deviations_table
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table
-from smartplay_tools.evaluation.analysis.summary import RunSummary
+from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
@@ -49,12 +49,10 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
     interval,
     lines,
     rules,
-    summarize_rows,
     totals,
 )
 from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.games.game_registry import importing_packages
-from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, grouped, unplayed
@@ -292,7 +290,7 @@ def _page_of_run(
     with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
         drawn = list(figures(drawing))
         # Computes the intervals while the others read; the summary below finds them remembered.
-        summarize_rows(run.sources.rows, ())
+        summarize(run.sources.rows, ())
         shown = read()
     episodes = [episode.facts for episode in shown]
     packed = {episode.facts["key"]: episode.packed for episode in shown}
@@ -302,7 +300,7 @@ def _page_of_run(
     if failures is None:
         failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
     costs = _costs(run, rows, tariffs, workers) if tariffs else ()
-    return _RunPage(run, episodes, packed, rows, summarize_rows(rows, failures), drawn, costs)
+    return _RunPage(run, episodes, packed, rows, summarize(rows, failures), drawn, costs)
 
 
 def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], workers: int) -> Sequence[TextTable]:
@@ -317,7 +315,7 @@ def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], worker
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
     """The tables of several runs against each other; none where no two of them have a game in common."""
-    rows = {str(page.run.path): [row for row in page.rows if row["game"] in GAMES] for page in pages}
+    rows = {str(page.run.path): page.rows for page in pages}
     if len(rows) > 1:
         with contextlib.suppress(InvalidArgumentError):
             yield from comparison_tables(compare(rows))
@@ -326,7 +324,7 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 def _tables(page: _RunPage) -> Iterator[TextTable]:
     """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
     if len(page.summary.cells) > 1:
-        comparisons = compare_windows([row for row in page.rows if row["game"] in GAMES])
+        comparisons = compare_windows(page.rows)
         if any(not comparison.is_full for comparison in comparisons):
             yield windows_table(comparisons)
     yield from page.costs

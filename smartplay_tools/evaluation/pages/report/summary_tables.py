@@ -11,7 +11,7 @@ import base64
 import functools
 import json
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.analysis.figures.run import write_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell, differing
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary, summarize
+from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
 from smartplay_tools.evaluation.pages.report.sources import ShownRun
 from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
@@ -38,11 +38,6 @@ def failed_row(key: str, episode: Mapping[str, Any]) -> Row:
     """Return the row of a failed attempt that is not part of a run."""
     reason = "exception" if episode["result"] is None else episode["result"]["end_reason"]
     return {"key": key, "end_reason": reason, **{name: episode[name] for name in ("game", "player", "error")}}
-
-
-def summarize_rows(rows: Sequence[Row], failures: Iterable[Row]) -> RunSummary:
-    """Summarise the rows of games that are registered here."""
-    return summarize([row for row in rows if row["game"] in GAMES], failures)
 
 
 def lines(summary: RunSummary) -> Iterator[dict[str, Any]]:
