@@ -6,7 +6,8 @@ rewards and worlds are MiniGrid's; the words are ours. This module does not impo
 
 from __future__ import annotations
 
-from smartplay_tools.games.game_registry import GameSpec, Pack
+from smartplay_tools.games import GameSpec
+from smartplay_tools.games.game_registry import Pack
 
 __all__ = ["ROOMS"]
 

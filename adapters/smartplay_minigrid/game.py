@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 
 from smartplay_tools.errors import extra_named
-from smartplay_tools.games.gymnasium_game import GymnasiumGame
+from smartplay_tools.games import GymnasiumGame
 from smartplay_tools.types.pictures import Picture
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a print to stdout may be read as a server's answer

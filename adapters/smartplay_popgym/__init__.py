@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from smartplay_tools.games.game_registry import GameSpec, Pack
+from smartplay_tools.games import GameSpec
+from smartplay_tools.games.game_registry import Pack
 
 __all__ = ["CARDS", "LABYRINTHS"]
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     from smartplay_tools.games.base import TextGame
 
+__all__ = ["Pack"]
+
 ENTRY_POINTS = "smartplay_tools.games"
 """The group under which other packages declare settings."""
 
