@@ -11,10 +11,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from popgym.envs.autoencode import Autoencode as AutoencodeEnv
-from popgym.envs.count_recall import CountRecall as CountRecallEnv
-from popgym.envs.repeat_first import RepeatFirst as RepeatFirstEnv
-from popgym.envs.repeat_previous import RepeatPrevious as RepeatPreviousEnv
+from smartplay_tools.errors import extra_named
+
+with extra_named("A game of POPGym", "popgym"):
+    from popgym.envs.autoencode import Autoencode as AutoencodeEnv
+    from popgym.envs.count_recall import CountRecall as CountRecallEnv
+    from popgym.envs.repeat_first import RepeatFirst as RepeatFirstEnv
+    from popgym.envs.repeat_previous import RepeatPrevious as RepeatPreviousEnv
 
 from smartplay_popgym.game import PopgymGame
 

@@ -7,7 +7,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from popgym.envs.concentration import Concentration as ConcentrationEnv
+from smartplay_tools.errors import extra_named
+
+with extra_named("A game of POPGym", "popgym"):
+    from popgym.envs.concentration import Concentration as ConcentrationEnv
 
 from smartplay_popgym.cards import KINDS
 from smartplay_popgym.game import PopgymGame

@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import version
 
-from smartplay_tools.errors import extra_named
 from smartplay_tools.games import GymnasiumGame
-
-with extra_named("A game of POPGym", "popgym"):
-    import popgym  # noqa: F401
 
 
 class PopgymGame(GymnasiumGame):

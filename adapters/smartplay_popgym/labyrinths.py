@@ -12,12 +12,10 @@ from typing import Any, ClassVar
 
 from smartplay_tools.errors import extra_named
 
-with extra_named("A labyrinth of POPGym", "popgym"):
-    import mazelib  # noqa: F401
-
-from popgym.core.maze import MazeEnv
-from popgym.envs.labyrinth_escape import LabyrinthEscape as LabyrinthEscapeEnv
-from popgym.envs.labyrinth_explore import LabyrinthExplore as LabyrinthExploreEnv
+with extra_named("A game of POPGym", "popgym"):
+    from popgym.core.maze import MazeEnv
+    from popgym.envs.labyrinth_escape import LabyrinthEscape as LabyrinthEscapeEnv
+    from popgym.envs.labyrinth_explore import LabyrinthExplore as LabyrinthExploreEnv
 
 from smartplay_popgym.game import PopgymGame
 

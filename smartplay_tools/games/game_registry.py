@@ -8,13 +8,13 @@ package itself is imported when its setting is asked for. Every setting is a Gym
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import cached_property
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -172,6 +172,12 @@ class Pack:
         return all(find_spec(package) is not None for package in self.packages)
 
 
+@functools.cache
+def _packs() -> tuple[Pack, ...]:
+    """The packs that are there: the core of this package works without its adapters."""
+    return tuple(resolve(place) for place in PACKS if find_spec(place.partition(":")[0]) is not None)
+
+
 class Games(Mapping[str, GameSpec]):
     """The settings by id, the benchmark's first. An unknown id raises `UnknownNameError`, a `KeyError`."""
 
@@ -239,14 +245,14 @@ class Games(Mapping[str, GameSpec]):
             if declared.name not in self._specs:
                 _announce_to_gymnasium(declared, self)
 
-    @cached_property
+    @functools.cached_property
     def _packed(self) -> dict[str, GameSpec]:
         """The settings of all packs: they are known where they cannot be played, so that their results can be read."""
-        return {spec.id: spec for pack in map(resolve, PACKS) for spec in pack.settings}
+        return {spec.id: spec for pack in _packs() for spec in pack.settings}
 
     def _installed(self) -> dict[str, GameSpec]:
         """The settings of the packs that can be played here."""
-        return {spec.id: spec for pack in map(resolve, PACKS) if pack.is_installed for spec in pack.settings}
+        return {spec.id: spec for pack in _packs() if pack.is_installed for spec in pack.settings}
 
     def _declared(self) -> list[EntryPoint]:
         """The settings that installed packages declare, without those that have an id of the benchmark."""
