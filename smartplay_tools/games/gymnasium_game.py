@@ -9,13 +9,15 @@ runs.
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import itertools
 import math
 import random
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -46,7 +48,11 @@ class GymnasiumGame(TextGame):
         env: the environment.
         env_observation: what its latest `reset` or `step` returned as observation.
         env_info: what it returned as info.
+        uses_global_streams: whether the environment may draw from `random` or `numpy.random`; a subclass whose
+            environment draws from its own generator alone sets it to False, and saves half a step's overhead.
     """
+
+    uses_global_streams: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -68,6 +74,7 @@ class GymnasiumGame(TextGame):
         self.actions = _combined(self.actions)
         self.manual = with_action_list(self.manual, self.actions)
         super().__init__(**options)
+        self._streams: AbstractContextManager[None]
         self._env_seed: int | None = None
         self._played: list[int] = []
         self._digest = b""
@@ -124,7 +131,7 @@ class GymnasiumGame(TextGame):
 
     def _begin(self, seed: int | None = None) -> None:
         """Make the environment, unless it is there, and reset it with a seed, if there is one."""
-        self._streams = _GlobalStreams(seed or 0)
+        self._streams = _GlobalStreams(seed or 0) if self.uses_global_streams else nullcontext()
         with self._streams:
             if "env" not in vars(self):
                 self.env = self.make_env()
@@ -207,9 +214,20 @@ def _joined(space: spaces.Space[Any], choice: tuple[int, ...]) -> Any:
 _IN_USE = threading.RLock()
 """Held while the global streams are those of a game."""
 
+_TWISTER_BYTES = 625 * 4
+"""The size of the state of NumPy's `MT19937` in memory: 624 words and a position."""
+
 
 class _GlobalStreams:
-    """The streams of `random` and `numpy.random` as one environment sees them; `with` puts them in place."""
+    """The streams of `random` and `numpy.random` as one environment sees them; `with` puts them in place.
+
+    NumPy's legacy functions keep the second of two normal numbers outside of the bit generator, and lose it when the
+    bit generator is replaced. Asking for it takes longer than most steps, so it is asked for only if the program has
+    drawn since its stream was put back, or had such a number then.
+    """
+
+    put_back: ClassVar[tuple[Any, bytes] | None] = None
+    """NumPy's bit generator of the program as it was put back last, without a second number; None with one."""
 
     def __init__(self, seed: int) -> None:
         self._python = random.Random(seed).getstate()
@@ -217,15 +235,26 @@ class _GlobalStreams:
 
     def __enter__(self) -> None:
         _IN_USE.acquire()
-        self._outside = random.getstate(), np.random.get_bit_generator(), np.random.get_state(legacy=False)
+        bits = np.random.get_bit_generator()
+        is_untouched = _GlobalStreams.put_back == (bits, _memory(bits)) != (bits, b"")
+        self._outside = random.getstate(), bits, None if is_untouched else np.random.get_state(legacy=False)
         random.setstate(self._python)
         np.random.set_bit_generator(self._numpy)
 
     def __exit__(self, *_: object) -> None:
-        python, numpy, state = self._outside
+        python, bits, state = self._outside
         self._python = random.getstate()
         random.setstate(python)
-        np.random.set_bit_generator(numpy)
-        if state["has_gauss"]:  # half of a pair of numbers, which is not part of the bit generator
+        np.random.set_bit_generator(bits)
+        has_second = state is not None and state["has_gauss"]
+        if has_second:
             np.random.set_state(state)
+        _GlobalStreams.put_back = None if has_second else (bits, _memory(bits))
         _IN_USE.release()
+
+
+def _memory(bits: Any) -> bytes:
+    """Return the state of a bit generator as it is in memory; empty unless it is NumPy's usual one."""
+    if not isinstance(bits, np.random.MT19937):
+        return b""
+    return ctypes.string_at(bits.ctypes.state_address, _TWISTER_BYTES)

@@ -17,11 +17,17 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import itertools
 import json
+import math
+import os
 import pickle
+import random
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium
@@ -32,9 +38,10 @@ from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
+from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.games.specs import GAMES, get_spec
+from smartplay_tools.games.specs import GAMES, IN_FILES, get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.records.replays import replay
 from smartplay_tools.transcript.events import Event
@@ -48,8 +55,14 @@ LONGEST_WALK = 100
 LONGEST_EPISODE = 2_000
 """Steps after which a game is taken never to end by itself, unless its rollout is so short that fewer tell."""
 
-SCORED_EPISODES = 3
+SCORED_EPISODES = 20
 """Episodes of random play whose scores are compared with the bounds."""
+
+RESETS = 6
+"""How often the same episode is played by one instance."""
+
+SECONDS = 60.0
+"""What another process may take for two short walks."""
 
 NO_ACTIONS = (-1, 10**30, "1", "Noop", True, np.True_, 1.5, np.float32(1), None, [0], b"0")
 NO_SEEDS = ("x", "1", -1, 1.5, True, [3], b"1")
@@ -63,11 +76,35 @@ def check_game(game: Setting) -> None:
         check(game)
 
 
-def random_walk(game: TextGame, steps: int, seed: int = 0) -> list[tuple[Any, ...]]:
-    """Play random actions until the game's end; return what each step gave, with the state hash after it."""
+def _check(function: Callable[[GameSpec], None]) -> Callable[[Setting], None]:
+    """Return a check of a setting; what the game raises in it is a mistake of the game's, too."""
+
+    @functools.wraps(function)
+    def check(game: Setting) -> None:
+        spec = get_spec(game)
+        try:
+            function(spec)
+        except AssertionError:
+            raise
+        except Exception as error:
+            about = (function.__doc__ or "").partition("\n")[0]
+            raise AssertionError(f"It raises {type(error).__name__}: {error}. The rule: {about}") from error
+
+    return check
+
+
+def random_walk(
+    game: TextGame, steps: int, seed: int = 0, *, look: Callable[[TextGame], object] | None = None
+) -> list[tuple[Any, ...]]:
+    """Play random actions until the game's end; return what each step gave, with the state hash after it.
+
+    `look` is called with the game before every step.
+    """
     rng = np.random.default_rng(seed)
     seen = []
     for _ in range(steps):
+        if look is not None:
+            look(game)
         observation, reward, terminated, truncated, info = game.step(int(rng.integers(len(game.actions))))
         seen.append((observation, reward, terminated, truncated, info, game.state_hash()))
         if terminated or truncated:
@@ -75,11 +112,48 @@ def random_walk(game: TextGame, steps: int, seed: int = 0) -> list[tuple[Any, ..
     return seen
 
 
-def is_a_gymnasium_environment(game: Setting) -> None:
+@_check
+def names_its_actions(spec: GameSpec) -> None:
+    """Actions are texts that differ in more than case and a full stop; `action_count` is their number."""
+    actions = spec.make().actions
+    for name in actions:
+        _require(isinstance(name, str) and bool(name.strip()), f"{name!r} is not the name of an action")
+    plain = [name.casefold().removesuffix(".") for name in actions]
+    twice = next((name for name in plain if plain.count(name) > 1), None)
+    _require(twice is None, f"two actions have the name {twice!r}, and a model could not choose between them")
+    counted = spec.count_actions()
+    _require(counted == len(actions), f"action_count is {counted}, and the game has {len(actions)} actions")
+
+
+@_check
+def gives_texts_numbers_and_json(spec: GameSpec) -> None:
+    """Observations are texts, rewards and scores finite numbers, ends truth values, and `_state` is JSON or bytes."""
+    made, rng = _begun(spec), np.random.default_rng(0)
+    for step in range(_steps(spec)):
+        if not isinstance(state := made._state(), bytes):
+            _require_json("_state", state)
+        try:
+            observation, reward, *ends = made.advance(int(rng.integers(len(made.actions))))
+        except (TypeError, ValueError) as error:
+            raise AssertionError(
+                f"Step {step + 1} raises {type(error).__name__}: {error}. `_step` returns a text, a number and two "
+                "truth values: whether the episode is terminated, and truncated."
+            ) from error
+        _require(isinstance(observation, str), f"the observation of step {step + 1} is {observation!r}, and not a text")
+        _require(math.isfinite(reward), f"the reward of step {step + 1} is {reward!r}, and not a finite number")
+        _require(all(type(end) is bool for end in ends), f"step {step + 1} ends with {ends}, and not with truth values")
+        score = made.score
+        is_number = isinstance(score, int | float) and math.isfinite(score)
+        _require(is_number, f"the score is {score!r}, and not a finite number of Python's")
+        if any(ends):
+            break
+
+
+@_check
+def is_a_gymnasium_environment(spec: GameSpec) -> None:
     """Gymnasium's own checker finds nothing wrong; a registered setting is made, and truncated, by Gymnasium."""
     from gymnasium.utils.env_checker import check_env
 
-    spec = get_spec(game)
     if not _is_registered(spec):
         check_env(spec.make(), skip_render_check=True)  # it asks Gymnasium's registry for the render modes
         return
@@ -89,9 +163,10 @@ def is_a_gymnasium_environment(game: Setting) -> None:
     _require(steps in (None, spec.rollout), f"gymnasium.make ends it after {steps} steps, not {spec.rollout}")
 
 
-def gives_the_info_of_the_original(game: Setting) -> None:
+@_check
+def gives_the_info_of_the_original(spec: GameSpec) -> None:
     """`info` has the fields of the original, and its history is the text of past observations."""
-    made = get_spec(game).make()
+    made = spec.make()
     observation, info = made.reset(seed=1)
     expected = {"obs": observation, "manual": made.manual, "history": "", "score": 0, "completed": 0}
     _require(info == expected, f"info after the reset is {info}, not {expected}")
@@ -106,9 +181,10 @@ def gives_the_info_of_the_original(game: Setting) -> None:
     _require(info["history"] == history, f"info['history'] is {info['history']!r}, not {history!r}")
 
 
-def keeps_as_much_history_as_it_is_given(game: Setting) -> None:
+@_check
+def keeps_as_much_history_as_it_is_given(spec: GameSpec) -> None:
     """With `history=2` the history text holds the two observations before the current one."""
-    made = get_spec(game).make(history=2)
+    made = spec.make(history=2)
     first, _ = made.reset(seed=3)
     observations = [first, *(step[0] for step in random_walk(made, 4))]
     if len(observations) == 5:  # short games end before the history is full
@@ -120,28 +196,156 @@ def keeps_as_much_history_as_it_is_given(game: Setting) -> None:
         _require(made.recent(0) == "", "the history of no steps is not empty")
 
 
-def is_decided_by_seed_and_actions(game: Setting) -> None:
+@_check
+def is_decided_by_seed_and_actions(spec: GameSpec) -> None:
     """Equal seeds and equal actions give equal observations, rewards and state hashes."""
-    made, other = get_spec(game).make(), get_spec(game).make()
-    _require(made.reset(seed=9) == other.reset(seed=9), "the same seed gives another first observation")
-    _require(made.state_hash() == other.state_hash(), "the same seed gives another state hash")
+    made, other = spec.make(), spec.make()
+    _require(
+        made.reset(seed=9) == other.reset(seed=9),
+        "the same seed gives another first observation: the seed alone decides it",
+    )
+    _require(
+        made.state_hash() == other.state_hash(), "the same seed gives another state hash: the seed alone decides it"
+    )
     pairs = zip(random_walk(made, 40), random_walk(other, 40), strict=True)
     for step, (was, now) in enumerate(pairs, start=1):
         _require(was == now, f"the same seed and actions differ at step {step}: {was} and {now}")
 
 
-def differs_between_seeds(game: Setting) -> None:
+@_check
+def starts_anew_at_every_reset(spec: GameSpec) -> None:
+    """What happened before a reset changes nothing after it."""
+    made, steps = spec.make(), _steps(spec)
+    first = None
+    for _ in range(RESETS):
+        now = [made.reset(seed=9), *random_walk(made, steps)]
+        first = first or now
+        _require(
+            now == first,
+            "the same seed and actions give another episode after a reset: something survives it, such as a counter",
+        )
+
+
+@_check
+def leaves_the_global_random_streams_alone(spec: GameSpec) -> None:
+    """The game draws from `self.np_random`; `random` and `numpy.random` belong to the program."""
+    before = random.getstate(), repr(np.random.get_state())
+    made = _begun(spec)
+    random_walk(made, _steps(spec))
+    for name, was, now in zip(
+        ("random", "numpy.random"), before, (random.getstate(), repr(np.random.get_state())), strict=True
+    ):
+        _require(now == was, f"the game moves the global stream of {name}: draw from self.np_random alone")
+
+
+@_check
+def is_not_changed_by_looking_at_it(spec: GameSpec) -> None:
+    """`drawing`, `needs` and `breaks` are JSON, and asking for them before every step changes nothing."""
+    drawn, plain, steps = _begun(spec), _begun(spec), _steps(spec)
+    seen = random_walk(drawn, steps, look=lambda game: _look(game, spec))
+    _look(drawn, spec)
+    _require(
+        seen == random_walk(plain, steps) and drawn.state_hash() == plain.state_hash(),
+        "asking for `drawing`, `needs` or `breaks` changes the game",
+    )
+
+
+def _look(game: TextGame, spec: GameSpec) -> None:
+    """Require what a record needs of the facts that a game declares about its state."""
+    facts: dict[str, Any] = {}
+    for name, ask in {"drawing": game.drawing, "needs": lambda: game.needs, "breaks": lambda: game.breaks}.items():
+        try:
+            facts[name] = ask()
+        except Exception as error:
+            raise AssertionError(f"Asking for `{name}` raises {type(error).__name__}: {error}.") from error
+    _require_json("drawing", facts["drawing"])
+    steps, actions = game._steps, range(len(game.actions))
+    for name, numbers, allowed in (("needs", facts["needs"], range(steps + 1)), ("breaks", facts["breaks"], actions)):
+        wrong = [number for number in numbers or () if type(number) is not int or number not in allowed]
+        _require(not wrong, f"`{name}` has {wrong} after step {steps}: it is of {allowed.start} to {allowed.stop - 1}")
+    if isinstance(spec.memory, int) and facts["needs"]:
+        back = steps - min(facts["needs"])
+        _require(back <= spec.memory, f"`needs` goes {back} steps back, and memory is {spec.memory}")
+
+
+@_check
+def has_a_future_that_its_state_hash_decides(spec: GameSpec) -> None:
+    """Where two ways lead to the same state hash, the same action has the same outcome: `_state` misses nothing."""
+    made, rng = spec.make(), np.random.default_rng(0)
+    seeds, walks, steps = (1, 2, 8) if made.hash_every > 1 else (4, 16, 12)  # their states are large
+    for seed in range(seeds):
+        few = rng.permutation(len(made.actions))[:3]  # so that walks meet
+        outcomes: dict[tuple[str, int], Any] = {}
+        for _ in range(walks):
+            made.reset(seed=seed)
+            for _ in range(steps):
+                before, action = made.state_hash(), int(rng.choice(few))
+                outcome = made.advance(action)
+                outcome = (*outcome, made.score, made.completed, made.state_hash())
+                _require(
+                    outcomes.setdefault((before, action), outcome) == outcome,
+                    f"{made.actions[action]!r} has two outcomes at the same state hash: `_state` misses something that "
+                    "decides the future",
+                )
+                if outcome[2] or outcome[3]:
+                    break
+
+
+@_check
+def is_the_same_in_another_process(spec: GameSpec) -> None:
+    """Another process, in which sets have another order, plays the same seeds and actions alike."""
+    defined_here = getattr(spec.entry_point, "__module__", None) == "__main__"
+    if defined_here and not hasattr(sys.modules["__main__"], "__file__"):
+        return  # no other process can import a notebook
+    path = None if spec.file is None else IN_FILES.recorded(spec.file, spec.sha256).path
+    jobs = iter([spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"])
+    with _other_hash_seed(), ProcessPool(_played, 1, seconds=SECONDS) as pool:
+        for _, answer in pool.run(lambda: next(jobs, None)):
+            _require(not isinstance(answer, Lost), f"another process cannot play the game: {answer}")
+            _require(
+                answer == _played(spec),
+                "the same seed and actions play differently in another process: is the order of a set used, or "
+                "anything of the machine?",
+            )
+
+
+def _played(game: Setting) -> list[str]:
+    """Play some steps of two seeds; return what was seen, and the text that explains it."""
+    spec = get_spec(game)
+    made, seen = spec.make(), []
+    for seed in (1, 2):
+        seen += [repr(made.reset(seed=seed)), *map(repr, random_walk(made, _steps(spec))), repr(made.drawing())]
+    return [made.manual, *made.actions, *seen]
+
+
+@contextmanager
+def _other_hash_seed() -> Iterator[None]:
+    """Have processes that begin now order sets differently."""
+    before = os.environ.get("PYTHONHASHSEED")
+    os.environ["PYTHONHASHSEED"] = "2" if before == "1" else "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONHASHSEED"]
+        else:
+            os.environ["PYTHONHASHSEED"] = before
+
+
+@_check
+def differs_between_seeds(spec: GameSpec) -> None:
     """Other seeds are other episodes."""
-    made, hashes = get_spec(game).make(), set()
+    made, hashes = spec.make(), set()
     for seed in (*range(8), 2**32, 2**64, 10**40):
         made.reset(seed=seed)
         hashes.add(made.state_hash())
     _require(len(hashes) == 11, "several seeds give the same state hash")
 
 
-def goes_on_alike_after_copy_and_pickle(game: Setting) -> None:
+@_check
+def goes_on_alike_after_copy_and_pickle(spec: GameSpec) -> None:
     """A deep copy and a pickle of a game in play go on as the game does."""
-    made = _begun(game)
+    made = _begun(spec)
     random_walk(made, 3)
     twins = {"a deep copy": copy.deepcopy(made), "a pickle": pickle.loads(pickle.dumps(made))}
     for name, twin in twins.items():
@@ -152,17 +356,19 @@ def goes_on_alike_after_copy_and_pickle(game: Setting) -> None:
             _require(random_walk(twin, 20, seed=1) == walk, f"{name} continues differently")
 
 
-def refuses_a_step_before_the_reset(game: Setting) -> None:
+@_check
+def refuses_a_step_before_the_reset(spec: GameSpec) -> None:
     """A step before the first reset raises `ResetNeededError`."""
-    made = get_spec(game).make()
+    made = spec.make()
     for action in (0, "x"):
         _refuses(ResetNeededError, r"call reset\(\)", made.step, action)
 
 
-def refuses_a_step_after_its_own_end(game: Setting) -> None:
+@_check
+def refuses_a_step_after_its_own_end(spec: GameSpec) -> None:
     """A step after the game's own end raises `ResetNeededError` and changes nothing; a game without an end passes."""
-    made = _begun(game)
-    if not plays_to_its_end(made, min(LONGEST_EPISODE, get_spec(game).rollout + 60)):
+    made = _begun(spec)
+    if not plays_to_its_end(made, min(LONGEST_EPISODE, spec.rollout + 60)):
         return
     last = made.state_hash(), made.observation, made.score, made.recent()
     for step in (made.step, made.advance):
@@ -184,9 +390,10 @@ def plays_to_its_end(game: TextGame, most_steps: int = LONGEST_EPISODE) -> bool:
     return False
 
 
-def refuses_what_is_no_action(game: Setting) -> None:
+@_check
+def refuses_what_is_no_action(spec: GameSpec) -> None:
     """What is not the number of an action raises one sentence and changes nothing."""
-    made = _begun(game)
+    made = _begun(spec)
     before = made.state_hash(), made.recent()
     numbers = f"whole number from 0 to {len(made.actions) - 1}, not "
     for step, action in itertools.product((made.step, made.advance), (*NO_ACTIONS, len(made.actions))):
@@ -194,9 +401,10 @@ def refuses_what_is_no_action(game: Setting) -> None:
     _require((made.state_hash(), made.recent()) == before, "a refused action has changed the game")
 
 
-def refuses_what_is_no_seed(game: Setting) -> None:
+@_check
+def refuses_what_is_no_seed(spec: GameSpec) -> None:
     """What is not a whole number from 0 up raises one sentence and changes nothing."""
-    made = _begun(game)
+    made = _begun(spec)
     made.step(0)
     before = made.state_hash()
     for seed in NO_SEEDS:
@@ -204,28 +412,31 @@ def refuses_what_is_no_seed(game: Setting) -> None:
     _require(made.state_hash() == before, "a refused seed has changed the game")
 
 
-def takes_seeds_and_actions_of_numpy(game: Setting) -> None:
+@_check
+def takes_seeds_and_actions_of_numpy(spec: GameSpec) -> None:
     """Seeds and actions may be numpy's integers."""
-    made, played = _begun(game), []
+    made, played = _begun(spec), []
     for seed, action in [(6, 0), (np.uint64(6), np.uint8(0)), (np.int32(6), np.array(0))]:
         played.append((made.reset(seed=seed), made.step(action), made.state_hash()))  # type: ignore[arg-type]
     _require(played == [played[0]] * 3, "numpy's integers play another game than Python's")
 
 
-def says_only_what_its_observation_space_holds(game: Setting) -> None:
+@_check
+def says_only_what_its_observation_space_holds(spec: GameSpec) -> None:
     """Every observation is within the observation space: no longer, and of no other characters."""
-    made = _begun(game)
-    walk = random_walk(made, min(get_spec(game).rollout, LONGEST_WALK))
-    for observation in (made.observation, *(step[0] for step in walk)):
+    made = _begun(spec)
+    first = made.observation
+    for observation in (first, *(step[0] for step in random_walk(made, _walk(spec)))):
         _require(
             observation in made.observation_space,
-            f"an observation is longer, or of other characters, than its observation space says: {observation!r}",
+            f"an observation is empty, longer, or of other characters than its observation space: {observation!r}",
         )
 
 
-def has_a_state_hash_that_changes_with_play(game: Setting) -> None:
+@_check
+def has_a_state_hash_that_changes_with_play(spec: GameSpec) -> None:
     """The state hash is 128 bits, is the same when asked again, and changes with a step."""
-    made = _begun(game)
+    made = _begun(spec)
     before = made.state_hash()
     _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
     _require(made.state_hash() == before, "asking for the state hash changes it")
@@ -233,9 +444,10 @@ def has_a_state_hash_that_changes_with_play(game: Setting) -> None:
     _require(made.state_hash() != before, "a step does not change the state hash")
 
 
-def numbers_its_actions_as_its_manual_does(game: Setting) -> None:
+@_check
+def numbers_its_actions_as_its_manual_does(spec: GameSpec) -> None:
     """Each number in the manual is the action it names, and the tool `act` lists them alike."""
-    made = _begun(game)
+    made = _begun(spec)
     tools = Tools(made, Wording.of(VERSION))
     act = next(spec for spec in tools.specs if spec.name == "act")
     for number, name in enumerate(made.numbered_actions, start=1):
@@ -246,9 +458,9 @@ def numbers_its_actions_as_its_manual_does(game: Setting) -> None:
             _require(action is not None and made.actions[action] == name, f"{sent!r} is not taken as {name!r}")
 
 
-def is_played_and_replayed_through_its_tools(game: Setting) -> None:
+@_check
+def is_played_and_replayed_through_its_tools(spec: GameSpec) -> None:
     """Random play through the tools ends by the game or its rollout, and its record is replayed identically."""
-    spec = get_spec(game)
     spec = dataclasses.replace(spec, rollout=min(spec.rollout, LONGEST_WALK))
     record: list[Event] = []
     with Episode(spec, seed=2, transcript=record) as episode:
@@ -262,61 +474,115 @@ def is_played_and_replayed_through_its_tools(game: Setting) -> None:
         _require(replayed.identical, f"its record is not replayed identically: {replayed.differences[:1]}")
 
 
-def scores_within_its_bounds(game: Setting) -> None:
-    """Scores of random play are within `score_bounds`, and one of the two if the setting is `two_valued`."""
-    spec = get_spec(game)
+@_check
+def scores_within_its_bounds(spec: GameSpec) -> None:
+    """Every score of random play is within `score_bounds`, and one of the two if the setting is `two_valued`."""
     _require(spec.score_bounds is not None or not spec.two_valued, "it is two-valued and declares no score_bounds")
     if spec.score_bounds is None:
         return
     low, high = spec.score_bounds
+
+    def check_score(game: TextGame) -> None:
+        _require(low <= game.score <= high, f"it scores {game.score:g}, outside of {low:g} to {high:g}")
+        _require(
+            not spec.two_valued or game.score in (low, high),
+            f"it is two_valued, and scores {game.score:g}, which is neither bound",
+        )
+
+    for seed in range(2 if _is_slow(spec) else SCORED_EPISODES):
+        made = spec.make()
+        made.reset(seed=seed)
+        random_walk(made, _walk(spec), seed, look=check_score)
+        check_score(made)
+
+
+@_check
+def adds_no_less_than_its_worst_step(spec: GameSpec) -> None:
+    """No step adds less to the score than `worst_step`."""
+    if spec.worst_step is None:
+        return
     for seed in range(SCORED_EPISODES):
         made = spec.make()
         made.reset(seed=seed)
-        random_walk(made, min(spec.rollout, LONGEST_WALK), seed)
-        _require(low <= made.score <= high, f"it scores {made.score:g}, outside of {low:g} to {high:g}")
-        _require(not spec.two_valued or made.score in (low, high), f"it scores {made.score:g}, which is neither bound")
+        scores: list[float] = []
+        random_walk(made, _walk(spec), seed, look=lambda game, scores=scores: scores.append(game.score))
+        scores.append(made.score)
+        least = min(after - before for before, after in itertools.pairwise(scores))
+        _require(least >= spec.worst_step, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
 
 
-def refuses_an_option_that_it_does_not_know(game: Setting) -> None:
+@_check
+def refuses_an_option_that_it_does_not_know(spec: GameSpec) -> None:
     """An option that the game does not name raises one sentence."""
 
     def begin(option: str) -> None:
         given: dict[str, Any] = {option: "red"}
-        Episode(game, seed=0, **given).close()
+        Episode(spec, seed=0, **given).close()
 
     _refuses(InvalidArgumentError, "has no option colour_of_nothing", begin, "colour_of_nothing")
 
 
 CHECKS: Sequence[Callable[[Setting], None]] = (
+    names_its_actions,
+    gives_texts_numbers_and_json,
+    says_only_what_its_observation_space_holds,
+    leaves_the_global_random_streams_alone,
+    is_decided_by_seed_and_actions,
+    starts_anew_at_every_reset,
+    is_not_changed_by_looking_at_it,
+    has_a_state_hash_that_changes_with_play,
+    has_a_future_that_its_state_hash_decides,
+    differs_between_seeds,
     is_a_gymnasium_environment,
     gives_the_info_of_the_original,
     keeps_as_much_history_as_it_is_given,
-    is_decided_by_seed_and_actions,
-    differs_between_seeds,
     goes_on_alike_after_copy_and_pickle,
     refuses_a_step_before_the_reset,
     refuses_a_step_after_its_own_end,
     refuses_what_is_no_action,
     refuses_what_is_no_seed,
     takes_seeds_and_actions_of_numpy,
-    says_only_what_its_observation_space_holds,
-    has_a_state_hash_that_changes_with_play,
     numbers_its_actions_as_its_manual_does,
     is_played_and_replayed_through_its_tools,
     scores_within_its_bounds,
+    adds_no_less_than_its_worst_step,
     refuses_an_option_that_it_does_not_know,
+    is_the_same_in_another_process,
 )
 """All checks; each is a function of a setting, and its name completes the sentence "The game ..."."""
 
 
-def _begun(game: Setting) -> TextGame:
-    made = get_spec(game).make()
+def _begun(spec: GameSpec) -> TextGame:
+    made = spec.make()
     made.reset(seed=5)
     return made
 
 
 def _is_registered(spec: GameSpec) -> bool:
     return spec.id in GAMES
+
+
+def _is_slow(spec: GameSpec) -> bool:
+    return spec.load().is_slow
+
+
+def _walk(spec: GameSpec) -> int:
+    """The length of a walk."""
+    return min(spec.rollout, LONGEST_WALK)
+
+
+def _steps(spec: GameSpec) -> int:
+    """The length of a short walk."""
+    return 8 if _is_slow(spec) else min(spec.rollout, 40)
+
+
+def _require_json(name: str, value: Any) -> None:
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise AssertionError(
+            f"`{name}` is not JSON: {error}. It is of Python's numbers, texts, lists and dictionaries."
+        ) from error
 
 
 def _is_playing(game: TextGame) -> bool:

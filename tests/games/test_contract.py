@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -17,18 +18,26 @@ from hypothesis import given, settings, strategies as st
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.testing import CHECKS, check_game, plays_to_its_end
+from smartplay_tools.testing.game_checks import is_the_same_in_another_process
 
-# Worlds of Minecraft take long to make, so `make test` has one of them.
-SETTINGS = [
-    pytest.param(name, marks=pytest.mark.slow)
-    if spec.family == "minecraft" and name != "MinedojoCreative0-v0"
-    else name
-    for name, spec in sp.GAMES.items()
-]
+FIRST = {spec.family: name for name, spec in reversed(list(sp.GAMES.items()))}.values()
+"""The first setting of each family."""
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-@pytest.mark.parametrize("game", SETTINGS)
+def takes_long(name: str, check: Callable[[str], None]) -> bool:
+    """Worlds of Minecraft, and other processes, take long to make, so `make test` has one of each family."""
+    is_long = sp.GAMES[name].family == "minecraft" or check is is_the_same_in_another_process
+    return is_long and name not in FIRST
+
+
+@pytest.mark.parametrize(
+    ("game", "check"),
+    [
+        pytest.param(name, check, marks=[pytest.mark.slow] * takes_long(name, check), id=f"{name}-{check.__name__}")
+        for name in sp.GAMES
+        for check in CHECKS
+    ],
+)
 def test_it_keeps_the_contract(game, check):
     check(game)
 

@@ -20,7 +20,7 @@ from typing import Literal, get_args
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, weighted_estimates
 from smartplay_tools.games.paper_tables import CAPABILITIES
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.specs import GAMES
 
 __all__ = ["Capabilities", "capability_scores"]
 
@@ -57,7 +57,8 @@ def capability_scores(normalized: Mapping[str, Sequence[float | None]], *, weigh
     if weights not in get_args(Weights):
         raise InvalidArgumentError(f"weights must be one of {', '.join(get_args(Weights))}, not {weights!r}.")
     by_game = {game: [score for score in scores if score is not None] for game, scores in normalized.items()}
-    samples = {game: scores for game, scores in by_game.items() if scores and get_spec(game).challenges}
+    rated = {game for game in by_game if (spec := GAMES.get(game)) is not None and spec.challenges}
+    samples = {game: scores for game, scores in by_game.items() if scores and game in rated}
     scores = _scores(samples, weights)
     left_out = tuple(game for game in by_game if game not in samples)
     return Capabilities(weights, scores, tuple(samples), left_out)
@@ -67,7 +68,7 @@ def _scores(samples: Mapping[str, Sequence[float]], weights: Weights) -> tuple[C
     if not samples:
         return tuple(CapabilityScore(capability, None, NO_SETTING) for capability in CAPABILITIES)
     degrees = {
-        capability: [get_spec(game).challenges[capability] - (weights == "zero-based") for game in samples]
+        capability: [GAMES[game].challenges[capability] - (weights == "zero-based") for game in samples]
         for capability in CAPABILITIES
     }
     shares = {

@@ -1,0 +1,299 @@
+"""`check_game` names the mistakes that are planted in a text game and in a game around a Gymnasium environment.
+
+Each is a change of one or two places, and the sentence that names the rule.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.games import GAMES, specs
+from smartplay_tools.testing import CHECKS, check_game
+from tests.games.test_gymnasium_game import COINS
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "add-a-game.md").read_text(encoding="utf-8")
+TEXT_GAME = re.findall(r"^```python\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)[0]
+GYMNASIUM_GAME = (ROOT / "tests" / "data" / "treasure.py").read_text(encoding="utf-8")
+
+SEED = "the seed alone decides it"
+DIFFERS = "The same seed and actions differ at step"
+SURVIVES = "something survives it, such as a counter"
+MISSES = "`_state` misses something that decides the future"
+LOOKING = "Asking for `drawing`, `needs` or `breaks` changes the game"
+PROCESS = "play differently in another process"
+SPACE = "An observation is empty, longer, or of other characters than its observation space"
+
+RETURNS = 'return describe(guess, verdict), verdict == "right", self.completed, False'
+THINKS = "self._secret = self._think()\n        return START"
+DRAWS = 'line = "".join'
+DRAWN = 'return {"text": f"{line}  {self.score} of {GOAL} found"}'
+BOUNDS = "score_bounds=(0, GOAL),"
+INTEGERS = "int(self.np_random.integers(1, HIGHEST + 1))"
+THINK = "    def _think(self)"
+
+
+def counting(returns: str) -> list[tuple[str, str]]:
+    """Have each instance count its steps, in `self.n`."""
+    return [(RETURNS, f"self.n = getattr(self, 'n', 0) + 1; {returns}")]
+
+
+def thinking(more: str) -> list[tuple[str, str]]:
+    """Have a reset do more than draw a number."""
+    return [(THINKS, f"self._secret = self._think()\n        {more}\n        return START")]
+
+
+def declaring(name: str, value: str) -> tuple[str, str]:
+    return THINK, f"    @property\n    def {name}(self):\n        return {value}\n\n{THINK}"
+
+
+IN_A_TEXT_GAME = {
+    "another source of randomness": (
+        [(INTEGERS, "__import__('random').randint(1, HIGHEST)")],
+        "global stream of random",
+    ),
+    "numpy's global source": ([(INTEGERS, "int(__import__('numpy').random.randint(1, 17))")], "stream of numpy.random"),
+    "an unseeded generator": ([(INTEGERS, "__import__('random').SystemRandom().randint(1, 16)")], SEED),
+    "a clock in the text": (
+        [(RETURNS, RETURNS.replace("describe(guess", "describe(1 + __import__('time').time_ns() // 100 % 9"))],
+        DIFFERS,
+    ),
+    "a text over its bound": ([("max(map(len, texts))", "max(map(len, texts)) - 5")], SPACE),
+    "an empty text": ([("START = f", "START = '' and f")], SPACE),
+    "characters that are not named": ([('"".join(texts) + "0123456789"', '"abc"')], SPACE),
+    "an observation that is no text": ([(RETURNS, RETURNS.replace("describe(guess, verdict)", "guess"))], "not a text"),
+    "an action that the manual misses": (
+        [("(MANUAL, ACTIONS)", "(MANUAL, ACTIONS[:-1])")],
+        "has no line '16. Guess 16'",
+    ),
+    "two actions of one name": (
+        [('f"Guess {number}"', 'f"Guess {max(2, number)}"')],
+        "Two actions have the name 'guess 2'",
+    ),
+    "names that differ in case alone": ([('f"Guess {number}"', 'f"guess {number % 8}"')], "Two actions have the name"),
+    "another number of actions": (
+        [(BOUNDS, f"{BOUNDS} action_count=4,")],
+        "ction_count is 4, and the game has 16 actions",
+    ),
+    "bounds that are too low": ([(BOUNDS, "score_bounds=(0, 1),")], "It scores 2, outside of 0 to 1"),
+    "a score that leaves its bounds": (
+        [("self.score += 1\n", "self.score += 1 if self.score < 1 else 9\n")],
+        "It scores 10, outside of 0 to 5",
+    ),
+    "an end that never comes": (
+        [("self.completed = self.score == GOAL", "self.completed = False")],
+        "outside of 0 to 5",
+    ),
+    "scores between two values": ([(BOUNDS, f"{BOUNDS} two_valued=True,")], "It is two_valued, and scores 1"),
+    "two values without bounds": ([(BOUNDS, "two_valued=True,")], "two-valued and declares no score_bounds"),
+    "a step below the worst": (
+        [("self.score += 1\n", "self.score -= 3\n"), (BOUNDS, "worst_step=-1,")],
+        "adds -3 to the",
+    ),
+    "a score of NumPy's": (
+        [("self.completed = self.score == GOAL", "self.score = __import__('numpy').int64(self.score)")],
+        "The score is ",
+    ),
+    "a state of NumPy's": (
+        [("return self._secret\n", "return __import__('numpy').int64(1)\n")],
+        "`_state` is not JSON",
+    ),
+    "a state that changes when asked": (
+        [("return self._secret\n", f"return {INTEGERS}\n")],
+        "sking for the state hash changes it",
+    ),
+    "a reward that is no number": (
+        [(RETURNS, RETURNS.replace('verdict == "right"', "'x'"))],
+        "Step 1 raises ValueError",
+    ),
+    "a reward without a value": (
+        [(RETURNS, RETURNS.replace('verdict == "right"', "float('nan')"))],
+        "reward of step 1 is",
+    ),
+    "an end that is no truth value": ([(RETURNS, RETURNS.replace("False", "0"))], "and not with truth values"),
+    "a drawing that changes the game": ([(DRAWS, f"self._secret = 1 + self._secret % HIGHEST; {DRAWS}")], LOOKING),
+    "a drawing that draws numbers": ([(DRAWS, f"self.np_random.integers(3); {DRAWS}")], LOOKING),
+    "a drawing that raises": ([(DRAWS, f"1 / 0; {DRAWS}")], "Asking for `drawing` raises ZeroDivisionError"),
+    "a drawing that is no JSON": ([(DRAWN, "return {'text': {1, 2}}")], "`drawing` is not JSON"),
+    "needs that are not yet": (
+        [declaring("needs", "[self._steps + 1]")],
+        r"`needs` has \[1\] after step 0: it is of 0 to 0",
+    ),
+    "needs that draw numbers": ([declaring("needs", "[0 * int(self.np_random.integers(3))]")], LOOKING),
+    "needs beyond the memory": (
+        [declaring("needs", "[0]"), (BOUNDS, "memory=2,")],
+        "`needs` goes 3 steps back, and memory",
+    ),
+    "a name of what breaks": ([declaring("breaks", "['Guess 1']")], "`breaks` has \\['Guess 1'\\] after step 0"),
+    "a step limit of the game's own": (
+        counting(RETURNS.replace("False", "self.n >= 7")),
+        SURVIVES,
+    ),
+    "a counter that is not reset": (
+        counting(RETURNS.replace('verdict == "right"', "float(self.n > 3)")),
+        SURVIVES,
+    ),
+    "an earlier episode that decides": (
+        thinking("self.n = getattr(self, 'n', 0) + 1; self._secret = 1 + (self._secret + self.n) % HIGHEST"),
+        SURVIVES,
+    ),
+    "a counter of the class": (
+        thinking("type(self).n = getattr(self, 'n', 0) + 1; self._secret = 1 + (self._secret + self.n) % HIGHEST"),
+        SEED,
+    ),
+    "hits that the state misses": (
+        [
+            ("self.score += 1\n", "self.hits = getattr(self, 'hits', 0) + 1\n"),
+            ("self.completed = self.score == GOAL", "self.completed = self.hits == GOAL"),
+        ],
+        f"{MISSES}|{SURVIVES}",
+    ),
+    "guesses that the state misses": (
+        [
+            ("guess = action + 1\n", "guess = action + 1; self.n += guess; self._secret *= bool(self.n % 5)\n"),
+            ("return self._secret\n", "return 0\n"),
+            *thinking("self.n = 0"),
+        ],
+        MISSES,
+    ),
+    "the order of a set": ([('START = f"', "START = ' '.join({'alpha', 'beta', 'gamma', 'delta'}) + f\"")], PROCESS),
+    "the number of the process": ([('START = f"', "START = f\"{__import__('os').getpid()} ")], PROCESS),
+}
+
+OTHERS = "__import__('random').SystemRandom()"
+WORDS = "{' '.join({'alpha', 'beta', 'gamma', 'delta'})}"
+NAMES = '("Go left", "Go right", "Dig")'
+COUNTS = "self.n = getattr(self, 'n', 0) + 1"
+LINE = 'return f"You are on square {place}.'
+DRAWN_LINE = 'return {"text": "".join('
+ENDS = "return self.seen(), reward, found, False"
+HIDDEN = "self.treasure = int(self.np_random.integers(1, SQUARES))\n        return"
+
+IN_A_GYMNASIUM_GAME = {
+    "an unseeded generator": ([("self.bell = bool(self.np_random", f"self.bell = bool({OTHERS}")], DIFFERS),
+    "a generator of the module": (
+        [
+            ("SQUARES = 5\n", "SQUARES = 5\nNUMBERS = __import__('random').Random(3)\n"),
+            ("self.bell = bool(self.np_random", "self.bell = bool(NUMBERS"),
+        ],
+        f"{DIFFERS}|{SURVIVES}",
+    ),
+    "an environment for all instances": (
+        [("class TreasureGame", "ENV = Treasure()\n\n\nclass TreasureGame"), ("return Treasure()", "return ENV")],
+        DIFFERS,
+    ),
+    "a counter that is not reset": (
+        [(ENDS, f"{COUNTS}\n        return self.seen(), reward, found, self.n == 70")],
+        SURVIVES,
+    ),
+    "a description that counts": ([(LINE, f"{COUNTS}\n        {LINE} {{self.n}}")], SURVIVES),
+    "a description in the order of a set": ([(LINE, f"{LINE} {WORDS}")], PROCESS),
+    "a description that is no text": (
+        [(LINE, f"return place\n        {LINE}")],
+        "describe must return a text, not int",
+    ),
+    "a description that is too long": ([(LINE, LINE.replace("{place}", "{place:5000}"))], SPACE),
+    "a description of nothing": ([(LINE, f"return ''\n        {LINE}")], SPACE),
+    "too few names": ([(NAMES, '("Go left", "Go right")')], "names 2 actions, and its environment has 3"),
+    "one name twice": ([('"Go right", "Dig"', '"Dig", "dig"')], "Two actions have the name 'dig'"),
+    "continuous actions": (
+        [("spaces.Discrete(3)", "spaces.Box(-1, 1, (2,))")],
+        "is not a list of choices: define action_of",
+    ),
+    "too many actions": ([(NAMES, "tuple(map(str, range(300)))")], "300 actions cannot be listed"),
+    "no manual": ([('manual = "Find', 'words = "Find')], "has no manual: a game around"),
+    "a reward without a value": (
+        [("reward = 5.0", "reward = float('nan') if not action else 5.0")],
+        "reward of step .* is nan",
+    ),
+    "a reward that is nothing": ([("-1.0 if", "None if")], "raises TypeError"),
+    "bounds that are too low": (
+        [("score_bounds=(-30, 5)", "score_bounds=(-2, 5)")],
+        "It scores -3, outside of -2 to 5",
+    ),
+    "scores between two values": ([("memory=0,", "two_valued=True,")], "It is two_valued, and scores"),
+    "a step below the worst": (
+        [("-1.0 if", "-2.0 if"), ("(-30, 5)", "(-60, 5)")],
+        "A step adds -2 to the score, and worst_step is -1",
+    ),
+    "a memory that is too short": (
+        [("[self._steps]", "[max(0, self._steps - 1)]")],
+        "`needs` goes 1 steps back, and memory is 0",
+    ),
+    "what breaks by name": (
+        [("[0] if", "['Go left'] if")],
+        r"`breaks` has \['Go left'\] after step 0: it is of 0 to 2",
+    ),
+    "a drawing that plays": ([(DRAWN_LINE, f"self.env.step(1)\n        {DRAWN_LINE}")], LOOKING),
+    "a drawing of NumPy's": (
+        [(DRAWN_LINE, "return {'at': __import__('numpy').zeros(2)}\n        " + DRAWN_LINE)],
+        "`drawing` is not JSON",
+    ),
+    "a state that is what was seen": (
+        [
+            ("    def drawing", "    def _state(self):\n        return [0]\n\n    def drawing"),
+            ("found = action", "self.treasure = 1 + (self.treasure + action) % 4\n        found = action"),
+        ],
+        MISSES,
+    ),
+    "the number of the process": ([(LINE, f"{LINE} {{__import__('os').getpid()}}")], PROCESS),
+}
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch, tmp_path):
+    """Games are registered for one test."""
+    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
+    monkeypatch.setattr(specs.IN_FILES, "read", {})
+    monkeypatch.chdir(tmp_path)
+
+
+def planted(code: str, changes: list[tuple[str, str]]) -> str:
+    """Write a game with mistakes to a file; return its name."""
+    for before, after in changes:
+        assert before in code, before
+        code = code.replace(before, after)
+    Path("planted.py").write_text(code, encoding="utf-8")
+    return "planted.py:SPEC"
+
+
+@pytest.mark.parametrize("code", [TEXT_GAME, GYMNASIUM_GAME], ids=["text", "gymnasium"])
+def test_a_game_without_a_mistake_passes(code):
+    check_game(planted(code, []))
+
+
+@pytest.mark.parametrize(("changes", "sentence"), IN_A_TEXT_GAME.values(), ids=IN_A_TEXT_GAME)
+def test_a_mistake_in_a_text_game_is_named(changes, sentence):
+    with pytest.raises(AssertionError, match=sentence):
+        check_game(planted(TEXT_GAME, changes))
+
+
+@pytest.mark.parametrize(("changes", "sentence"), IN_A_GYMNASIUM_GAME.values(), ids=IN_A_GYMNASIUM_GAME)
+def test_a_mistake_in_a_game_around_gymnasium_is_named(changes, sentence):
+    with pytest.raises(AssertionError, match=sentence):
+        check_game(planted(GYMNASIUM_GAME, changes))
+
+
+def test_an_environment_that_draws_from_the_global_streams_needs_streams_of_its_own(monkeypatch):
+    monkeypatch.setattr(COINS.entry_point, "uses_global_streams", False)
+    with pytest.raises(AssertionError, match="moves the global stream of random"):
+        check_game(COINS)
+
+
+def test_a_state_that_the_random_stream_decides_may_leave_it_out():
+    """The stream is part of the hash, so what it decided needs no other place."""
+    check_game(planted(TEXT_GAME, [("return self._secret\n", "return 0\n")]))
+
+
+def test_at_least_forty_mistakes_are_planted():
+    assert len(IN_A_TEXT_GAME) + len(IN_A_GYMNASIUM_GAME) >= 60
+    assert len(CHECKS) == len({check.__name__ for check in CHECKS})
+
+
+def test_an_unknown_game_is_no_mistake_of_a_game():
+    with pytest.raises(UnknownNameError):
+        check_game("Nowhere-v0")
