@@ -31,6 +31,7 @@ TILE = 24
 class Room(GymnasiumGame):
     """An environment of MiniGrid, named by its id."""
 
+    uses_global_streams = False
     picture_engines = (None,)
     actions = ("Turn left", "Turn right", "Go forward", "Pick up", "Drop", "Toggle", "Done")
     manual = (

@@ -11,6 +11,8 @@ from smartplay_tools.games import GymnasiumGame
 class PopgymGame(GymnasiumGame):
     """A game of POPGym: its score is the sum of its rewards, from -1 to 1."""
 
+    uses_global_streams = False
+
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         text, reward, terminated, truncated = super()._step(action)
         # The rewards of a whole episode add up to 1 or to -1, but for the rounding of floats.

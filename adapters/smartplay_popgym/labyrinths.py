@@ -29,6 +29,7 @@ STEPS = 1024
 class Labyrinth(PopgymGame):
     """A labyrinth of `side` by `side` squares."""
 
+    uses_global_streams = True  # mazelib
     actions = ("Left", "Right", "Up", "Down")
     env_class: ClassVar[type[MazeEnv]]
 
