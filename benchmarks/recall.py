@@ -22,15 +22,8 @@ import smartplay_tools as sp
 
 GAME = "RockPaperScissorBasic-v0"
 CAP, RECALL = 2_000, 200
-QUERIES = (
-    "4321",
-    "1-999999",
-    "lizard",
-    "tie paper",
-    "you won and received score",
-    "step after act chose rock new round",
-)
-"""What is searched: steps, a word that nothing has, some that are in many documents, and some that are in most."""
+QUERIES = ("4321", "lizard", "tie paper", "step after act chose rock new round")
+"""What is searched: a step, a word that nothing has, two that are in many documents, and some that are in most."""
 
 
 class Agent:

@@ -17,12 +17,8 @@ from smartplay_tools.games.gymnasium_names import when_gymnasium_is_imported
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_tools.context.strategies import (
-        Choice as Choice,
-        Past as Past,
-        Strategy as Strategy,
-        register_strategy as register_strategy,
-    )
+    from smartplay_tools.context.strategies.choices import Choice as Choice, Past as Past, Strategy as Strategy
+    from smartplay_tools.context.strategies.custom import register_strategy as register_strategy
     from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
     from smartplay_tools.conversation.loop import aplay as aplay, play as play
     from smartplay_tools.conversation.text_env import TextEnv as TextEnv
@@ -61,7 +57,8 @@ if not TYPE_CHECKING:
     _of_a_module, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.context.strategies": "Choice Past Strategy register_strategy",
+            "smartplay_tools.context.strategies.choices": "Choice Past Strategy",
+            "smartplay_tools.context.strategies.custom": "register_strategy",
             "smartplay_tools.conversation.loop": "aplay play",
             "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
             "smartplay_tools.conversation.text_env": "TextEnv",

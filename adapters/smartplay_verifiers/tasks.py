@@ -18,7 +18,7 @@ import verifiers.v1 as vf
 from pydantic import Field, ValidationError, create_model
 
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.evaluation.run_folder.folder import trial_seed

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import islice, zip_longest
 
 from smartplay_tools.context.prefix import common_head, common_messages
-from smartplay_tools.context.strategies import Choice, Past, PastTurn
-from smartplay_tools.context.strategies.choices import PastTurns
+from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, PastTurns
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.context.window import ContextWindow

@@ -25,7 +25,8 @@ from dataclasses import replace
 
 from smartplay_tools.context.prefix import common_tokens
 from smartplay_tools.context.prompts.wording import VERSION, Wording
-from smartplay_tools.context.strategies import Strategies, Summary, share_kept
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies.base import Summary, share_kept
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn

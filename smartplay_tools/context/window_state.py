@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 
-from smartplay_tools.context.strategies import Summary
+from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.token_index import TokenIndex
 from smartplay_tools.context.view import Head, Selection
 from smartplay_tools.types.messages import Message

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.strategies import load_strategy, name_on_record
+from smartplay_tools.context.strategies.custom import load_strategy, name_on_record
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies import Strategies, StrategyTool
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies.base import StrategyTool
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode import budgets
 from smartplay_tools.episode.carried import STORES, Carried, check_carry, longest_message

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
 from smartplay_tools.context.prompts.wording import VERSION, Wording
-from smartplay_tools.context.strategies import StrategyTool, is_memory_tool
+from smartplay_tools.context.strategies.base import StrategyTool
+from smartplay_tools.context.strategies.memory import is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec

@@ -18,7 +18,8 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies import drops_old_turns, summaries_of
+from smartplay_tools.context.strategies.ageing import drops_old_turns
+from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import split_rule

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies import summaries_of
+from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual

@@ -19,7 +19,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 
-from smartplay_tools.context.strategies import Choice, Past, Strategy
+from smartplay_tools.context.strategies.choices import Choice, Past, Strategy
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.players.prompt_reading import call

@@ -3,7 +3,7 @@
 import random
 import time
 
-from smartplay_tools.context.strategies import Choice
+from smartplay_tools.context.strategies.choices import Choice
 
 
 class TooMuch:

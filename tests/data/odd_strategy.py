@@ -2,7 +2,7 @@
 
 import random
 
-from smartplay_tools.context.strategies import Choice
+from smartplay_tools.context.strategies.choices import Choice
 
 
 class Odd:

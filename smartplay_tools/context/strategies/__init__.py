@@ -18,53 +18,16 @@ from __future__ import annotations
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.ageing import Ageing, drops_old_turns, turns_leave
-from smartplay_tools.context.strategies.base import (
-    DECISIONS,
-    BudgetStrategy,
-    StrategyTool,
-    Summary,
-    ToolAnswer,
-    decides,
-    share_kept,
-)
-from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, Strategy
-from smartplay_tools.context.strategies.custom import (
-    load_strategy,
-    make_strategy,
-    name_on_record,
-    recorded_strategy,
-    register_strategy,
-)
-from smartplay_tools.context.strategies.memory import is_memory_tool
-from smartplay_tools.context.strategies.summaries import Summaries, summaries_of
+from smartplay_tools.context.strategies.ageing import Ageing
+from smartplay_tools.context.strategies.base import DECISIONS, BudgetStrategy, decides
+from smartplay_tools.context.strategies.choices import Strategy
+from smartplay_tools.context.strategies.custom import load_strategy, make_strategy, recorded_strategy
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.registry import Registry
 from smartplay_tools.types import STRATEGIES, Budget
 
-__all__ = [
-    "KINDS",
-    "BudgetStrategy",
-    "Choice",
-    "Past",
-    "PastTurn",
-    "Strategies",
-    "Strategy",
-    "StrategyTool",
-    "Summaries",
-    "Summary",
-    "ToolAnswer",
-    "drops_old_turns",
-    "is_memory_tool",
-    "load_strategy",
-    "name_on_record",
-    "refusal",
-    "register_strategy",
-    "share_kept",
-    "summaries_of",
-    "turns_leave",
-]
+__all__ = ["KINDS", "Strategies", "refusal"]
 
 
 KINDS = Registry(

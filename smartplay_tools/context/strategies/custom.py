@@ -23,6 +23,8 @@ from smartplay_tools.registry import NamedInFiles, Registry, is_in_file, without
 from smartplay_tools.types import Budget
 from smartplay_tools.types.arguments import value_in
 
+__all__ = ["Custom", "load_strategy", "name_on_record", "register_strategy"]
+
 ENTRY_POINTS = "smartplay_tools.strategies"
 """The group under which other packages declare strategies."""
 

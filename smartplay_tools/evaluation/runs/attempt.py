@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.context.strategies import turns_leave
+from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AttachedPlayer, new_conversation, play

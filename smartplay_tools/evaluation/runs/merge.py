@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import RunFolder

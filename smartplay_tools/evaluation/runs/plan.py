@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.strategies import load_strategy
+from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.cells import cell_config, with_recorded_name
 from smartplay_tools.episode.config import RULES, CellConfig

@@ -20,7 +20,7 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies import summaries_of
+from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
