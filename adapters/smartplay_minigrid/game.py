@@ -32,6 +32,7 @@ class Room(GymnasiumGame):
     """An environment of MiniGrid, named by its id."""
 
     uses_global_streams = False
+    env: Any
     picture_engines = (None,)
     actions = ("Turn left", "Turn right", "Go forward", "Pick up", "Drop", "Toggle", "Done")
     manual = (

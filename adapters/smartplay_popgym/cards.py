@@ -66,7 +66,7 @@ class CardGame(PopgymGame):
     def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
         """The suit of the card that the newest observation asks for, if one of the observations shows it."""
         question = ASKED.search(seen[max(seen)])
-        suits = dict(match.groups() for text in seen.values() if (match := SHOWN.search(text)))
+        suits = {card: kind for text in seen.values() for card, kind in SHOWN.findall(text)}
         return () if question is None or question[1] not in suits else (suits[question[1]].capitalize(),)
 
     def _is_completed(self, terminated: bool) -> bool:
@@ -174,7 +174,7 @@ class CountRecall(PopgymGame):
     def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
         """The number of cards of the kind, if every card is shown by one of the observations."""
         question = COUNTED.search(seen[max(seen)])
-        shown = dict(match.groups() for text in seen.values() if (match := SHOWN.search(text)))
+        shown = {card: kind for text in seen.values() for card, kind in SHOWN.findall(text)}
         if question is None or len(shown) < int(question[1]):
             return ()
         return (_cards(sum(kind == question[2] for kind in shown.values())),)

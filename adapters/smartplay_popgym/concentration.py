@@ -70,7 +70,7 @@ class Concentration(PopgymGame):
         return f"{both}, so they stay face up." if second in kept else f"{both}, so they are turned back."
 
     def _kind(self, place: int) -> str:
-        return KINDS[self.kinds][self.env.state[place]]
+        return KINDS[self.kinds][int(self.env.state[place])]
 
     @property
     def needs(self) -> Sequence[int]:

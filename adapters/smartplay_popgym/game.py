@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.metadata import version
+from typing import Any
 
 from smartplay_tools.games import GymnasiumGame
 
@@ -12,6 +13,7 @@ class PopgymGame(GymnasiumGame):
     """A game of POPGym: its score is the sum of its rewards, from -1 to 1."""
 
     uses_global_streams = False
+    env: Any
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         text, reward, terminated, truncated = super()._step(action)
