@@ -22,8 +22,7 @@ from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.errors import TranscriptError, in_one_line
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
-from smartplay_tools.games.specs import load_game
-from smartplay_tools.registry import is_in_file
+from smartplay_tools.games import get_spec
 from smartplay_tools.transcript import Event, write_records
 
 INFO = "smartplay"
@@ -48,7 +47,7 @@ class SmartPlayData(vf.TaskData):
         """Return the task's episode, with `record` as its transcript."""
         config = EpisodeConfig(**self.config)
         if self.game is not None:
-            load_game(self.game, config.game_sha256)
+            get_spec(self.game)
         if self.strategy is not None:
             load_strategy(self.strategy, config.strategy_sha256)
         return Episode.from_config(config, transcript=record)
@@ -173,7 +172,7 @@ class SmartPlayTaskset(vf.Taskset[SmartPlayTask, SmartPlayConfig]):
                 prompt=f"Play {factory.game}, trial {trial}.",
                 config=config.to_json(),
                 reward=chosen.reward,
-                game=chosen.game if is_in_file(chosen.game) else None,
+                game=None if config.game_file is None else chosen.game,
                 strategy=budget.strategy,
             )
             yield SmartPlayTask(data, chosen.task)

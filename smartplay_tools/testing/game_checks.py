@@ -21,6 +21,7 @@ import functools
 import itertools
 import json
 import math
+import multiprocessing
 import os
 import pickle
 import random
@@ -28,6 +29,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from typing import Any
 
 import gymnasium
@@ -38,7 +40,6 @@ from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
-from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import GAMES, IN_FILES, get_spec
@@ -298,15 +299,31 @@ def is_the_same_in_another_process(spec: GameSpec) -> None:
     if defined_here and not hasattr(sys.modules["__main__"], "__file__"):
         return  # no other process can import a notebook
     path = None if spec.file is None else IN_FILES.recorded(spec.file, spec.sha256).path
-    jobs = iter([spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"])
-    with _other_hash_seed(), ProcessPool(_played, 1, seconds=SECONDS) as pool:
-        for _, answer in pool.run(lambda: next(jobs, None)):
-            _require(not isinstance(answer, Lost), f"another process cannot play the game: {answer}")
-            _require(
-                answer == _played(spec),
-                "the same seed and actions play differently in another process: is the order of a set used, or "
-                "anything of the machine?",
-            )
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    named = spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"
+    process = context.Process(target=_tell, args=(theirs, named), daemon=True)
+    with _other_hash_seed():
+        process.start()
+    theirs.close()
+    try:
+        _require(ours.poll(SECONDS), f"another process has not played two short walks in {SECONDS:g} seconds")
+        there = ours.recv()
+    except EOFError:
+        raise AssertionError("Another process cannot import the game: have its class in a module or a file.") from None
+    finally:
+        process.kill()
+        process.join()
+    _require(
+        there == _played(spec),
+        "the same seed and actions play differently in another process: is the order of a set used, or anything of the "
+        "machine?",
+    )
+
+
+def _tell(connection: Connection, game: Setting) -> None:
+    """Send what is seen in a game; runs in the other process."""
+    connection.send(_played(game))
 
 
 def _played(game: Setting) -> list[str]:

@@ -74,7 +74,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
         "pip", reason="installs a package; an environment made by uv has pip after `uv pip install pip`"
     )
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("target")
-    (game,) = blocks("python")
+    game = blocks("python")[0]
     player = blocks("python continued")[0]
     (project,) = blocks("toml")
     (source / "higher_or_lower.py").write_text(f"{game}\n\n{player}", encoding="utf-8")
@@ -85,7 +85,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
 
 
 def test_the_page_keeps_its_promise_of_a_short_game():
-    (game,) = blocks("python")
+    game = blocks("python")[0]
     lines = [line for line in game.splitlines() if line.strip() and not line.startswith("# ---")]
     assert len(lines) <= 65
 
