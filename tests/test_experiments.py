@@ -14,7 +14,7 @@ from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
-PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md")]
+PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md", "memory.md")]
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
 
@@ -32,6 +32,11 @@ def arena():
 @pytest.fixture(scope="module")
 def curves():
     yield from script("arena_curves")
+
+
+@pytest.fixture(scope="module")
+def ruler():
+    yield from script("ruler")
 
 
 @pytest.fixture(scope="module")
@@ -170,6 +175,10 @@ def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves,
     # These prompts hold nothing in which the versions of the prompts differ.
     assert {row.pop("prompts") for row in played} == {"v2"}
     assert [row for row in played if row | {"prompts": "v1"} not in curves.read_rows(curves.PUBLISHED)] == []
+
+
+def test_the_ruler_in_the_page_is_that_of_the_published_rows(ruler):
+    assert published("ruler") == ruler.table(ruler.read_rows(ruler.PUBLISHED)).splitlines()
 
 
 def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):

@@ -7,13 +7,14 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import gymnasium
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import UnknownNameError
+from smartplay_tools.errors import MissingExtraError, UnknownNameError
 from smartplay_tools.evaluation.exports.export import FORMATS
 from smartplay_tools.evaluation.runs.executors import EXECUTORS
 from smartplay_tools.evaluation.runs.tracking import TRACKERS
@@ -114,6 +115,20 @@ def test_an_installed_setting_is_listed_without_importing_it(install):
     assert "tower_pack" not in sys.modules
     assert games["Tower-v0"] == TOWER
     assert "tower_pack" in sys.modules
+
+
+def test_the_settings_of_a_pack_are_known_everywhere_and_listed_where_they_can_be_played():
+    game = "popgym-RepeatPreviousEasy-v0"
+    spec = sp.GAMES[game]
+    assert (spec.memory, spec.worst_step) == (3, -1 / 48)
+    assert sp.GAMES.is_loaded(game)
+    assert game not in sp.GAMES.benchmark
+    if find_spec("popgym") is None:
+        assert game not in list(sp.GAMES)
+        with pytest.raises(MissingExtraError, match="popgym"):
+            spec.make()
+    else:
+        assert game in list(sp.GAMES)
 
 
 def test_gymnasium_knows_an_installed_setting_from_the_start(install):

@@ -30,8 +30,10 @@ ADAPTERS = sorted(folder.name for folder in (ROOT / "adapters").glob("smartplay_
 ELSEWHERE = {
     "smartplay_inspect": "inspect.md",
     "smartplay_local": "local.md",
+    "smartplay_minigrid": "memory.md",
     "smartplay_openenv": "openenv.md",
     "smartplay_otel": "trackers.md",
+    "smartplay_popgym": "memory.md",
     "smartplay_pydantic_ai": "pydantic-ai.md",
     "smartplay_trackers": "trackers.md",
     "smartplay_trl": "trl.md",

@@ -225,6 +225,14 @@ class TextGame(gymnasium.Env[str, Any]):
         """
         return None
 
+    @classmethod
+    def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
+        """Those of the legal `actions` that are right, as far as these observations by step tell; none if they do not.
+
+        The newest of them is the current one. The player `reader` plays by it.
+        """
+        raise NotImplementedError(f"{cls.__name__} does not say which actions follow from what was seen.")
+
     def deviations(self) -> dict[str, Any]:
         """The differences from the paper that the game's options cause: name -> {"paper": ..., "played": ...}."""
         return {}

@@ -8,11 +8,14 @@ package itself is imported when its setting is asked for. Every setting is a Gym
 
 from __future__ import annotations
 
+import functools
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
     import gymnasium
 
     from smartplay_tools.games.base import TextGame
+
+__all__ = ["Pack"]
 
 ENTRY_POINTS = "smartplay_tools.games"
 """The group under which other packages declare settings."""
@@ -79,7 +84,7 @@ class GameSpec:
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
 
     `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
-    the least that a step adds to the score; None where the score is a final state and no sum.
+    the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
 
     `file` and `sha256` are the name (`FILE.py:NAME`) and the digest of the file that the setting was read from, if the
     user has named it so; they are not given.
@@ -128,6 +133,13 @@ class GameSpec:
             return None
         return normalize(score, self.human_score, self.min_score)
 
+    def least_score(self, score: float, steps: int) -> float:
+        """Return the least that an episode could have scored, had it not ended early with this score after `steps`."""
+        lowest = -math.inf if self.score_bounds is None else self.score_bounds[0]
+        if self.worst_step is not None:
+            return max(lowest, score + (self.rollout - steps) * self.worst_step)
+        return score if self.score_bounds is None else min(lowest, score)
+
     def _repr_html_(self) -> str:
         from smartplay_tools.types import facts_as_html
 
@@ -141,25 +153,54 @@ class GameSpec:
         return {**vars(self), "challenges": dict(self.challenges)}
 
 
+PACKS = ("smartplay_popgym:CARDS", "smartplay_popgym:LABYRINTHS", "smartplay_minigrid:ROOMS")
+"""The packs of games that come with this package."""
+
+
+@dataclass(frozen=True)
+class Pack:
+    """Settings whose environments are another package's, which an extra of this package installs."""
+
+    extra: str
+    packages: tuple[str, ...]
+    """What has to be installed to play them."""
+    settings: tuple[GameSpec, ...]
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether they can be played here."""
+        return all(find_spec(package) is not None for package in self.packages)
+
+
+@functools.cache
+def _packs() -> tuple[Pack, ...]:
+    """The packs that are there: the core of this package works without its adapters."""
+    return tuple(resolve(place) for place in PACKS if find_spec(place.partition(":")[0]) is not None)
+
+
 class Games(Mapping[str, GameSpec]):
     """The settings by id, the benchmark's first. An unknown id raises `UnknownNameError`, a `KeyError`."""
 
     def __init__(self, benchmark: Iterable[GameSpec]) -> None:
         self._specs = {spec.id: spec for spec in benchmark}
-        self._benchmark = frozenset(self._specs)
+        self.benchmark = frozenset(self._specs)
+        """The ids of the paper's settings."""
 
     def __getitem__(self, game: str) -> GameSpec:
-        if game not in self._specs:
+        if game in self._specs:
+            return self._specs[game]
+        if game not in self._packed:
             for declared in self._declared():
                 if declared.name == game and not _IMPORTS.get():
                     raise PackageNotImportedError(declared)
                 if declared.name == game:
                     return self.register(_load(declared))
             raise UnknownNameError("game", game, self)
-        return self._specs[game]
+        return self._packed[game]
 
     def __iter__(self) -> Iterator[str]:
-        yield from dict.fromkeys([*self._specs, *sorted(declared.name for declared in self._declared())])
+        declared = sorted(declared.name for declared in self._declared())
+        yield from dict.fromkeys([*self._specs, *self._installed(), *declared])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -168,8 +209,8 @@ class Games(Mapping[str, GameSpec]):
         return f"{type(self).__name__}({', '.join(self)})"
 
     def is_loaded(self, game: str) -> bool:
-        """Return whether a setting is the benchmark's or was registered here, so that nothing is imported for it."""
-        return game in self._specs
+        """Return whether a setting is this package's or was registered here, so that nothing foreign is imported."""
+        return game in self._specs or game in self._packed
 
     def register(self, spec: GameSpec) -> GameSpec:
         """Add a setting, or replace one that was added before; those of the benchmark cannot be replaced."""
@@ -177,7 +218,7 @@ class Games(Mapping[str, GameSpec]):
             raise InvalidArgumentError(
                 f"{spec.id!r} cannot be an id: write letters, digits and a version, as in Nim-v0."
             )
-        if spec.id in self._benchmark:
+        if spec.id in self.benchmark:
             raise InvalidArgumentError(f"{spec.id} is a setting of the benchmark; give yours another id.")
         self._specs[spec.id] = spec
         if gymnasium_is_ready():
@@ -186,23 +227,36 @@ class Games(Mapping[str, GameSpec]):
 
     def added(self) -> list[str]:
         """Return the settings beyond the benchmark's that were registered or loaded in this process."""
-        return [game for game in self._specs if game not in self._benchmark]
+        return [game for game in self._specs if game not in self.benchmark]
 
     def is_declared(self, game: str) -> bool:
-        """Return whether a setting is the benchmark's or an installed package's, and so known in every process."""
-        return game in self._benchmark or any(declared.name == game for declared in self._declared())
+        """Return whether a setting is this or another installed package's, and so known in every process."""
+        return (
+            game in self.benchmark
+            or game in self._packed
+            or any(declared.name == game for declared in self._declared())
+        )
 
     def tell_gymnasium(self) -> None:
         """Register every setting with Gymnasium; settings that packages declare, by name only."""
-        for spec in self._specs.values():
+        for spec in {**self._installed(), **self._specs}.values():
             _register_with_gymnasium(spec)
         for declared in self._declared():
             if declared.name not in self._specs:
                 _announce_to_gymnasium(declared, self)
 
+    @functools.cached_property
+    def _packed(self) -> dict[str, GameSpec]:
+        """The settings of all packs: they are known where they cannot be played, so that their results can be read."""
+        return {spec.id: spec for pack in _packs() for spec in pack.settings}
+
+    def _installed(self) -> dict[str, GameSpec]:
+        """The settings of the packs that can be played here."""
+        return {spec.id: spec for pack in _packs() if pack.is_installed for spec in pack.settings}
+
     def _declared(self) -> list[EntryPoint]:
         """The settings that installed packages declare, without those that have an id of the benchmark."""
-        return [point for point in declared_in(ENTRY_POINTS) if point.name not in self._benchmark]
+        return [point for point in declared_in(ENTRY_POINTS) if point.name not in self.benchmark]
 
 
 def _load(declared: EntryPoint) -> GameSpec:

@@ -36,13 +36,18 @@ _MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 _GAMES = "smartplay_tools.games"
 _FAMILIES: Mapping[str, Mapping[str, Any]] = {
-    "bandit": {"entry_point": f"{_GAMES}.bandit:Bandit", "action_count": 2},
-    "rock_paper_scissors": {"entry_point": f"{_GAMES}.rock_paper_scissors:RockPaperScissors", "action_count": 3},
+    "bandit": {"entry_point": f"{_GAMES}.bandit:Bandit", "action_count": 2, "worst_step": 0},
+    "rock_paper_scissors": {
+        "entry_point": f"{_GAMES}.rock_paper_scissors:RockPaperScissors",
+        "action_count": 3,
+        "worst_step": 0,
+    },
     "hanoi": {"entry_point": f"{_GAMES}.hanoi:Hanoi", "action_count": 6},
     "messenger": {"entry_point": f"{_GAMES}.messenger.game:Messenger", "action_count": 5},
     "crafter": {
         "entry_point": f"{_GAMES}.crafter.game:Crafter",
         "action_count": 17,
+        "worst_step": 0,
         "gymnasium_entry_point": f"{_GAMES}.crafter.environment:make",
     },
     "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4, "two_valued": True},

@@ -47,6 +47,7 @@ PLAYERS: dict[str, str] = {
     "openai-responses": "smartplay_openai:ResponsesPlayer",
     "oracle": "smartplay_tools.players.scripted:OraclePlayer",
     "random": "smartplay_tools.players.scripted:RandomPlayer",
+    "reader": "smartplay_tools.players.reader:ReaderPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
 }
@@ -63,7 +64,10 @@ _REGISTRY = Registry("player", PLAYERS, ENTRY_POINTS)
 
 @overload
 def get_player(
-    name: Literal["first", "human", "oracle", "random", "rule", "rule-notes"], *, seed: int = 0, **options: Any
+    name: Literal["first", "human", "oracle", "random", "reader", "rule", "rule-notes"],
+    *,
+    seed: int = 0,
+    **options: Any,
 ) -> Player: ...
 
 

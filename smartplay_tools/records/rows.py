@@ -20,6 +20,7 @@ from pydantic import ConfigDict, Field
 
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
@@ -58,6 +59,32 @@ def has_reported_tokens(row: Row) -> bool:
     """Return whether a provider has counted tokens of an episode."""
     provider = row["tokens"]["provider"]
     return provider is not None and Usage(**provider).has_tokens
+
+
+EARLY_ENDS = frozenset(
+    {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error"}
+)
+"""Ends that a budget, a stall or a strategy causes, before the game's own."""
+
+
+def has_early_end(row: Row) -> bool:
+    """Return whether an episode ended early, in a game whose means count that."""
+    return row["end_reason"] in EARLY_ENDS and row["game"] not in GAMES.benchmark
+
+
+def mean_score(row: Row) -> float:
+    """Return the score that means use: `counted_score`, except in the paper's settings, which keep the paper's."""
+    return counted_score(row) if has_early_end(row) else float(row["score"])
+
+
+def counted_score(row: Row) -> float:
+    """Return the score of an episode; after an early end, the least that its missing steps could have led to.
+
+    Otherwise an agent that loses points with its steps would do better where a budget ends its episodes sooner. A game
+    that is not known here counts with the score of its row.
+    """
+    spec = GAMES.get(row["game"]) if row["end_reason"] in EARLY_ENDS else None
+    return float(row["score"]) if spec is None else spec.least_score(float(row["score"]), row["steps"])
 
 
 def unit_of(*rows: Row) -> int:

@@ -41,7 +41,7 @@ def test_no_cap_costs_anything_is_one():
     assert (area.area, area.low, area.high) == pytest.approx((1, 1, 1))
 
 
-def test_a_cap_that_is_too_small_for_one_strategy_counts_as_random():
+def test_a_cap_that_is_too_small_for_one_strategy_counts_as_an_episode_without_a_step():
     with_notes = [r for r in sweep([None, 25, 40, 40]) if r["player"] != "random"]
     for r in with_notes:
         r["budget"] = r["budget"] | {"notes_tokens": 200}
@@ -49,7 +49,7 @@ def test_a_cap_that_is_too_small_for_one_strategy_counts_as_random():
     dropping, notes = areas(rows)
     assert notes.infeasible == (250,)
     assert notes.difference == pytest.approx((notes.area - dropping.area, *notes.difference[1:]))
-    assert "250 too small, counted as random" in " ".join(areas_table([dropping, notes]).notes)
+    assert "250 too small, counted as 0" in " ".join(areas_table([dropping, notes]).notes)
 
 
 @pytest.mark.parametrize(

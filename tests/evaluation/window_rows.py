@@ -41,6 +41,7 @@ def row(seed: int = 0, score: float = 0.0, *, tokens: int = 100, cost: float | N
         "tokens": {"prompt": tokens, "reply": 0, "prefix": tokens // 2, "overruns": 0, "provider": None},
         "cost": cost,
         "end_reason": "rollout",
+        "steps": 50,
         "tool_calls": 50,
         "cut_results": 0,
     }

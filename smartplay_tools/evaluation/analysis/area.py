@@ -4,9 +4,10 @@ Caps lie on a logarithmic axis, "no cap" at the largest prompt of any episode th
 straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of the player's widest window in
 the game. All curves of a player at a game have this one yardstick, so their areas can be compared. At 1 no cap costs
 the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that range.
-A cap that is too small for one of the compared strategies, but not for all, counts as the random score there, so that
-all are measured over one range of caps. The area varies with the grid of caps by 0.01 to 0.02, so only areas over the
-same grid are compared.
+An episode that ended early counts as the least that its missing steps could have led to (`records.rows.counted_score`).
+So does a cap that is too small for one of the compared strategies but not for all, as an episode without a step: all
+are measured over one range of caps. Where a game declares no least score, such a cap counts as the random score. The
+area varies with the grid of caps by 0.01 to 0.02, so only areas over the same grid are compared.
 
 The interval is a jackknife over seeds: everything of a seed is left out together.
 """
@@ -26,7 +27,8 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, me
 from smartplay_tools.evaluation.analysis.names import curve_names
 from smartplay_tools.evaluation.analysis.pairs import cut_share
 from smartplay_tools.evaluation.analysis.windows import family, jointly, width
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.rows import Row, counted_score, grouped
 
 FEWEST_CAPS = 4
 RANDOM = "random"
@@ -123,7 +125,15 @@ def _widest(beside: PlayedCell, groups: _Groups) -> _Groups:
 
 
 def _by_seed(rows: Sequence[Row]) -> dict[int, float]:
-    return {row["seed"]: row["score"] for row in rows}
+    return {row["seed"]: counted_score(row) for row in rows}
+
+
+def unplayed_score(game: str) -> float | None:
+    """Return what an episode that a cap refuses counts as; None if the game is unknown or declares no least score."""
+    spec = GAMES.get(game)
+    if spec is None or (spec.worst_step is None and spec.score_bounds is None):
+        return None
+    return spec.least_score(0, 0)
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
@@ -144,6 +154,8 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     if lacking is None and len(seeds) < 2:
         lacking = "fewer than two seeds were played everywhere"
     curve_areas: list[Area] = []
+    unplayed = unplayed_score(game)
+    refused = random if unplayed is None else dict.fromkeys(random, unplayed)
     first: tuple[Values, Values] | None = None
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
@@ -154,7 +166,7 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
             continue
         full_scores = _by_seed(curve.widest[0][1])
         chance, full = (np.array([own[seed] for seed in seeds], dtype=float) for own in (random, full_scores))
-        played = [curve.scores(cap) if cap in curve.cells else random for cap in grid]
+        played = [curve.scores(cap) if cap in curve.cells else refused for cap in grid]
         scores = np.array([[own[seed] for own in played] for seed in seeds], dtype=float)
         gain = mean_estimate((full - chance).tolist())
         if gain.low is None or gain.high is None or gain.low <= 0 <= gain.high:
@@ -207,13 +219,18 @@ def areas_table(areas: Sequence[Area]) -> TextTable:
     rows = sections((f"{game}, caps {', '.join(caps[game])}", map(_row, own)) for game, own in games.items())
     reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
-        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as random"
+        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {_counted_as(each.game)}"
         for each in areas
         if each.infeasible
     )
     cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in areas) else []
     headings = columns("player and strategy", "seeds", "area", "+-")
     return TextTable("areas under the curve", headings, rows, (*NOTES, *reasons, *low, *cut))
+
+
+def _counted_as(game: str) -> str:
+    score = unplayed_score(game)
+    return "random" if score is None else f"{score:g}"
 
 
 def _row(each: Area) -> tuple[str, ...]:

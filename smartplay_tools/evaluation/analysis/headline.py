@@ -28,6 +28,9 @@ CUT = "\N{DAGGER}"
 UNPLAYED = "!"
 """The mark of cells with episodes in which no action was ever played."""
 
+EARLY = "\N{DOUBLE DAGGER}"
+"""The mark of cells with episodes that ended early and count as the least that they could have scored."""
+
 INTERVALS = "[ ]: 95 % interval of the mean"
 PRIVILEGED = "*: privileged, it knows the game's state and not only its messages"
 
@@ -37,6 +40,7 @@ MANY_CUTS = 0.01
 TERMS: Mapping[str, str] = {
     "n": "finished episodes",
     "score": "the game's own score, mean over episodes",
+    EARLY: "a budget, a stall or a strategy ended episodes; each counts as the least that the missing steps allow",
     "[ ]": "the 95 % interval of a mean; docs/metrics.md says which one, and how often it holds",
     "equal": "the episodes show no spread, and the measure has no bounds from which an interval would follow",
     "% human": "(score - minimum) / (human - minimum), with the paper's human score",
@@ -95,6 +99,8 @@ def warnings(cells: Iterable[CellSummary]) -> list[str]:
         notes.append(
             f"{UNPLAYED}: {unplayed} without any action, whose scores say nothing of how well the player plays"
         )
+    if early := sum(cell.early for cell in cells):
+        notes.append(f"{EARLY}: {early} that ended early; each counts as the least that the missing steps allow")
     worst = max((cell.cut_share or 0.0 for cell in cells), default=0.0)
     if is_much_cut(worst):
         notes.append(
@@ -111,7 +117,8 @@ def is_much_cut(share: float | None) -> bool:
 
 def player_name(cell: CellSummary) -> str:
     """Return the player's name with its marks."""
-    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, CUT: is_much_cut(cell.cut_share)}
+    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, EARLY: cell.early > 0}
+    marks |= {CUT: is_much_cut(cell.cut_share)}
     return cell.cell.player + "".join(mark for mark, holds in marks.items() if holds)
 
 

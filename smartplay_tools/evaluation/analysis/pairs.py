@@ -23,7 +23,7 @@ from typing import Self
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, grouped, unit_of
+from smartplay_tools.records.rows import Row, grouped, mean_score, unit_of
 
 __all__ = ["MEASURES", "differences", "paired_difference"]
 
@@ -35,8 +35,8 @@ Measure = Callable[[Row], float | None]
 
 
 def score(row: Row) -> float:
-    """The game's own score."""
-    return float(row["score"])
+    """The game's own score; after an early end the one that means use, `records.rows.mean_score`."""
+    return mean_score(row)
 
 
 def normalized_score(row: Row) -> float | None:

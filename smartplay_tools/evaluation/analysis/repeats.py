@@ -20,7 +20,7 @@ import numpy as np
 from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values, t_quantile
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row, grouped, mean_score
 
 Succeeds = Callable[[Row], bool]
 Share = tuple[float, float, float]
@@ -70,7 +70,7 @@ def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row], succeeds: Succee
         return None
     repeats = min(map(len, worlds))
     played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds]
-    scores = np.array([[row["score"] for row in members] for members in played], dtype=float)
+    scores = np.array([list(map(mean_score, members)) for members in played], dtype=float)
     if succeeds is None and any(row["completed"] for row in rows):
         succeeds = itemgetter("completed")
     within, between = map(float, variances(scores))

@@ -20,7 +20,7 @@ from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, 
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import Measure, completion, normalized_score, reward, samples, score
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
-from smartplay_tools.records.rows import Row, grouped, has_reported_tokens, is_unplayed
+from smartplay_tools.records.rows import Row, grouped, has_early_end, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
 
 __all__ = ["CellSummary", "Failures", "Profile", "RunSummary", "summarize"]
@@ -109,6 +109,8 @@ class CellSummary:
     """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     unplayed: int
     """Episodes that ended without a single action; their scores say nothing of how well the player plays."""
+    early: int
+    """Episodes that a budget, a stall or a strategy ended and whose score counts as `records.rows.counted_score`."""
 
     @property
     def privileged(self) -> bool:
@@ -232,6 +234,7 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
         deviations=_deviations(cell, rows),
         unplayed=sum(map(is_unplayed, rows)),
+        early=sum(map(has_early_end, rows)),
         cost=None if None in costs else math.fsum(costs),
         tokens=_tokens(rows),
     )

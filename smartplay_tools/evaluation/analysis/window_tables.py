@@ -15,7 +15,7 @@ from smartplay_tools.evaluation.analysis.formats import (
     percent,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
+from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.quantities import short
@@ -59,6 +59,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
         *([COST_NOTE] if priced else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
+        *([f"{EARLY}: {TERMS[EARLY]}"] if any(c.early for c in comparisons) else []),
     ]
     return TextTable("windows", headings, tuple(rows), tuple(notes))
 
@@ -81,5 +82,5 @@ def _figures(comparison: WindowComparison, decimals: int, *, priced: bool, singl
         short(means["tokens"].mean),
         NOTHING if share is None else percent(share.mean),
         *([NOTHING if cost is None else dollars(cost.mean)] if priced else []),
-        marks + CUT * is_cut(comparison),
+        marks + CUT * is_cut(comparison) + EARLY * (comparison.early > 0),
     )

@@ -25,7 +25,7 @@ from typing import Any
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row, grouped, has_early_end
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
 
@@ -72,6 +72,8 @@ class WindowComparison:
     """The difference of scores with an interval that holds together with those of all other cells."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
+    early: int
+    """Episodes that ended early and whose score counts as `records.rows.counted_score`."""
     on_token_front: bool
     """Whether the cell is on the game's Pareto front of mean score against mean tokens."""
     on_cost_front: bool | None
@@ -110,6 +112,7 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             differences=paired[at],
             together=together[at].get("score"),
             cut_share=cut_share(members),
+            early=sum(map(has_early_end, members)),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
         )

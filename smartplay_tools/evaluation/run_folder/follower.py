@@ -35,7 +35,7 @@ from smartplay_tools.evaluation.run_folder.time_left import (
 from smartplay_tools.players.player_registry import is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Outcome, Record
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, mean_score
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import MISTAKES
@@ -196,6 +196,8 @@ class Result(NamedTuple):
     mistakes: int
     cut_results: int
     end_reason: str
+    mean_score: float
+    """The score that means use."""
 
     @classmethod
     def of(cls, row: Row) -> Result:
@@ -203,7 +205,9 @@ class Result(NamedTuple):
         tokens, replies = row["tokens"], row["turns"] + row.get("summaries", 0)
         spent = Spent(replies, int(tokens["prompt"]), int(tokens["reply"]), row["cost"])
         scores = (float(row["score"]), row["normalized_score"], int(row["steps"]))
-        return cls(*scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"])
+        return cls(
+            *scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"], mean_score(row)
+        )
 
 
 class _ReadAttempt(NamedTuple):
@@ -346,7 +350,7 @@ class RunFollower:
         counts = {kind: Counter(cell_of[key] for key in keys) for kind, keys in kinds.items()}
         scores: dict[int, float] = defaultdict(float)
         for key in done:
-            scores[cell_of[key]] += self.results[key].score
+            scores[cell_of[key]] += self.results[key].mean_score
         return tuple(
             CellSnapshot(
                 game=cell.game,

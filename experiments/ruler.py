@@ -1,0 +1,143 @@
+"""The ruler: how much must be kept before a player that only reads can play, for games that need more and more of it.
+
+    python experiments/ruler.py                           # the table, from the published rows
+    python experiments/ruler.py --publish                 # and puts it and its figure into docs/memory.md
+    python experiments/ruler.py play --out runs/ruler     # plays it; needs the extra popgym
+
+The player `reader` plays rightly from what its prompt shows, and guesses otherwise. Each game is played under every
+history without a cap, and under every cap without a limit on the history, on the same seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from arena_curves import read_rows, write_rows
+from page_tables import arguments, complete, interval, markdown_table, show
+
+import smartplay_tools as sp
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.figures.style import (
+    Series,
+    draw_estimates,
+    figure,
+    legend_below,
+    panels,
+    sample_note,
+    save_figure,
+)
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.pairs import sample, score
+from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.records.rows import Row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = Path(__file__).parents[1] / "docs" / "memory.md"
+PUBLISHED = Path(__file__).parent / "ruler" / "rows.jsonl.xz"
+PLAYER = PlayerConfig(name="reader")
+SEED, TRIALS = 1997, 10
+REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
+GAMES = {
+    sp.register(
+        replace(REPEAT, id=f"RepeatPrevious{k}-v0", kwargs={"decks": 1, "k": k}, memory=k - 1, worst_step=-1 / (52 - k))
+    ).id: f"RepeatPrevious, k = {k}"
+    for k in (2, 8, 24)
+} | {"popgym-CountRecallEasy-v0": "CountRecall"}
+"""The games, and their names in the table."""
+HISTORIES = (0, 1, 2, 4, 6, 7, 8, 12, 16, 20, 22, 23, 24, 32, 40, 49, 50)
+CAPS = (250, 300, 350, 400, 500, 600, 700, 800, 1000, 1200, 1400, 1600, 2000, 2500, 3000, 3500)
+SOLVED = 0.9
+"""A mean score from which a game counts as solved."""
+
+Points = list[tuple[int, MeanEstimate]]
+
+
+def play(out: Path) -> Iterator[Row]:
+    """Play every game under every budget that it can be played under."""
+    for game in GAMES:
+        budgets = [sp.Budget(history=history) for history in HISTORIES]
+        budgets += [sp.Budget(history=None, prompt_tokens=cap) for cap in CAPS]
+        yield from complete(
+            [game], [PLAYER], budgets=list(filter(lambda budget: is_playable(game, budget), budgets)), trials=TRIALS,
+            seed=SEED, out=out / game,
+        ).rows  # fmt: skip
+
+
+def is_playable(game: str, budget: sp.Budget) -> bool:
+    """Return whether the head of the prompts leaves room under a budget."""
+    try:
+        check_playable(*make_cells([game], [PLAYER], [budget]))
+    except InvalidArgumentError:
+        return False
+    return True
+
+
+def points(rows: Sequence[Row], game: str, along: str) -> Points:
+    """Return the mean score of a game against its history, or against its cap, in ascending order."""
+    other = {"history": "prompt_tokens", "prompt_tokens": "history"}[along]
+    cells = [
+        (cell.budget[along], sample(own, score))
+        for cell, own in by_cell(rows)
+        if cell.game == game and cell.budget[other] is None and cell.budget[along] is not None
+    ]
+    return sorted((place, mean_estimate(own.values, own.bounds)) for place, own in cells)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """The last history and cap under which each game is not solved, and the first from which it is."""
+    lines = []
+    for game, name in GAMES.items():
+        needed = sp.GAMES[game].memory
+        line = [name, f"{needed}"]
+        for along in ("history", "prompt_tokens"):
+            own = points(rows, game, along)
+            first = max(at for at, (_, estimate) in enumerate(own) if estimate.mean < SOLVED) + 1
+            line += [f"{place:,}: {interval(estimate)}" for place, estimate in own[first - 1 : first + 1]]
+        lines.append(line)
+    last, first = "the last that fails", "the first that suffices"
+    headings = ("game", "past steps needed", f"history: {last}", first, f"cap: {last}", first)
+    return markdown_table(headings, lines)
+
+
+@figure
+def ruler(rows: Sequence[Row]) -> Figure:
+    """Draw the score against the history, and against the cap on prompts, with a line for each game."""
+    drawn, axes = panels(2)
+    counts = set()
+    for panel, along, label in zip(
+        axes, ("history", "prompt_tokens"), ("past steps shown", "cap on prompts (tokens)"), strict=True
+    ):
+        for index, (game, name) in enumerate(GAMES.items()):
+            places, estimates = zip(*points(rows, game, along), strict=True)
+            draw_estimates(panel, places, estimates, Series.number(index), name)
+            counts |= {estimate.episodes for estimate in estimates}
+        panel.set(xlabel=label, ylabel="score", ylim=(-1.05, 1.05))
+    axes[1].set_xscale("log")
+    axes[1].set_xticks(ticks := (250, 500, 1000, 2000, 3500), [f"{tick:,}" for tick in ticks])
+    axes[1].minorticks_off()
+    legend_below(drawn, note=sample_note(counts))
+    return drawn
+
+
+def main() -> None:
+    """Play, print and publish, as asked."""
+    parser = arguments(__doc__, "runs/ruler")
+    parser.add_argument("action", nargs="?", choices=("play",), help="play the games before")
+    given = parser.parse_args()
+    if given.action:
+        write_rows(play(given.out), PUBLISHED)
+    rows = read_rows(PUBLISHED)
+    show(PAGE, "ruler", table(rows), publishes=given.publish)
+    if given.publish:
+        save_figure(ruler(rows), PAGE.parent / "figures" / "memory-ruler", formats=("svg",))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""An early end is no success: how means, areas and tables count episodes that a budget, a stall or a strategy ended."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import get_args
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.area import areas, areas_table
+from smartplay_tools.evaluation.analysis.headline import TERMS, headline
+from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.rows import counted_score, mean_score
+from smartplay_tools.types import EndReason
+from tests.evaluation.window_rows import row
+
+BANDIT, MESSENGER, HANOI = "BanditTwoArmedHighLowFixed-v0", "MessengerL1-v0", "Hanoi3Disk-v0"
+
+
+@pytest.fixture
+def cards(monkeypatch):
+    """A game of 50 cards, each of which gains or loses 0.02 of a point."""
+    spec = dataclasses.replace(GAMES[BANDIT], id="Cards-v0", score_bounds=(-1, 1), worst_step=-0.02)
+    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
+    return sp.register(spec).id
+
+
+def early(game, score=0.0, steps=1, end_reason="prompt_tokens", **facts):
+    return row(score=score, game=game, steps=steps, end_reason=end_reason, **facts)
+
+
+def test_an_agent_does_not_do_better_where_its_budget_ends_the_episode_at_once(cards):
+    played = row(score=-0.5, game=cards)
+    assert early(cards)["score"] > played["score"]
+    assert mean_score(early(cards)) < mean_score(played)
+    assert mean_score(early(cards)) == pytest.approx(-0.98)
+
+
+@pytest.mark.parametrize("reason", get_args(EndReason))
+def test_only_the_ends_that_budgets_stalls_and_strategies_cause_count(cards, reason):
+    counts = {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error"}
+    assert (mean_score(early(cards, end_reason=reason)) < 0) == (reason in counts)
+
+
+@pytest.mark.parametrize(
+    ("game", "score", "counted"),
+    [
+        (BANDIT, 12.0, 12.0),
+        (MESSENGER, 0.0, -1.0),
+        (MESSENGER, -1.0, -1.0),
+        (HANOI, 1.0, 0.0),
+        ("Crafter-v0", 9.0, 9.0),
+    ],
+)
+def test_the_paper_s_settings_keep_the_paper_s_score_except_in_areas(game, score, counted):
+    ended = early(game, score)
+    assert mean_score(ended) == score
+    assert counted_score(ended) == counted
+
+
+def test_a_game_that_is_not_known_here_counts_with_its_score():
+    assert mean_score(early("Unheard-v0", 0.5)) == 0.5
+
+
+def test_no_episode_counts_as_less_than_the_lowest_score_of_its_game(cards):
+    assert counted_score(early(cards, -0.9, steps=5)) == -1
+
+
+def test_a_table_keeps_every_episode_and_marks_the_cell(cards):
+    rows = [row(0, 0.5, game=cards), early(cards, seed=1)]
+    rows = [complete(each) for each in rows]
+    summary = summarize(rows)
+    (cell,) = summary.cells
+    assert (cell.episodes, cell.early) == (2, 1)
+    assert cell.score.mean == pytest.approx((0.5 - 0.98) / 2)
+    table = headline(summary)
+    assert "rule\N{DOUBLE DAGGER}" in table.rows[1][0]
+    assert any(note.startswith("\N{DOUBLE DAGGER}: 1 that ended early") for note in table.notes)
+    assert "\N{DOUBLE DAGGER}" in TERMS
+    windows = windows_table(compare_windows(rows))
+    assert windows.rows[1][-1].endswith("\N{DOUBLE DAGGER}")
+    assert rows[1]["score"] == 0
+
+
+def test_a_refused_cap_counts_as_an_episode_without_a_step(cards):
+    caps = (250, 500, 1_000, None)
+    facts = {"game": cards, "peak_prompt_tokens": 2_000}
+    dropping = [row(s, 0.5 + s / 100, prompt_tokens=cap, **facts) for cap in caps for s in range(5)]
+    notes = [{**each, "budget": each["budget"] | {"notes_tokens": 200}} for each in dropping[5:]]
+    random = [row(s, -0.5, game=cards, player="random") for s in range(5)]
+    first, second = areas([*dropping, *notes, *random])
+    assert second.infeasible == (250,)
+    lost = (0.52 - -1) / (0.52 - -0.5) / 2 / 3  # half of one octave of three, from the full score down to -1
+    assert first.area - second.area == pytest.approx(lost)
+    assert any("250 too small, counted as -1" in note for note in areas_table([first, second]).notes)
+
+
+def complete(short):
+    """A row with the fields that a summary reads."""
+    counts = dict.fromkeys(("turns", "illegal_actions", "malformed_calls", "refused_calls", "idle_replies"), 0)
+    facts = {"fallback_actions": 0, "deviations": {}, "completed": False, "reward": short["score"], "prompts": "1"}
+    return {**counts, **facts, **short, "normalized_score": None}
