@@ -14,7 +14,7 @@ from smartplay_tools.errors import SmartPlayError
 from tests.evaluation.test_hostile_bundles import damage
 
 pytest.importorskip("uvicorn")
-view = pytest.importorskip("smartplay_tools.web.site")
+site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
@@ -65,13 +65,13 @@ def spoiled(chance: random.Random, run: Path, folder: Path) -> str:
 
 def looked_at(folder: Path) -> None:
     """Ask everything that the site answers of a run; only our own errors may be raised, and they are one sentence."""
-    shown = view.SiteRun(folder, "run")
+    shown = site_runs.SiteRun(folder, "run")
     summary = shown.summary()
     assert "error" in summary or summary["planned"] >= summary["finished"]
     try:
         shown.playing()
         for episode in shown.episodes():
-            assert len(episode) == len(view.site_runs.COLUMNS)
+            assert len(episode) == len(site_runs.COLUMNS)
             if episode[0] is not None:
                 shown.record(episode[0])
     except SmartPlayError as error:

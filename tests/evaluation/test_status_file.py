@@ -76,9 +76,9 @@ def test_it_may_be_deleted_and_says_nothing_when_it_is_old_or_damaged(tmp_path):
 
 
 def test_the_site_reads_it(tmp_path):
-    view = pytest.importorskip("smartplay_tools.web.site")
+    site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
     sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, budgets=sp.Budget(tool_calls=1), executor="inline")
-    run = view.SiteRun(tmp_path, "run")
+    run = site_runs.SiteRun(tmp_path, "run")
     assert run.summary()["seconds_left"] is None
     figures = RunFigures(1, 2, 1, 0, 5, 4, 12_345, None, 61.5, "", 0)
     (tmp_path / STATUS).write_text(json.dumps(vars(figures)))

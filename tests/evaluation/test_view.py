@@ -28,6 +28,8 @@ from smartplay_tools.cli import app
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
+site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
+site_record = pytest.importorskip("smartplay_tools.web.site.site_record")
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -42,7 +44,7 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(runs):
-    with view.ViewServer(view.find_runs([runs])) as server:
+    with view.ViewServer(site_runs.find_runs([runs])) as server:
         yield server.url.rstrip("/")
 
 
@@ -123,7 +125,7 @@ def test_a_damaged_run_does_not_hide_the_others(runs, tmp_path):
         shutil.copytree(runs / "one", tmp_path / name)
     (tmp_path / "a" / "running" / f"{'0' * 16}.1.jsonl").write_text('{"event": "start"\n')
     with (
-        view.ViewServer(view.find_runs([tmp_path])) as server,
+        view.ViewServer(site_runs.find_runs([tmp_path])) as server,
         urllib.request.urlopen(f"{server.url}api/live", timeout=60) as stream,
     ):
         shown = {run["name"]: run for run in json.loads(stream.readline().removeprefix(b"data: "))}
@@ -132,7 +134,7 @@ def test_a_damaged_run_does_not_hide_the_others(runs, tmp_path):
 
 
 def test_a_token_in_the_address_becomes_a_cookie(runs):
-    shown = view.find_runs([runs])
+    shown = site_runs.find_runs([runs])
     with view.ViewServer(shown, token="secret") as server:
         site = server.url.rstrip("/")
         assert get(f"{site}/?token=wrong")[0] == 401
@@ -147,7 +149,7 @@ def test_a_token_in_the_address_becomes_a_cookie(runs):
 def test_what_goes_on_is_streamed(runs, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(runs / "one", folder)
-    with view.ViewServer(view.find_runs([folder])) as server:
+    with view.ViewServer(site_runs.find_runs([folder])) as server:
         with urllib.request.urlopen(f"{server.url}api/live", timeout=60) as stream:
             assert stream.headers["content-type"].startswith("text/event-stream")
             first = json.loads(stream.readline().removeprefix(b"data: "))
@@ -171,7 +173,7 @@ def test_what_goes_on_is_streamed(runs, tmp_path):
 def test_damaged_folders_are_sentences(runs, tmp_path):
     shutil.copytree(runs / "one", tmp_path / "one")
     (tmp_path / "one" / "manifest.json").write_text('{"format": 1}')
-    with view.ViewServer(view.find_runs([tmp_path])) as server:
+    with view.ViewServer(site_runs.find_runs([tmp_path])) as server:
         (run,) = json.loads(get(f"{server.url}api/runs")[2])
         assert "is damaged" in run["error"]
         status, _, text = get(f"{server.url}api/runs/one/episodes")
@@ -192,7 +194,7 @@ def large(folder: Path, one: Path, count: int) -> Path:
 
 
 def test_thousands_of_episodes_are_listed_again_without_reading(runs, tmp_path):
-    run = view.SiteRun(large(tmp_path / "large", runs / "one", 2_000), "large")
+    run = site_runs.SiteRun(large(tmp_path / "large", runs / "one", 2_000), "large")
     assert len(run.episodes()) == 2_000
     began = time.process_time()
     listed = run.episodes()
@@ -206,12 +208,12 @@ def test_the_command_says_what_is_wrong(tmp_path):
     done = CliRunner().invoke(app, ["view", str(tmp_path / "nowhere")])
     assert (done.exit_code, "There is no folder" in done.output) == (2, True)
     with pytest.raises(sp.InvalidArgumentError, match="holds no run"):
-        view.find_runs([tmp_path])
+        site_runs.find_runs([tmp_path])
 
 
 def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
     path = tmp_path / "game.jsonl"
-    shown = view.SiteRecord(path)
+    shown = site_record.SiteRecord(path)
     assert (shown.episodes(), shown.playing(), shown.summary()["finished"]) == ([], [], 0)
     with sp.Episode(HANOI, seed=3, transcript=path, budget=sp.Budget(prompt_tokens=900)) as episode:
         conversation = sp.Conversation(episode, player="rule")
@@ -222,7 +224,7 @@ def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
         assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompts <= 900"]
     assert (shown.playing(), shown.summary()["finished"]) == ([], 1)
     (row,) = shown.episodes()
-    assert dict(zip(view.site_runs.COLUMNS, row, strict=True))["end"] == "closed"
+    assert dict(zip(site_runs.COLUMNS, row, strict=True))["end"] == "closed"
     with pytest.raises(sp.InvalidArgumentError):
         shown.record("episodes/0123456789abcdef")
 
@@ -278,7 +280,7 @@ def test_runs_appear_and_vanish_while_the_site_is_served(runs, tmp_path):
 def test_two_folders_with_runs_of_the_same_name_have_two_names(runs, tmp_path):
     for name in ("a", "b"):
         shutil.copytree(runs / "one", tmp_path / name / "one")
-    names = {run.name for run in view.find_runs([tmp_path / "a", tmp_path / "b"])}
+    names = {run.name for run in site_runs.find_runs([tmp_path / "a", tmp_path / "b"])}
     assert len(names) == 2
     assert "one" in names
 
@@ -309,7 +311,7 @@ def test_new_turns_are_answered_when_the_record_has_grown(runs, tmp_path):
     (folder / "results.jsonl").write_text("")
     record = folder / "running" / f"{key}.1.jsonl"
     record.write_text("".join(whole[:12]))
-    with view.ViewServer(view.find_runs([folder])) as server:
+    with view.ViewServer(site_runs.find_runs([folder])) as server:
         address = f"{server.url}api/episode/run/running/{key}.1"
         first = json.loads(get(address)[2])
         assert (first["playing"], "being played" in first["figures"]) == (True, True)
