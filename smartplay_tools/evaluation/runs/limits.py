@@ -113,7 +113,8 @@ class Account:
         usage = Usage(prompt=now.prompt - before.prompt, reply=now.reply - before.reply)
         if now.provider is not None and now.provider != before.provider:
             earlier = before.provider or Usage(requests=0)
-            more = {name: getattr(now.provider, name) - getattr(earlier, name) for name in Usage.model_fields}
+            # Cached tokens that nobody reported are None in both.
+            more = {n: (getattr(now.provider, n) or 0) - (getattr(earlier, n) or 0) for n in Usage.model_fields}
             usage = usage.replaced_by(Usage(**more))
         cost = 0.0 if self._price is None else self._price.cost(usage)
         self._limits.settle(self._reserved, (tokens, cost))

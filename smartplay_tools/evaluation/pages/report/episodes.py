@@ -98,7 +98,8 @@ def status(record: Record, *, finished_later: bool = False) -> str:
 def turns(record: Record) -> list[dict[str, Any]]:
     """Return the contents of every turn, in the order of the prompts and with their call ids and arguments.
 
-    A turn may lack its message (there was no reply) or its view (none was recorded).
+    A turn may lack its message (there was no reply) or its view (none was recorded). `sent` is the reply as later
+    prompts hold it, where that is not what the model said.
     """
     contents: dict[int, dict[str, Any]] = defaultdict(lambda: {"items": []})
     for view in record.views:
@@ -117,6 +118,9 @@ def turns(record: Record) -> list[dict[str, Any]]:
         contents[choice["turn"]]["choice"] = {"action": choice["action"], "fallback": choice["fallback"]}
     for number, reply in (record.sent_replies | record.replies).items():
         contents[number]["message"] = reply
+    for played in () if record.is_paper else record.turns:
+        if played.shown != played.assistant:
+            contents[played.number]["sent"] = played.shown
     for number, seconds in record.seconds.items():
         contents[number]["seconds"] = round(seconds, 3)
     for event in record.messages:

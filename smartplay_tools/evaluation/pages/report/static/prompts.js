@@ -131,7 +131,8 @@ function windowParts(episode, words, number, view) {
     for (let at = first; at <= last; at += 1) {
       const turn = episode.turns[at];
       if (texts.has(at)) parts.push({ message: { role: "user", content: texts.get(at) }, what: "strategy" });
-      const message = stepOf(episode, at) < (view.words ?? 0) ? bareReply(turn.message) : turn.message;
+      const reply = turn.sent ?? turn.message;
+      const message = stepOf(episode, at) < (view.words ?? 0) ? bareReply(reply) : reply;
       parts.push({ message, turn: at, what: at === view.notes ? "notes" : undefined });
       turn.items.forEach((item, index) => {
         const marked = marks.has(`${at}.${index}`);
