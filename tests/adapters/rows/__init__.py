@@ -11,6 +11,7 @@ import importlib
 import pkgutil
 from typing import Any
 
+from smartplay_tools.errors import MissingExtraError
 from tests.adapters.conformance import Host, Window
 
 WINDOW: dict[str, Window] = {}
@@ -21,6 +22,8 @@ def module(name: str) -> Any:
     """A module of rows, or None if its framework is not installed."""
     try:
         return importlib.import_module(f"{__name__}.{name}")
+    except MissingExtraError:
+        return None
     except ModuleNotFoundError as missing:
         if missing.name is None or missing.name.startswith(("tests", "smartplay")):
             raise
