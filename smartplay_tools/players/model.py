@@ -149,6 +149,10 @@ class ModelPlayer(ABC):
     async def aclose(self) -> None:
         """Close the connections of `areply` in this event loop, and those of `reply`."""
         self.close()
+        await self.close_in_loop()
+
+    async def close_in_loop(self) -> None:
+        """Close the connections of `areply` in this event loop, as a server does before its loop ends."""
         with self._lock:
             line = self._in_loops.pop(asyncio.get_running_loop(), None)
         if line is not None and line.client is not None:

@@ -9,6 +9,7 @@ import asyncio
 import socket
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any, Self
 
 import uvicorn
@@ -49,9 +50,19 @@ class Server:
         host, port: where to listen; port 0 is a free one.
         lifespan: whether the application handles the lifespan events of ASGI.
         websockets: whether it serves web sockets.
+        asks: what the application asks; an object with `close_in_loop` closes its connections when the server stops.
     """
 
-    def __init__(self, app: ASGIApp, host: str, port: int, *, lifespan: bool = False, websockets: bool = False) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        host: str,
+        port: int,
+        *,
+        lifespan: bool = False,
+        websockets: bool = False,
+        asks: Sequence[object] = (),
+    ) -> None:
         self._socket = listening(host, port, BACKLOG)
         config = uvicorn.Config(
             app,
@@ -63,7 +74,7 @@ class Server:
             backlog=BACKLOG,
             timeout_graceful_shutdown=GRACE,
         )
-        self._server = uvicorn.Server(config)
+        self._server = _Uvicorn(config, asks)
         self._thread: threading.Thread | None = None
         self.url = self.address(host)
 
@@ -93,6 +104,20 @@ class Server:
         if self._thread is not None:
             self._thread.join()
         self._socket.close()
+
+
+class _Uvicorn(uvicorn.Server):
+    """A server that closes the connections which the application has opened in its event loop."""
+
+    def __init__(self, config: uvicorn.Config, asks: Sequence[object]) -> None:
+        super().__init__(config)
+        self._asks = asks
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().shutdown(sockets)
+        for each in self._asks:
+            if (close := getattr(each, "close_in_loop", None)) is not None:
+                await close()
 
 
 class _Connection(H11Protocol):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -18,6 +20,7 @@ from smartplay_openai.server import app
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling
+from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.window_host import INTERFACES, TOOLS, client_of, for_messages
 
 GAME = "Hanoi3Disk-v0"
@@ -177,3 +180,18 @@ def test_a_client_that_leaves_the_window_stops_the_questions(interface, stream):
         usage = httpx2.post(url, json=body_of(interface, model), **options).json()["usage"]
         assert player.asked == 2
         assert stats.tokens.prompt in usage.values()
+
+
+def test_a_server_that_stops_closes_the_connections_of_its_player():
+    with OpenAIStub([calling(act(WAY[0]))]) as stub, warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", ResourceWarning)
+        player = sp.get_player("openai:m", base_url=stub.base_url)
+        with LocalEndpoint(player) as endpoint, sp.Episode(GAME, seed=0) as episode:
+            host = sp.get_player(f"openai:{player.name}", base_url=endpoint.base_url)
+            prompt = sp.Conversation(episode).prompt()
+            assert prompt is not None
+            host.reply(prompt)
+            host.close()
+        del player, endpoint, host
+        gc.collect()
+    assert not [str(each.message) for each in seen if issubclass(each.category, ResourceWarning)]

@@ -386,5 +386,5 @@ class LocalEndpoint(Server):
     ) -> None:
         check_address(host, api_key, hosts)
         made = endpoint_app(*players, api_key=api_key, limits=limits, hosts=hosts, origins=origins)
-        super().__init__(app or made, host, port)
+        super().__init__(app or made, host, port, asks=players)
         self.base_url = f"{self.url}/v1"

@@ -142,7 +142,8 @@ class WindowEndpoint(Server):
         check_address(host, token, hosts)
         shown = Shown(only_game_tools, show_system)
         self.store = WindowStore(player, closing=closing, shown=shown, folder=folder, **options)
-        super().__init__(window_app(self.store, token=token, hosts=hosts, origins=origins), host, port, lifespan=True)
+        app = window_app(self.store, token=token, hosts=hosts, origins=origins)
+        super().__init__(app, host, port, lifespan=True, asks=[player])
         self.base_url = f"{self.url}/v1"
 
     def open(self, game: str, *, seed: int, **options: Any) -> str:
