@@ -149,7 +149,8 @@ class _Rollout:
     def _sample(self, prompt: Prompt) -> Reply:
         sampling = prompt.settings(self._limits.sampling)
         # What the record keeps as it was said may have half a character, which a request cannot.
-        step = self._model_step([sendable(message) for message in prompt.messages], self._tools, sampling)
+        messages = [dict(sendable(message)) for message in prompt.messages]
+        step = self._model_step(messages, self._tools, sampling)
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:
