@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from importlib import resources
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar, NoReturn, Protocol, runtime_checkable
 
 import gymnasium
 from gymnasium import spaces
@@ -225,14 +225,6 @@ class TextGame(gymnasium.Env[str, Any]):
         """
         return None
 
-    @classmethod
-    def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
-        """Those of the legal `actions` that are right, as far as these observations by step tell; none if they do not.
-
-        The newest of them is the current one. The player `reader` plays by it.
-        """
-        raise NotImplementedError(f"{cls.__name__} does not say which actions follow from what was seen.")
-
     def deviations(self) -> dict[str, Any]:
         """The differences from the paper that the game's options cause: name -> {"paper": ..., "played": ...}."""
         return {}
@@ -340,6 +332,19 @@ class TextGame(gymnasium.Env[str, Any]):
             "score": self.score,
             "completed": int(self.completed),
         }
+
+
+@runtime_checkable
+class ReadableGame(Protocol):
+    """A game whose right actions follow from what was seen. The player `reader` plays by them."""
+
+    @classmethod
+    def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
+        """Return the legal `actions` that are right, as far as these observations by step tell; none if they do not.
+
+        The newest observation is the current one.
+        """
+        ...
 
 
 def _plain(value: Any) -> str:

@@ -3,8 +3,7 @@
 A subclass says in words what the environment shows, and names its actions; everything else follows from Gymnasium's
 interface. The environment need not be written for it. Its state need not be readable: seed and actions decide an
 episode, so the game's state is their digest, and a copy plays the same actions again. It may draw from the global
-streams of `random` and `numpy.random`: each game has streams of its own, which are in place only while its environment
-runs.
+streams of `random` and `numpy.random`: each game keeps two streams, which are in place only while its environment runs.
 """
 
 from __future__ import annotations

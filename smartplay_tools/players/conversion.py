@@ -1,6 +1,6 @@
 """Conversion of messages: the steps that adapters share between the canonical form and that of their framework.
 
-Replies are brought into the canonical form of `types.messages`. Messages of a prompt are converted after they have been
+Replies are converted to the canonical form of `types.messages`. Messages of a prompt are converted after they have been
 counted and recorded: a request cannot hold half a character or a tool by an impossible name, both of which a record
 keeps as the model said them.
 """

@@ -1,7 +1,7 @@
 """Optional fields of requests: a server that refuses one is asked once more without it.
 
-Servers behind one interface differ in the fields that they know, and each refuses the others in words of its own. The
-reports were read on 26 November 2026:
+Servers of one interface accept different fields, and word their refusals differently. Reports of such refusals, read on
+26 November 2026:
 
 - `prompt_cache_key`: github.com/zed-industries/zed/issues/52000, github.com/MoonshotAI/kimi-code/issues/2611
 - `stream_options`: github.com/FlowiseAI/Flowise/issues/2866, github.com/modelscope/ms-agent/issues/489
@@ -31,7 +31,7 @@ LIMITS = {"max_tokens": "max_completion_tokens", "max_completion_tokens": "max_t
 """The names of the cap on a reply of chat completions. It is not optional: the other name is tried."""
 
 SCHEMAS = ("parameters", "input_schema")
-"""The fields of a tool with names of its own inside."""
+"""The fields of a tool that hold a JSON schema, in which any name may stand."""
 
 _WRONG_NAME = re.compile(
     r"un(?:supported|recogni[sz]ed|known|expected)|not (?:supported|permitted|allowed)|extra|instead"

@@ -1,7 +1,7 @@
 """The reader: a player that plays rightly from what its prompt shows, and guesses otherwise.
 
 It has no memory and no skill beyond reading, so what a window, a summary, notes or files keep decides its score. It
-plays games that say which actions follow from what was seen (`TextGame.right_actions`). Asked for a summary, it answers
+plays games that say which actions follow from what was seen (`ReadableGame`). Asked for a summary, it answers
 with the observations that the question shows, one a line, as `Step 3: TEXT`, the newest last, and as many of the newest
 as the cap holds. Where there are notes or files, it keeps the same lines there.
 """
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.base import TextGame
+from smartplay_tools.games.base import ReadableGame
 from smartplay_tools.players.prompt_reading import Reading, call, is_carried, is_error
 from smartplay_tools.players.rules.memory import NUMBERED, file_cap, filed, looked_up, noted, notes_cap, summary_cap
 from smartplay_tools.types import Prompt, Reply
@@ -25,7 +25,7 @@ LINE = re.compile(r"^Step (\d+): (.+)$", re.MULTILINE)
 
 
 class ReaderPlayer:
-    """Plays by `TextGame.right_actions` of the observations and lines that are visible."""
+    """Plays by `right_actions` of the observations and lines that are visible."""
 
     name = "reader"
     observations = ("text", "both")
@@ -38,13 +38,13 @@ class ReaderPlayer:
 
     def attach(self, conversation: BaseConversation) -> None:
         """Take the rules of the game, its number of steps and the count of tokens; nothing is asked of its state."""
-        game = type(conversation.episode.game)
-        if game.right_actions.__func__ is TextGame.right_actions.__func__:  # type: ignore[attr-defined]
+        game = conversation.episode.game
+        if not isinstance(game, ReadableGame):
             raise InvalidArgumentError(
                 f"The reader cannot play {conversation.episode.spec.id}, which does not say which actions follow from "
-                "what was seen (TextGame.right_actions). Play random."
+                "what was seen (right_actions). Play random."
             )
-        self._conversation = conversation
+        self._game, self._conversation = game, conversation
 
     def reply(self, prompt: Prompt) -> Reply:
         """Play one of the right actions, or a legal one where what is visible does not tell them."""
@@ -61,7 +61,7 @@ class ReaderPlayer:
             return Reply({"role": "assistant", "content": self._lines(seen, summary_cap(reading), prompt.max_tokens)})
         if not seen:
             return Reply(call("observe"))
-        actions = type(episode.game).right_actions(seen, reading.actions) or reading.actions
+        actions = self._game.right_actions(seen, reading.actions) or reading.actions
         action = random.Random(f"reader {self._seed} {steps}").choice(actions)
         if not prompt.tools:
             return Reply({"role": "assistant", "content": action})

@@ -1,6 +1,6 @@
 """The fields of a reply: which are counted, and which go back to the model.
 
-Providers put thoughts, signatures and further data beside the words and calls of a reply, each under names of its own.
+Providers put thoughts, signatures and further data beside the words and calls of a reply, each under different names.
 A field goes back under the name under which it came, whole. Counted is every text in it that a person could read, at
 any depth, also in fields that this library does not know. The table is `reply_fields.toml`; docs/openai.md prints it.
 """
@@ -48,7 +48,7 @@ def readable(items: Sequence[Any], own: str) -> Iterator[str]:
 
 
 def texts_in(value: Any) -> Iterator[str]:
-    """Yield the texts of plain data that a person could read, in their order; a call has none of its own."""
+    """Yield the texts of plain data that a person could read, in their order, without those of calls."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list):

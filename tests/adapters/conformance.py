@@ -459,7 +459,7 @@ CHECKS: Mapping[str, Callable[[Window], Any]] = {
 
 
 class WindowConformance:
-    """What a framework that has an environment of its own is held to: `CHECKS` for the row of its test file's class."""
+    """The tests of a framework with a separate environment: `CHECKS` for the row of its test file's class."""
 
     row: Window
 

@@ -98,7 +98,7 @@ def test_it_is_a_model_for_programs_that_take_a_base_url():
 @pytest.mark.slow
 @pytest.mark.parametrize("stream", [False, True], ids=["whole", "streamed"])
 def test_the_engine_takes_every_prompt_whatever_its_model_has_said(server, stream):
-    """A real llama.cpp as a server: after each hostile reply it is sent the prompt, and gives a reply of its own."""
+    """A real llama.cpp as a server: after each hostile reply it gets the next prompt, and replies."""
     said = [*map(HOSTILE.get, ("broken JSON", "NaN", "another tool", "nothing")), SOLVED[0], ODD["empty arguments"]]
     budget = sp.Budget(prompt_tokens=900, reply_tokens=4)
     asks = sp.get_player("openai:smollm2", base_url=server.base_url, stream=stream, retries=0)

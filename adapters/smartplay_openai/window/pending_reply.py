@@ -81,7 +81,7 @@ class PendingReply:
             turn: the turn that the reply has opened.
             usage: what the reply took.
             own: the host's names of the game's tools, by the model's.
-            foreign: the host's names of its own tools, by the model's; None for a tool that it no longer offers.
+            foreign: the host's name of each of its other tools, by the model's name; None for a tool no longer offered.
             call_id: returns the id of a call, given the number of its turn and its place in it.
             one_call: whether the host takes one call at a time; `rest` has the others.
         """
@@ -132,7 +132,7 @@ class PendingReply:
     def check_played(self, calls: Mapping[str, tuple[str, Any]]) -> None:
         """Raise a `RequestError` if a call that was played has another name or other arguments among a host's calls.
 
-        They are given by their ids. A host may change a call of its own tool, which it runs itself.
+        `calls` has the host's calls by id. A call of the host's own tool may differ, because the host runs it.
         """
         for slot in self.sent:
             if slot.host_id not in calls or slot.result is None or slot.is_foreign:
