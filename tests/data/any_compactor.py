@@ -29,6 +29,10 @@ def turns_of(messages: Messages) -> list[Messages]:
     return [turn for turn in turns if turn]
 
 
+def joined(turns: list[Messages]) -> Messages:
+    return [message for turn in turns for message in turn]
+
+
 def text(message: Any) -> str:
     content = message.get("content")
     return content if isinstance(content, str) else ""
@@ -40,7 +44,7 @@ def user(content: Any) -> dict[str, Any]:
 
 def from_turn(messages: Messages, chance: random.Random) -> Messages:
     turns = turns_of(messages)
-    return sum(turns[chance.randrange(len(turns)) :], [])
+    return joined(turns[chance.randrange(len(turns)) :])
 
 
 def with_results(messages: Messages, change: Callable[[Any], Any]) -> Messages:
@@ -94,7 +98,7 @@ Rewriting = Callable[["AnyCompactor", Messages, random.Random], Any]
 
 GENTLE: dict[str, Rewriting] = {
     "drop turns": lambda self, m, chance: from_turn(m, chance),
-    "first and last": lambda self, m, chance: [*turns_of(m)[0], *sum(turns_of(m)[1:][-chance.randrange(1, 4) :], [])],
+    "first and last": lambda self, m, chance: joined([turns_of(m)[0], *turns_of(m)[1:][-3:]]),
     "summary": lambda self, m, chance: [
         {
             "role": chance.choice(["user", "user", "assistant", "system", "developer"]),
@@ -104,7 +108,7 @@ GENTLE: dict[str, Rewriting] = {
     ],
     "too long": lambda self, m, chance: [*m, user("word " * chance.choice([300, 3000]))],
     "long first": lambda self, m, chance: [user("word " * chance.choice([300, 3000])), *m],
-    "other order of turns": lambda self, m, chance: sum(chance.sample(turns_of(m), len(turns_of(m))), []),
+    "other order of turns": lambda self, m, chance: joined(chance.sample(turns_of(m), len(turns_of(m)))),
     "cleared": lambda self, m, chance: [*with_results(m[:-3], lambda content: "[cleared]"), *m[-3:]],
     "edited": lambda self, m, chance: with_results(m, lambda c: c + "!" if isinstance(c, str) else c),
     "in parts": lambda self, m, chance: list(map(in_parts, m)),
