@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from itertools import chain, takewhile
+from itertools import chain, islice, takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
@@ -88,7 +88,7 @@ class CompactingWindow(ContextWindow):
     def append(self, turn: Turn) -> None:
         """Add a complete turn."""
         state, first, whole = self._after(turn), len(self._sizes), self._index.whole
-        self._now = Contents(state, _selection(state, []), None)
+        self._now = Contents(state, self._now.selection, None)
         results = [self._counter.message(item.message) for item in turn.items]
         self._sizes += (whole[-1] - whole[-2] - sum(results), *results)
         self._messages.append(turn)
@@ -273,26 +273,24 @@ class CompactingWindow(ContextWindow):
         """
         lead_sizes = [size for place in lead for size in self._tokens(place)]
         before, kept, tokens, turn = self._task(lead) + sum(lead_sizes), 0, 0, 0
-        for length, (size, role) in enumerate(self._backward(pieces), start=1):
+        newest_first = chain.from_iterable(map(self._backward, reversed(pieces)))
+        for length, (size, message) in enumerate(newest_first, start=1):
             turn += size
             if kept and before + tokens + turn > room:
                 break
-            if role == "assistant":
+            if message["role"] == "assistant":
                 kept, tokens, turn = length, tokens + turn, 0
         for lost in range(len(lead) + bool(kept)):
             if self._task(lead[lost:]) + sum(lead_sizes[lost:]) + tokens <= room:
                 return lost, kept
         return None
 
-    def _backward(self, pieces: Sequence[Piece]) -> Iterator[tuple[int, str]]:
-        """Yield tokens and role of every message, the newest first."""
-        sizes, now = self._sizes, self._messages.now
-        for piece in reversed(pieces):
-            if isinstance(piece, Own):
-                yield self._tokens(piece)[0], piece.message["role"]
-            else:
-                for number in reversed(piece):
-                    yield sizes[number], now[number]["role"]
+    def _backward(self, piece: Piece) -> Iterable[tuple[int, Message]]:
+        """Return tokens and message of every message, the newest first."""
+        if isinstance(piece, Own):
+            return [(self._tokens(piece)[0], piece.message)]
+        later = len(self._sizes) - piece.stop
+        return islice(zip(reversed(self._sizes), reversed(self._messages.now), strict=True), later, later + len(piece))
 
     def _task(self, lead: Sequence[Place]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
@@ -328,7 +326,8 @@ class CompactingWindow(ContextWindow):
                 )
                 prefix += sum(sizes[: len([*same])])
         rows = [piece for piece in self._shown if isinstance(piece, range)]
-        visible = {step for row in rows for step in self._messages.steps[row.start : row.stop] if step is not None}
+        steps: set[Any] = set().union(*[self._messages.steps[row.start : row.stop] for row in rows])
+        visible: set[int] = steps - {None}
         turns = [self._messages.turns_of(row) for row in rows]
         selection = _selection(state, turns)
         view = View(
