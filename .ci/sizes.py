@@ -130,6 +130,8 @@ def total(paths: Iterable[Path]) -> int:
 def imports(tree: ast.AST, *, typed: bool = False) -> Iterator[ast.Import | ast.ImportFrom]:
     """The imports below a node: those that run, or with `typed` those for type checkers."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.expr):
+            continue
         if isinstance(node, ast.Import | ast.ImportFrom):
             if not typed:
                 yield node

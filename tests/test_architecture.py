@@ -181,7 +181,7 @@ def test_every_place_that_asks_a_model_is_listed_with_its_bound():
     for path in [*modules(), *ROOT.glob("adapters/**/*.py")]:
         top = ROOT / "adapters" if "adapters" in path.parts else ROOT
         module = ".".join(path.relative_to(top).with_suffix("").parts).removesuffix(".__init__")
-        for name in asking(ast.parse(path.read_text(encoding="utf-8"))):
+        for name in asking(tree(path)):
             other = {module, f"{module}.{name}"} & OTHERS.keys()
             others |= other
             found |= set() if other else {f"{module}.{name}"}
@@ -240,6 +240,7 @@ def test_an_import_in_a_function_or_a_method_counts():
     assert imported([*ast.walk(ast.parse(DEFERRED))]) == names
 
 
+@pytest.mark.slow
 def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
     program = f"""
         import sys

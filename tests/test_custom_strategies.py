@@ -283,9 +283,8 @@ def test_a_record_has_no_path_and_the_manifest_has_it(file, tmp_path):
     spellings = (file, f"./{file}", f"{tmp_path}/{file}", f"{tmp_path}/../{tmp_path.name}/{file}")
     for number, place in enumerate(spellings):
         out = tmp_path / f"run-{number}"
-        run = sp.evaluate(
-            *([RPS], ["rule"]), trials=1, budgets=sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2"), out=out
-        )
+        budget = sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2")
+        run = sp.evaluate([RPS], ["rule"], trials=1, budgets=budget, out=out, executor="inline")
         [row] = run.rows
         keys.add(row["key"])
         record = Record.read(run.transcript(row["key"]))

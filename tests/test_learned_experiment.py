@@ -43,6 +43,7 @@ def is_in(page, name, table):
     return f"<!-- table: {name} -->\n\n{table}\n\n<!-- end -->" in (ROOT / "docs" / page).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_of_the_tiny_agent_has_the_tables_of_the_rows(learned, played):
     tables = learned.tables(played)
     assert len(tables) == 6

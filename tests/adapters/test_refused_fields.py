@@ -60,8 +60,14 @@ FIELDS = [
 ]
 
 
-@pytest.mark.parametrize("server", SERVERS)
-@pytest.mark.parametrize(("player", "field"), FIELDS)
+@pytest.mark.parametrize(
+    ("player", "field", "server"),
+    [
+        pytest.param(player, field, server, marks=() if server == "by OpenAI" or field == "store" else pytest.mark.slow)
+        for player, field in FIELDS
+        for server in SERVERS
+    ],
+)
 def test_a_refused_field_is_left_out_and_said_once(player, field, server, tmp_path, caplog):
     if field == "max_tokens" and server == "in an index":
         pytest.skip("its words are about the value, not the name")

@@ -117,10 +117,10 @@ def test_the_policy_allows_the_page_s_own_scripts_and_style_by_their_hashes_and_
 
 
 @pytest.mark.skipif(NODE is None, reason="Node.js, which reads scripts without a browser, is not installed")
-@pytest.mark.parametrize("script", sorted(PAGES.rglob("*.js")), ids=lambda script: script.name)
-def test_every_script_is_one_that_a_browser_can_read(script):
+def test_every_script_is_one_that_a_browser_can_read():
     assert NODE is not None
-    read = subprocess.run([NODE, "--check", script], capture_output=True, text=True)
+    program = "for (const name of process.argv.slice(1)) new vm.Script(fs.readFileSync(name, 'utf8'), {filename: name})"
+    read = subprocess.run([NODE, "-e", program, *sorted(PAGES.rglob("*.js"))], capture_output=True, text=True)
     assert read.returncode == 0, read.stderr
 
 

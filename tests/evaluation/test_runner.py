@@ -58,7 +58,7 @@ def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
     assert list(trials.values()) == [20, 20, 10, 100, 100, 10, 20]
 
 
-@pytest.mark.parametrize(("executor", "workers"), [("processes", 2), ("async", 5)])
+@pytest.mark.parametrize(("executor", "workers"), [pytest.param("processes", 2, marks=pytest.mark.slow), ("async", 5)])
 def test_the_results_do_not_depend_on_executor_or_workers(tmp_path, executor, workers):
     for name, how in {"one": ("inline", 1), "many": (executor, workers)}.items():
         run = sp.evaluate(GAMES, ["random"], out=tmp_path / name, trials=4, executor=how[0], workers=how[1])

@@ -68,6 +68,7 @@ def dies_at(number: int, *, fatal: int) -> int:
     return number
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_takes_only_its_job_with_it():
     numbers = iter(range(6))
     with ProcessPool(functools.partial(dies_at, fatal=2), 2) as pool:

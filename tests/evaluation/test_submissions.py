@@ -37,8 +37,9 @@ def check(bundle, tmp_path, change) -> Checked:
     return check_submission(changed(bundle, tmp_path / "changed.zip", change), workers=0)
 
 
-def test_an_honest_run_is_verified(bundle):
-    checked = check_submission(bundle, workers=2)
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_honest_run_is_verified(bundle, workers):
+    checked = check_submission(bundle, workers=workers)
     assert checked.errors == []
     assert (len(checked.rows), checked.planned) == (4, 4)
     assert checked.prompts == checked.replies > 20
