@@ -21,7 +21,7 @@ from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
-from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
 from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
@@ -322,7 +322,7 @@ def test_a_run_whose_records_have_the_path_is_continued_as_it_is(file, tmp_path)
     asked = {"budgets": sp.Budget(prompt_tokens=800, strategy=f"./{file}"), "executor": "inline"}
     cell = cell_config(RPS, budget=asked["budgets"], player="rule")
     cell = cell.model_copy(update={"budget": asked["budgets"]})
-    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run")
+    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run", options=RunOptions(executor="inline"))
     [row] = earlier.rows
     assert row["asked"]["strategy"] == f"./{file}"
     extended = sp.evaluate([RPS], ["rule"], trials=2, out=tmp_path / "run", **asked)

@@ -26,4 +26,4 @@ def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
 
 
 def test_a_trial_begins_with_what_the_one_before_it_left(tmp_path: Path) -> None:
-    assert sum(play_chains(seed, tmp_path / str(seed)) for seed in (3, 4, 6, 8)) > 0
+    assert sum(play_chains(seed, tmp_path / str(seed)) for seed in (3, 4)) > 0

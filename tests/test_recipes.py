@@ -125,6 +125,7 @@ def run(folder: Path, script: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_strategy_is_added_by_the_three_documented_steps(tmp_path):
     steps = [line for line in strategies.__doc__.splitlines() if line[:3] in ("1. ", "2. ", "3. ", "4. ")]
     assert len(steps) == 3

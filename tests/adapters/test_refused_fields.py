@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 import smartplay_openai as so
-from smartplay_anthropic import AnthropicPlayer
 
 import smartplay_tools as sp
 from tests.adapters import rerouted
@@ -140,7 +139,7 @@ def test_a_cap_that_is_too_large_keeps_its_name(tmp_path):
     [
         (OpenAIStub, "prompt_cache_key"),
         (OpenAIStub, "prompt_cache_breakpoint"),
-        (AnthropicStub, "cache_control"),
+        pytest.param(AnthropicStub, "cache_control", marks=pytest.mark.slow),
     ],
 )
 def test_the_fields_for_a_cache(stub, field):
@@ -163,7 +162,7 @@ def test_the_fields_for_a_cache(stub, field):
         made = (
             AtOpenAI("gpt-5.6", base_url="https://eu.api.openai.com/v1", api_key="k")
             if stub is OpenAIStub
-            else AnthropicPlayer("m", base_url=server.url, api_key="k")
+            else sp.get_player("anthropic:m", base_url=server.url, api_key="k")
         )
         with sp.Episode("Hanoi3Disk-v0", seed=7) as episode, made as player:
             assert sp.play(episode, player).score == 3

@@ -305,7 +305,10 @@ def test_a_drawing_is_left_out_where_the_game_goes_another_way(tmp_path):
     assert "played differently" in drawing["source"]
 
 
-@pytest.mark.parametrize(("game", "kind"), [("Crafter-v0", "crafter"), ("MinedojoCreative0-v0", None)])
+@pytest.mark.parametrize(
+    ("game", "kind"),
+    [pytest.param("Crafter-v0", "crafter", marks=pytest.mark.slow), ("MinedojoCreative0-v0", None)],
+)
 def test_a_page_has_the_pictures_that_the_model_saw(tmp_path, game, kind):
     path = record(tmp_path / "seen.jsonl", game, "random", observation="picture", tool_calls=4)
     data = page_of(path).episode("seen")
@@ -328,7 +331,13 @@ def test_pictures_are_left_out_where_the_game_makes_others(tmp_path):
     assert "It made other pictures" in pictures["missing"]
 
 
-@pytest.mark.parametrize("game", [BANDIT, RPS, HANOI, "MessengerL1-v0", "Crafter-v0", "MinedojoCreative0-v0"])
+@pytest.mark.parametrize(
+    "game",
+    [
+        *(BANDIT, RPS, HANOI, "MessengerL1-v0", "Crafter-v0"),
+        pytest.param("MinedojoCreative0-v0", marks=pytest.mark.slow),
+    ],
+)
 def test_a_game_that_has_drawn_other_episodes_draws_the_same(game):
     records = []
     for seed in (3, 1, 3):

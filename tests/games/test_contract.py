@@ -18,7 +18,12 @@ from hypothesis import given, settings, strategies as st
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.testing import CHECKS, check_game, plays_to_its_end
-from smartplay_tools.testing.game_checks import is_the_same_in_another_process
+from smartplay_tools.testing.game_checks import (
+    is_played_and_replayed_through_its_tools,
+    is_the_same_in_another_process,
+    refuses_a_step_after_its_own_end,
+    scores_within_its_bounds,
+)
 
 FIRST = {spec.family: name for name, spec in reversed(list(sp.GAMES.items()))}.values()
 """The first setting of each family."""
@@ -30,7 +35,12 @@ def takes_long(name: str, check: Callable[[str], None]) -> bool:
     """Worlds of Minecraft, and other processes, take long to make, so `make test` has one of them."""
     if check is is_the_same_in_another_process:
         return name != "Hanoi3Disk-v0"
-    return sp.GAMES[name].family == "minecraft" and name not in FIRST
+    whole_episodes = (
+        is_played_and_replayed_through_its_tools,
+        refuses_a_step_after_its_own_end,
+        scores_within_its_bounds,
+    )
+    return sp.GAMES[name].family == "minecraft" and (name not in FIRST or check in whole_episodes)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ import pytest
 
 import smartplay_tools as sp
 
-PLAYERS = ["openai:m", "openai-responses:m", "anthropic:m", "langchain:openai:m", "langchain:anthropic:m"]
+FRAMEWORKS = ("anthropic:m", "langchain:openai:m", "langchain:anthropic:m")
+"""Players whose libraries take seconds to import."""
+PLAYERS = ["openai:m", "openai-responses:m", *(pytest.param(each, marks=pytest.mark.slow) for each in FRAMEWORKS)]
 SECRET = "sk-topsecret"
 
 KEYS = {

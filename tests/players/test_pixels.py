@@ -89,6 +89,7 @@ def test_it_looks_at_the_border_as_the_words_do():
         assert ("out of the map" in words_of(prompt)) == ("out of the map" in episode.game.observation)
 
 
+@pytest.mark.slow
 def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
     budget = sp.Budget(history=5, tool_calls=60)
     scores = {}
@@ -98,7 +99,7 @@ def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
     assert len(set(scores.values())) == 1
 
 
-@pytest.mark.parametrize("size", [126, 300])
+@pytest.mark.parametrize("size", [126, pytest.param(300, marks=pytest.mark.slow)])
 def test_pictures_of_another_size_are_refused_in_a_sentence(size):
     with sp.Episode("Crafter-v0", seed=7, observation="picture", picture_size=size) as episode:
         conversation = sp.Conversation(episode)
