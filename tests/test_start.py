@@ -74,6 +74,7 @@ class TestWhatIsNotImported:
     def test_by_the_help(self):
         assert loaded(command("--help")) <= {"typer", "rich"}
 
+    @pytest.mark.slow
     def test_by_the_list_of_games(self):
         # typer itself takes pydantic for its options
         assert loaded(command("games")) <= {"typer", "rich", "pydantic"}
@@ -181,6 +182,7 @@ class TestCommands:
         for name, entry in cli.COMMANDS.items():
             assert commands[name].help.partition("\n")[0] == entry.summary, name
 
+    @pytest.mark.slow
     def test_the_help_lists_every_command(self):
         done = subprocess.run(
             [sys.executable, "-m", "smartplay_tools", "--help"], capture_output=True, text=True, check=True

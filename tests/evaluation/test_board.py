@@ -51,6 +51,7 @@ def test_submissions_are_ranked_by_what_replays(folder, tmp_path):
     assert [one.bundle for _, one in board.refused] == ["cheat.zip"]
 
 
+@pytest.mark.slow
 def test_the_page_shows_texts_as_text_and_allows_no_script(folder, tmp_path):
     build_board(folder, tmp_path, workers=0, replays=0)
     page = (tmp_path / "index.html").read_text()

@@ -25,7 +25,7 @@ def actions(events: list[dict]) -> list[str]:
     return [event["arguments"] for event in events if event["event"] == "call" and event["name"] == "act"]
 
 
-@pytest.mark.parametrize("game", [BANDIT, RPS])
+@pytest.mark.parametrize("game", [BANDIT, pytest.param(RPS, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("words", "budget"),
     [
