@@ -204,6 +204,7 @@ def test_a_page_is_written(files, tmp_path, name):
     assert (tmp_path / "report.html").stat().st_size > 50_000
 
 
+@pytest.mark.slow
 def test_a_submission_is_verified(files):
     assert "verified" in run("submit", "check", "bundles/rule.zip", "--workers", "1").output
 

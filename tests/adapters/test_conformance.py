@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.adapters import conformance, situations
+from tests.adapters import conformance
 from tests.adapters.conformance import BASIC, BROKEN_JSON, BUDGETS, CHECKS, line_of
 from tests.adapters.rows import QUICK, rows
 
@@ -49,13 +49,3 @@ async def test_the_game_cannot_tell_hosts_apart(row, tmp_path):
 @pytest.mark.parametrize("row", HOST)
 def test_the_table_says_what_the_rows_show_of_hosts(row):
     assert (line_of(HOST[row])["unknown tool"] == "answered") == HOST[row].carries("jump", {"how": "high"})
-
-
-def test_what_hosts_do_in_one_framework(caplog):
-    """The other frameworks, and all checks of this one, are slow tests: here it is imported while tests run."""
-    window, _ = rows(["langchain"])
-    for row in (window[name] for name in ("LangChain agent",) if name in window):
-        conformance.judge(row, BASIC, BUDGETS["tight"])
-        for situation in situations.of(row):
-            caplog.clear()
-            situations.SITUATIONS[situation](row, caplog)

@@ -119,6 +119,7 @@ class TestStdio:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert done.stdout == "[]\n"
 
+    @pytest.mark.slow
     def test_whatever_comes_is_answered_or_passed_by(self):
         answers = talk(
             "{",

@@ -6,6 +6,7 @@ Every lie changes an honest standard submission and makes all else fit: the chai
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -242,19 +243,7 @@ ELSEWHERE: dict[str, tuple[str, Lie]] = {
     ),
     "a result without end": ("metadata", in_submission(lambda facts: facts["results"][0].update(cost=float("inf")))),
 }
-QUICK = (
-    "a higher score",
-    "another action",
-    "a prompt's sha256",
-    "cheaper prompts",
-    "a wider budget",
-    "a null in the result",
-)
-"""Those of `FIELDS` that fast tests tell: the others are found in the same way."""
-CAUGHT += [
-    pytest.param("record", in_record(change), id=name, marks=() if name in QUICK else pytest.mark.slow)
-    for name, change in FIELDS.items()
-]
+CAUGHT += [pytest.param("record", in_record(change), id=name) for name, change in FIELDS.items()]
 CAUGHT += [pytest.param(kind, lie, id=name) for name, (kind, lie) in ELSEWHERE.items()]
 
 
@@ -438,7 +427,15 @@ def bundle_with(files: Files, lie: Lie, folder: Path) -> Files:
     return lying
 
 
-@pytest.mark.parametrize(("kind", "lie"), CAUGHT)
+def two_of_each_kind() -> Iterator[Any]:
+    """The lies that are caught; fast tests tell two of those that have one kind of finding."""
+    told: Counter[str] = Counter()
+    for row in CAUGHT:
+        told[row.values[0]] += 1
+        yield pytest.param(*row.values, id=row.id, marks=pytest.mark.slow if told[row.values[0]] > 2 else ())
+
+
+@pytest.mark.parametrize(("kind", "lie"), [*two_of_each_kind()])
 def test_a_lie_is_caught(honest, tmp_path, kind, lie):
     checked = check(bundle_with(honest, lie, tmp_path), tmp_path)
     assert kind in {finding.kind for finding in checked.errors}, checked.findings

@@ -217,6 +217,7 @@ def test_the_fixed_suite_is_planned_as_it_is_checked(tmp_path):
     assert (refused.exit_code, "fixes budgets" in refused.output) == (2, True)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_prepared(bundle, tmp_path):
     run = tmp_path / "run"
     sp.evaluate([HANOI], ["rule", "random"], out=run, trials=1, executor="inline")

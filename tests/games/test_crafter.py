@@ -319,7 +319,8 @@ def package() -> ReferenceEngine:
     return played
 
 
-@pytest.mark.parametrize("size", [65, *(pytest.param(size, marks=pytest.mark.slow) for size in (128, 576))])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [65, 128, 576])
 def test_larger_pictures_are_the_packages_too(package: ReferenceEngine, size: int) -> None:
     unit = np.array([size // 9] * 2)
     textures = engine.Textures(constants.root / "assets")
