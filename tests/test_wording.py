@@ -45,7 +45,7 @@ def test_a_version_does_not_change(version):
 def test_every_sentence_is_used_and_every_version_has_all_of_them():
     """Names in the code are strings; a sentence that none of them names would be dead."""
     paths = [*(ROOT / "smartplay_tools").rglob("*.py"), *(ROOT / "adapters").rglob("*.py")]
-    named = {name for path in paths for name in re.findall(r'"(\w+)"', path.read_text(encoding="utf-8"))}
+    named = {name for path in paths for name in re.findall(r"[\"'](\w+)[\"']", path.read_text(encoding="utf-8"))}
     named |= {f"memory_{name}" for taken in COMMANDS.values() for name in taken}
     for version in versions():
         texts = Wording.of(version).texts
