@@ -231,7 +231,11 @@ REPLIES = [
 EXPECTED = [act(way)[1]["action"] for way in WAY]
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=settings().max_examples // 3,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(data=st.data())
 async def test_nothing_is_played_or_charged_twice_whatever_is_sent_again_late_or_cancelled(data):
     """Requests are repeated, cancelled and sent at once; calls are repeated and run in any order."""

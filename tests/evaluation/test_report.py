@@ -426,6 +426,7 @@ def test_minecraft_s_walk_is_read_from_the_text_and_lies_on_its_land(tmp_path):
     assert "PLAINS" in drawing["goal"]
 
 
+@pytest.mark.slow
 def test_crafter_s_picture_shows_what_the_text_tells(tmp_path):
     path = record(tmp_path / "crafter.jsonl", "Crafter-v0", "random", tool_calls=30)
     page = page_of(path)

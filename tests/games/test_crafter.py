@@ -258,6 +258,7 @@ def test_the_state_hash_covers_what_cannot_be_seen() -> None:
 # --- Environment -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     game, steps, ended = started(6), 0, False
     while not ended:
