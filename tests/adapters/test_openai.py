@@ -61,6 +61,7 @@ def test_the_network_changes_nothing(endpoint, game, name, stream):
     assert away_events[0]["config"]["player"] == f"{name}:rule"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "stream"), WAYS)
 def test_the_event_loop_changes_nothing(endpoint, name, stream):
     async def play():
@@ -285,6 +286,7 @@ def test_a_missing_extra_is_one_sentence(missing, code, extra):
     assert without(missing, code).endswith(f"needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("missing", "code"),
     [

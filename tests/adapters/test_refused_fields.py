@@ -91,6 +91,7 @@ def test_a_refusal_that_names_nothing_is_one_of_all_optional_fields_at_first(tmp
     assert "without include, store" in caplog.text
 
 
+@pytest.mark.slow
 def test_requests_under_way_when_the_first_one_is_refused(tmp_path, caplog):
     faulty = Refusing(refusing(["store"], VAGUE))
 

@@ -225,14 +225,8 @@ def test_a_server_that_stops_answers_what_is_half_sent(
     assert "Traceback" not in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name == "LocalEndpoint, endpoint_app" else pytest.mark.slow)
-        for name, (_, largest) in SERVERS.items()
-        if largest == REQUEST
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, (_, largest) in SERVERS.items() if largest == REQUEST])
 def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name: str) -> None:
     case = serve(name)
     words = " ".join(f"word{number}" for number in range(80_000))

@@ -441,6 +441,7 @@ def test_a_lie_is_caught(honest, tmp_path, kind, lie):
     assert kind in {finding.kind for finding in checked.errors}, checked.findings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("words", "lie"), UNPROVABLE)
 def test_what_no_check_can_prove_is_in_every_report(honest, tmp_path, words, lie):
     checked = check(bundle_with(honest, lie, tmp_path), tmp_path)

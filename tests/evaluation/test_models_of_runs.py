@@ -75,6 +75,7 @@ def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monk
 # A server that answers without tool calls.
 
 
+@pytest.mark.slow
 def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path):
     as_text = {"content": '<tool_call>{"name": "act", "arguments": {"action": "1"}}</tool_call>'}
     with serving(lambda body, number: completion(as_text)) as (url, _):

@@ -321,6 +321,7 @@ def test_a_page_has_the_pictures_that_the_model_saw(tmp_path, game, kind):
     assert page_of(record(tmp_path / "words.jsonl", HANOI)).episode("words")["pictures"] is None
 
 
+@pytest.mark.slow
 def test_pictures_are_left_out_where_the_game_makes_others(tmp_path):
     events = sp.read_transcript(record(tmp_path / "s.jsonl", "Crafter-v0", "random", observation="both", tool_calls=3))
     [*_, last] = [event for event in events if event["event"] == "call"]

@@ -175,6 +175,7 @@ def test_records_of_a_server_without_usage_are_remarked(bundle, tmp_path):
     assert text in [finding.text for finding in checked.findings]
 
 
+@pytest.mark.slow
 def test_a_seed_that_the_board_issued(tmp_path):
     seeds = tmp_path / "seeds.jsonl"
     issued = issue_seed(seeds, "An agent")

@@ -64,6 +64,7 @@ def test_of_a_day_and_a_night_nearly_every_decision_is_the_same():
     assert sum(words == pixels for words, pixels in pairs) > 0.97 * len(pairs)
 
 
+@pytest.mark.slow
 def test_its_words_are_the_games_by_day():
     with sp.Episode("Crafter-v0", seed=4, observation="picture", budget=BUDGET) as episode:
         conversation = sp.Conversation(episode)
@@ -99,7 +100,8 @@ def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
     assert len(set(scores.values())) == 1
 
 
-@pytest.mark.parametrize("size", [126, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [126, 300])
 def test_pictures_of_another_size_are_refused_in_a_sentence(size):
     with sp.Episode("Crafter-v0", seed=7, observation="picture", picture_size=size) as episode:
         conversation = sp.Conversation(episode)
