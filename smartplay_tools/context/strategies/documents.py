@@ -37,17 +37,16 @@ STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 """A step as a word."""
 
 
-class Documents:
-    """The documents of an episode, in the order of their steps."""
+class Index:
+    """Documents that can be searched, in the order of their numbers, which are observations or turns.
 
-    def __init__(self, words: Wording) -> None:
-        self._words = words
-        self._before = words.around("recalled", "step")[0]
-        """What every document says before its step."""
+    `before` is what every document says before its number.
+    """
+
+    def __init__(self, before: str) -> None:
+        self._before = before
         self.steps: list[int] = []
-        """The observation that each document shows."""
-        self._turns = 0
-        """How many turns have been read."""
+        """The number of each document."""
         self._text_of = array("i")
         """The index of each document's text in `_texts`."""
         self._words_before = [0]
@@ -61,18 +60,8 @@ class Documents:
         self._places: dict[str, array[int]] = defaultdict(lambda: array("i"))
         """For each word, the texts that have it, as often as they have it; a step is not in a text."""
 
-    def read(self, turns: Sequence[Turn]) -> None:
-        """Add what the turns show that have not been read."""
-        for turn in turns[self._turns :]:
-            for item in turn.items:
-                step = item.observation_step
-                if step is not None and (not self.steps or step > self.steps[-1]):
-                    assert item.position is not None
-                    after = self._words.around("recalled", "step")[1]
-                    self._add(step, after.format(call=_call(turn, item.position), observation=text_of(item.message)))
-        self._turns = len(turns)
-
-    def _add(self, step: int, text: str) -> None:
+    def add(self, step: int, text: str) -> None:
+        """Add a document, by the text that follows its number; numbers ascend."""
         number = self._numbers.get(text)
         if number is None:
             number = self._numbers[text] = len(self._texts)
@@ -89,17 +78,6 @@ class Documents:
 
     def __getitem__(self, number: int) -> str:
         return f"{self._before}{self.steps[number]}{self._texts[self._text_of[number]]}"
-
-    def shown_by(self, view: View) -> list[range]:
-        """Return the documents whose observations a view shows, as ascending ranges."""
-        steps = sorted(_shown_steps(view), key=lambda each: each.start)
-        ranges: list[range] = []
-        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
-            if ranges and first <= ranges[-1].stop:
-                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
-            elif first < stop:
-                ranges.append(range(first, stop))
-        return ranges
 
     def between(self, first: int, last: int, shown: Sequence[range]) -> Iterator[int]:
         """Yield the documents of the steps from `first` to `last` that are not among those shown."""
@@ -174,6 +152,38 @@ class Documents:
         if number == len(self.steps) or self.steps[number] != int(word) or any(number in each for each in shown):
             return None
         return number
+
+
+class Documents(Index):
+    """The documents of an episode, in the order of their steps."""
+
+    def __init__(self, words: Wording) -> None:
+        before, self._after = words.around("recalled", "step")
+        super().__init__(before)
+        self._turns = 0
+        """How many turns have been read."""
+
+    def read(self, turns: Sequence[Turn]) -> None:
+        """Add what the turns show that have not been read."""
+        for turn in turns[self._turns :]:
+            for item in turn.items:
+                step = item.observation_step
+                if step is not None and (not self.steps or step > self.steps[-1]):
+                    assert item.position is not None
+                    call = _call(turn, item.position)
+                    self.add(step, self._after.format(call=call, observation=text_of(item.message)))
+        self._turns = len(turns)
+
+    def shown_by(self, view: View) -> list[range]:
+        """Return the documents whose observations a view shows, as ascending ranges."""
+        steps = sorted(_shown_steps(view), key=lambda each: each.start)
+        ranges: list[range] = []
+        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
+            if ranges and first <= ranges[-1].stop:
+                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
+            elif first < stop:
+                ranges.append(range(first, stop))
+        return ranges
 
 
 def _call(turn: Turn, position: int) -> str:

@@ -1,0 +1,139 @@
+"""The summarizing condenser of OpenHands, with its code unchanged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from smartplay_tools import Message
+from smartplay_tools.context.strategies.imported import ImportedCompactor
+from smartplay_tools.errors import extra_named
+from smartplay_tools.types.messages import calls_of, text_of
+
+os.environ.setdefault("OPENHANDS_SUPPRESS_BANNER", "1")
+with extra_named("openhands-summary", "openhands"):
+    from litellm import ModelResponse
+    from openhands.sdk import LLM, Message as SdkMessage, TextContent
+    from openhands.sdk.context.condenser import LLMSummarizingCondenser
+    from openhands.sdk.context.view import View
+    from openhands.sdk.event import (
+        ActionEvent,
+        Condensation,
+        CondensationRequest,
+        Event,
+        MessageEvent,
+        ObservationEvent,
+    )
+    from openhands.sdk.event.base import LLMConvertibleEvent
+    from openhands.sdk.llm import LLMResponse, MessageToolCall
+    from openhands.sdk.llm.exceptions import LLMContextWindowExceedError
+    from openhands.sdk.llm.utils.metrics import MetricsSnapshot
+    from openhands.sdk.tool import Observation
+
+MORE_THAN_ENOUGH = 10**9
+"""The tokens that the model can take in, and the events, so that the limit of tokens alone decides."""
+
+
+class Summary(ImportedCompactor):
+    """`LLMSummarizingCondenser`: a summary takes the place of events after the first `keep`, one by default.
+
+    The log of events keeps the conversation. An agent that sends a prompt that does not fit asks for a condensation.
+    """
+
+    packages = ("openhands-sdk", "litellm")
+    overflow = LLMContextWindowExceedError
+
+    def __init__(self, tokens: int | None = None, keep: int = 1) -> None:
+        super().__init__(tokens, keep)
+        self._log: list[Event] = []
+        self._actions: dict[str, ActionEvent] = {}
+        self._seen = 0
+
+    def make(self, limit: int) -> LLMSummarizingCondenser:
+        """Return the condenser."""
+        self._model = AskedModel(model="compactor", api_key="none", max_input_tokens=MORE_THAN_ENOUGH, usage_id="none")
+        self._model._compactor = self
+        return LLMSummarizingCondenser(
+            llm=self._model, max_tokens=limit, max_size=MORE_THAN_ENOUGH, keep_first=self.keep
+        )
+
+    def rewrite(self, history: Sequence[Message]) -> list[Message]:
+        """Log what is new, and condense until the condenser is content."""
+        self._log += (event for message in history[self._seen :] for event in self._events(message))
+        self._seen = len(history)
+        while True:
+            view = View.from_events(self._log)
+            made = self.made.condense(view, agent_llm=self._model)
+            shown = _back(LLMConvertibleEvent.events_to_messages(view.events))
+            if isinstance(made, Condensation):
+                self._log.append(made)
+            elif self._is_full(shown) and not isinstance(self._log[-1], Condensation):
+                self._log.append(CondensationRequest())
+            else:
+                return shown
+
+    def _is_full(self, shown: Sequence[Message]) -> bool:
+        return self.room.tokens is not None and self.count(shown) > self.room.tokens
+
+    def _events(self, message: Message) -> Iterator[Event]:
+        words = [TextContent(text=text_of(message))]
+        calls = calls_of(message)
+        if message["role"] == "tool":
+            action = self._actions[message["tool_call_id"]]
+            yield ObservationEvent(
+                tool_name=action.tool_name,
+                tool_call_id=action.tool_call_id,
+                action_id=action.id,
+                observation=Seen(content=words),
+            )
+        elif not calls:
+            source = "user" if message["role"] == "user" else "agent"
+            yield MessageEvent(source=source, llm_message=SdkMessage(role=message["role"], content=words))
+        for at, call in enumerate(calls):
+            name, arguments = call["function"]["name"], call["function"]["arguments"]
+            action = self._actions[call["id"]] = ActionEvent(
+                thought=words if words[0].text and not at else [],
+                action=None,
+                tool_name=name,
+                tool_call_id=call["id"],
+                tool_call=MessageToolCall(id=call["id"], name=name, arguments=arguments, origin="completion"),
+                llm_response_id=calls[0]["id"],
+            )
+            yield action
+
+
+class Seen(Observation):
+    """A result."""
+
+
+class AskedModel(LLM):
+    """The model that a compactor asks."""
+
+    _compactor: Any = None
+
+    def generate(self, messages: list[SdkMessage], *_: Any, **__: Any) -> LLMResponse:
+        """Ask."""
+        content = [TextContent(text=text_of(self._compactor.ask(_back(messages))))]
+        message = SdkMessage(role="assistant", content=content)
+        return LLMResponse(message=message, metrics=MetricsSnapshot(), raw_response=ModelResponse(id="reply"))
+
+    def get_token_count(self, messages: list[SdkMessage], *_: Any, **__: Any) -> int:
+        """Count as the window counts."""
+        return int(self._compactor.count(_back(messages)))
+
+
+def _back(messages: Iterable[SdkMessage]) -> list[Message]:
+    made: list[Message] = []
+    for each in messages:
+        text = "".join(part.text for part in each.content if isinstance(part, TextContent))
+        message: Message = {"role": each.role, "content": text}
+        if each.tool_calls:
+            message["tool_calls"] = [
+                {"id": call.id, "type": "function", "function": {"name": call.name, "arguments": call.arguments}}
+                for call in each.tool_calls
+            ]
+        if each.tool_call_id is not None:
+            message["tool_call_id"] = each.tool_call_id
+        made.append(message)
+    return made
