@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import wordllama
 
 from smartplay_tools import Message
 from smartplay_tools.context.strategies.retrieval import MOST_TURNS, MemoryCompactor, text_of_turn
-from smartplay_tools.errors import extra_named
-
-with extra_named("memory-wordllama", "compactors"):
-    import wordllama
 
 DECIMALS = 4
 """The decimals to which similarities are rounded, so that they order turns alike on every machine."""
@@ -34,17 +31,17 @@ class VectorMemory(MemoryCompactor):
         """Embed the words of the turn."""
         text = text_of_turn(turn)
         self._texts.append(f"Turn {len(self._texts)}:\n{text}")
-        self._vectors.append(self._vector(text))
+        self._vectors.append(_vector(text))
 
     def read(self, query: str) -> str:
         """Return the turns by their similarity to the query, best first; of equal ones the newer."""
-        similarities = np.round(np.stack(self._vectors) @ self._vector(query), DECIMALS)
+        similarities = np.round(np.stack(self._vectors) @ _vector(query), DECIMALS)
         best = sorted(range(len(self._texts)), key=lambda number: (-similarities[number], -number))
         return "\n".join(self._texts[number] for number in best[:MOST_TURNS])
 
-    def _vector(self, text: str) -> np.ndarray:
-        vector: np.ndarray = _model().embed([text], norm=True)[0]
-        return vector
+
+def _vector(text: str) -> np.ndarray:
+    return np.asarray(_model().embed([text], norm=True)[0])
 
 
 @functools.cache

@@ -5,72 +5,53 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from smartplay_tools import Message
-from smartplay_tools.context.strategies.imported import ImportedCompactor
-from smartplay_tools.errors import extra_named
-from smartplay_tools.types.messages import text_of
+from llama_index.core import llms
+from llama_index.core.memory import ChatSummaryMemoryBuffer
 
-with extra_named("llama-index-summary", "compactors"):
-    from llama_index.core.llms import ChatMessage, ChatResponse, CustomLLM, LLMMetadata
-    from llama_index.core.memory import ChatSummaryMemoryBuffer
+from smartplay_tools import Message
+from smartplay_tools.context.compaction import History
+from smartplay_tools.context.strategies.imported import ImportedCompactor
+from smartplay_tools.types.messages import text_of
 
 KEPT = ("tool_calls", "tool_call_id")
 """The fields of a message that LlamaIndex keeps beside role and text."""
 
 
 class Summary(ImportedCompactor):
-    """`ChatSummaryMemoryBuffer`: a summary takes the place of what is beyond its tokens of text.
+    """`ChatSummaryMemoryBuffer`: a summary takes the place of what is beyond its tokens, of text without calls.
 
-    Its memory keeps the conversation. LlamaIndex has no error for a full context, so the question's own is raised.
+    Its memory keeps the conversation. LlamaIndex has no error for a full context; that of the question leaves it.
     """
 
     packages = ("llama-index-core",)
 
-    def __init__(self, tokens: int | None = None) -> None:
-        super().__init__(tokens)
-        self._seen = 0
-
-    def make(self, limit: int) -> ChatSummaryMemoryBuffer:
-        """Return the memory."""
-
-        def tokenizer(text: str) -> list[int]:
-            return [0] * self.count_text(text)
-
+    def make(self) -> ChatSummaryMemoryBuffer:
+        """Return the memory; it takes the length of what its tokenizer returns."""
+        model = AskedModel()
+        model.compactor = self
         return ChatSummaryMemoryBuffer.from_defaults(
-            llm=AskedModel(compactor=self), tokenizer_fn=tokenizer, token_limit=limit
+            llm=model, tokenizer_fn=lambda text: [0] * self.count_tokens(text), token_limit=self.limit
         )
 
-    def rewrite(self, history: Sequence[Message]) -> list[Message]:
+    def rewrite(self, history: History) -> list[Message]:
         """Put what is new into the memory, and get what it shows."""
-        for message in history[self._seen :]:
+        for message in self.new_of(history):
             kept = {name: message[name] for name in KEPT if name in message}
-            self.made.put(ChatMessage(role=message["role"], content=text_of(message), additional_kwargs=kept))
-        self._seen = len(history)
+            self.made.put(llms.ChatMessage(role=message["role"], content=text_of(message), additional_kwargs=kept))
         return [_from_llama_index(message) for message in self.made.get()]
 
 
-class AskedModel(CustomLLM):
-    """The model that a compactor asks."""
+class AskedModel(llms.MockLLM):
+    """The model that a compactor asks: LlamaIndex's own without a provider, with other replies."""
 
-    compactor: Any
+    compactor: Any = None
 
-    @property
-    def metadata(self) -> LLMMetadata:
-        """Say nothing about the model."""
-        return LLMMetadata()
-
-    def chat(self, messages: Sequence[ChatMessage], **_: Any) -> ChatResponse:
+    def chat(self, messages: Sequence[llms.ChatMessage], **_: Any) -> llms.ChatResponse:
         """Ask."""
         reply = self.compactor.ask([_from_llama_index(message) for message in messages])
-        return ChatResponse(message=ChatMessage(role="assistant", content=text_of(reply)))
-
-    def complete(self, *_: Any, **__: Any) -> Any:
-        """Nothing that is imported completes a text."""
-        raise NotImplementedError
-
-    stream_complete = complete
+        return llms.ChatResponse(message=llms.ChatMessage(role="assistant", content=text_of(reply)))
 
 
-def _from_llama_index(message: ChatMessage) -> Message:
+def _from_llama_index(message: llms.ChatMessage) -> Message:
     kept = {name: message.additional_kwargs[name] for name in KEPT if name in message.additional_kwargs}
     return {"role": message.role.value, "content": message.content or "", **kept}

@@ -84,15 +84,11 @@ class InspectChat:
 
     def _new(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
         # What the record keeps as it was said may have what neither a request nor a log can hold.
-        return to_inspect(sendable(message), self._functions, pictures, model=self._model)
+        return to_inspect(sendable(message), self._functions, pictures, self._model)
 
 
 def to_inspect(
-    message: Message,
-    functions: Mapping[str, str],
-    pictures: Mapping[str, Picture] = NO_PICTURES,
-    *,
-    model: str | None = None,
+    message: Message, functions: Mapping[str, str], pictures: Mapping[str, Picture] = NO_PICTURES, model: str = ""
 ) -> ChatMessage:
     """Return a message as Inspect's; `functions` are those of the calls so far by the calls' ids."""
     text = text_of(message)
@@ -107,9 +103,8 @@ def to_inspect(
             return ChatMessageTool(content=content, tool_call_id=call_id, function=functions.get(call_id))
     calls = [_written_call(call["id"], **call["function"]) for call in calls_of(message)]
     item = kept_item(message, ITEM)
-    return ChatMessageAssistant(
-        content=text if item is None else item["parts"], tool_calls=calls or None, source="generate", model=model
-    )
+    content = text if item is None else item["parts"]
+    return ChatMessageAssistant(content=content, tool_calls=calls or None, source="generate", model=model)
 
 
 def _text(text: str) -> Content:

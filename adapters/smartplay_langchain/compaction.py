@@ -6,27 +6,20 @@ that edit the request. langmem's is a node of a graph.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from langchain.agents.middleware import (
-    AgentMiddleware,
-    ClearToolUsesEdit,
-    ContextEditingMiddleware,
-    ExtendedModelResponse,
-    ModelRequest,
-    ModelResponse,
-    SummarizationMiddleware,
-)
+from langchain.agents import middleware
 from langchain_core.exceptions import ContextOverflowError
 from langchain_core.messages import AIMessage, BaseMessage, RemoveMessage
 
 from smartplay_langchain.chat_model import PlayerChatModel
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import Message
+from smartplay_tools.context.compaction import History
 from smartplay_tools.context.strategies.imported import ImportedCompactor
-from smartplay_tools.errors import extra_named
 
 
 class LangChainCompactor(ImportedCompactor):
@@ -45,118 +38,109 @@ class LangChainCompactor(ImportedCompactor):
         return self.count(map(from_langchain, messages))
 
 
+@dataclass(eq=False)
 class Summary(LangChainCompactor):
     """`SummarizationMiddleware`: a summary takes the place of all but the newest messages in the agent's state."""
 
+    keep: int = 6
+    """The messages that stay."""
     persistent = True
 
-    def make(self, limit: int) -> AgentMiddleware[Any, Any, Any]:
+    def make(self) -> Any:
         """Return the middleware."""
-        return SummarizationMiddleware(
-            self.model, trigger=("tokens", limit), keep=("messages", self.keep), token_counter=self.counter
+        return middleware.SummarizationMiddleware(
+            self.model, trigger=("tokens", self.limit), keep=("messages", self.keep), token_counter=self.counter
         )
 
-    def rewrite(self, history: Sequence[Message]) -> list[Message]:
+    def rewrite(self, history: History) -> list[Message]:
         """Call the middleware before a call of the model."""
         state = {"messages": to_langchain(history)}
         made = self.made.before_model(state, None) or state
         return [from_langchain(message) for message in made["messages"] if not isinstance(message, RemoveMessage)]
 
 
+@dataclass(eq=False)
 class Clearing(LangChainCompactor):
     """`ContextEditingMiddleware`: a mark takes the place of old results in the request."""
 
-    def make(self, limit: int) -> AgentMiddleware[Any, Any, Any]:
+    keep: int = 6
+    """The results, or the messages, that stay."""
+    _state: dict[str, Any] = field(default_factory=dict, init=False)
+
+    def make(self) -> Any:
         """Return the middleware."""
-        edit = ClearToolUsesEdit(trigger=limit, keep=self.keep)
-        return ContextEditingMiddleware(edits=[edit], token_counter=self.counter)
+        edit = middleware.ClearToolUsesEdit(trigger=self.limit, keep=self.keep)
+        return middleware.ContextEditingMiddleware(edits=[edit], token_counter=self.counter)
 
-    def rewrite(self, history: Sequence[Message]) -> list[Message]:
-        """Have the middleware edit a request."""
-        sent: list[Message] = []
-        self.request(history, {}, sent)
-        return sent
-
-    def request(self, history: Sequence[Message], state: dict[str, Any], sent: list[Message]) -> Any:
-        """Send a request through the middleware; `sent` receives the messages that the model would be called with."""
-
-        def handler(request: ModelRequest[Any]) -> ModelResponse[Any]:
-            is_first, sent[:] = not sent, map(from_langchain, request.messages)
-            self.take(sent, is_first)
-            return ModelResponse(result=[AIMessage("")])
-
+    def rewrite(self, history: History) -> list[Message]:
+        """Have the middleware edit a request, and keep what it adds to the agent's state."""
+        self.sent: list[Message] = []
         messages = to_langchain(history)
-        request: Any = ModelRequest(
-            model=self.model, messages=messages, state={**state, "messages": messages}, runtime=None
-        )
-        return self.made.wrap_model_call(request, handler)
+        state: Any = {**self._state, "messages": messages}
+        request: Any = middleware.ModelRequest(model=self.model, messages=messages, state=state)
+        made = self.made.wrap_model_call(request, self.take)
+        if isinstance(made, middleware.ExtendedModelResponse) and made.command is not None:
+            self._state |= {name: value for name, value in made.command.update.items() if name != "messages"}
+        return self.sent
 
-    def take(self, sent: Sequence[Message], is_first: bool) -> None:
-        """Take the messages of a call of the model."""
+    def take(self, request: Any) -> Any:
+        """Answer an edited request, as the model would: `sent` is what it would be called with."""
+        self.sent = [from_langchain(message) for message in request.messages]
+        return middleware.ModelResponse(result=[AIMessage("")])
 
 
+@dataclass(eq=False)
 class DeepAgentsSummary(Clearing):
     """`SummarizationMiddleware` of deepagents, which also writes what it summarizes into a file.
 
-    A request that does not fit is refused once, and it summarizes then, too.
+    A request that does not fit is refused once, as a provider would refuse it; it summarizes then, too.
     """
 
-    packages = ("deepagents", "langchain", "langchain-core")
+    packages = ("deepagents", *LangChainCompactor.packages)
+    # The random name that it would make is part of its summaries.
+    _state: dict[str, Any] = field(default_factory=lambda: {"_summarization_session_id": "session"}, init=False)
 
-    def make(self, limit: int) -> AgentMiddleware[Any, Any, Any]:
+    def make(self) -> Any:
         """Return the middleware."""
-        with extra_named("deepagents-summary", "compactors"):
-            from deepagents.backends import FilesystemBackend
-            from deepagents.middleware.summarization import SummarizationMiddleware
+        from deepagents.backends import FilesystemBackend
+        from deepagents.middleware.summarization import SummarizationMiddleware
+
         self._folder = TemporaryDirectory()
-        # The random name that it would make is part of its summary.
-        self._state: dict[str, Any] = {"_summarization_session_id": "session"}
         return SummarizationMiddleware(
             self.model,
             backend=FilesystemBackend(root_dir=self._folder.name, virtual_mode=True),
-            trigger=("tokens", limit),
+            trigger=("tokens", self.limit),
             keep=("messages", self.keep),
             token_counter=self.counter,
         )
 
-    def rewrite(self, history: Sequence[Message]) -> list[Message]:
-        """Have the middleware edit a request, and keep what it adds to the agent's state."""
-        sent: list[Message] = []
-        made = self.request(history, self._state, sent)
-        if isinstance(made, ExtendedModelResponse):
-            self._state |= {name: value for name, value in made.command.update.items() if name != "messages"}
-        return sent
-
-    def take(self, sent: Sequence[Message], is_first: bool) -> None:
+    def take(self, request: Any) -> Any:
         """Refuse the first request of a prompt that does not fit."""
-        if is_first and self.room.tokens is not None and self.count(sent) > self.room.tokens:
+        is_first, answer = not self.sent, super().take(request)
+        if is_first and self.is_full(self.sent):
             raise ContextOverflowError("The prompt is longer than its cap.")
+        return answer
 
 
+@dataclass(eq=False)
 class LangMemSummary(LangChainCompactor):
-    """`SummarizationNode`: keeps a running summary, and extends it with what leaves.
+    """`SummarizationNode`: keeps a running summary, and extends it with what leaves; `tokens` is the most it leaves."""
 
-    Arguments:
-        tokens: where it begins to act, which is also the most that it leaves.
-        keep: the tokens that it keeps for the summary.
-    """
-
+    summary: int = 200
+    """The tokens for the summary."""
     packages = ("langmem", "langchain-core")
+    _context: dict[str, Any] = field(default_factory=dict, init=False)
 
-    def __init__(self, tokens: int | None = None, keep: int = 200) -> None:
-        super().__init__(tokens, keep)
-        self._context: dict[str, Any] = {}
-
-    def make(self, limit: int) -> Any:
+    def make(self) -> Any:
         """Return the node."""
-        with extra_named("langmem-summary", "compactors"):
-            from langmem.short_term import SummarizationNode
+        from langmem.short_term import SummarizationNode
+
         return SummarizationNode(
-            model=self.model, max_tokens=limit, max_summary_tokens=self.keep, token_counter=self.counter
+            model=self.model, max_tokens=self.limit, max_summary_tokens=self.summary, token_counter=self.counter
         )
 
-    def rewrite(self, history: Sequence[Message]) -> list[Message]:
-        """Run the node."""
+    def rewrite(self, history: History) -> list[Message]:
+        """Run the node, which knows messages by their ids."""
         messages = to_langchain(history)
         for at, message in enumerate(messages):
             message.id = f"m{at}"

@@ -2,41 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
-from pydantic_ai import ModelContextWindowExceededError, RunContext
-from pydantic_ai.capabilities import AbstractCapability, ProcessHistory
+from pydantic_ai import ModelContextWindowExceededError, RunContext, models
+from pydantic_ai.capabilities import ProcessHistory
 from pydantic_ai.messages import ModelMessage, ModelResponse
-from pydantic_ai.models import ModelRequestContext, ModelRequestParameters
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.usage import RunUsage
 
 from smartplay_pydantic_ai.messages import PydanticAIChat, from_history, to_response
 from smartplay_tools import Message
+from smartplay_tools.context.compaction import History
 from smartplay_tools.context.strategies.imported import ImportedCompactor
-from smartplay_tools.errors import extra_named
 
 
+@dataclass(eq=False)
 class PydanticAICompactor(ImportedCompactor):
     """What compactors of Pydantic AI have in common."""
 
+    keep: int = 12
+    """The messages that stay: requests and responses."""
     packages = ("pydantic-ai-slim",)
+    overflow = staticmethod(partial(ModelContextWindowExceededError, ImportedCompactor.name))
 
-    @staticmethod
-    def overflow(text: str) -> Exception:
-        """Return what Pydantic AI's models raise for a full context."""
-        return ModelContextWindowExceededError(ImportedCompactor.name, text)
-
-    async def rewrite(self, history: Sequence[Message]) -> list[Message]:
+    async def rewrite(self, history: History) -> list[Message]:
         """Have the capability edit a request."""
         model, messages = FunctionModel(self._answer), PydanticAIChat().write(history, clean=lambda message: message)
-        context = RunContext(deps=None, model=model, usage=RunUsage(), messages=list(messages))
-        parameters = ModelRequestParameters()
-        request = ModelRequestContext(
+        run = RunContext(deps=None, model=model, usage=RunUsage(), messages=[*messages])
+        parameters = models.ModelRequestParameters()
+        request = models.ModelRequestContext(
             model=model, messages=messages, model_settings=None, model_request_parameters=parameters
         )
-        made = await self.made.before_model_request(context, request)
+        made = await self.made.before_model_request(run, request)
         return from_history(made.messages)
 
     async def _answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
@@ -44,15 +43,14 @@ class PydanticAICompactor(ImportedCompactor):
         return to_response(self.ask([*instructions, *from_history(messages)]))
 
 
+@dataclass(eq=False)
 class Newest(PydanticAICompactor):
-    """`ProcessHistory` with a function that keeps the first request and the newest messages: `keep`, 12 by default."""
+    """`ProcessHistory` with a function that keeps the first request and the newest messages."""
 
+    tokens: None = field(default=None, init=False)
     persistent = True
 
-    def __init__(self, tokens: int | None = None, keep: int = 12) -> None:
-        super().__init__(tokens, keep)
-
-    def make(self, limit: int) -> AbstractCapability[Any]:
+    def make(self) -> ProcessHistory[Any]:
         """Return the capability."""
         return ProcessHistory(self._newest)
 
@@ -60,32 +58,21 @@ class Newest(PydanticAICompactor):
         return messages if len(messages) <= self.keep else [messages[0], *messages[-self.keep :]]
 
 
-class HarnessCompactor(PydanticAICompactor):
-    """A capability of the harness, which edits the request alone: `keep` messages stay."""
+class Window(PydanticAICompactor):
+    """`SlidingWindowCompaction` of the harness: the oldest messages leave the request."""
 
     packages = ("pydantic-ai-harness", "pydantic-ai-slim")
-    capability: str
-    """The name of its class."""
-
-    def __init__(self, tokens: int | None = None, keep: int = 12) -> None:
-        super().__init__(tokens, keep)
-
-    def make(self, limit: int) -> AbstractCapability[Any]:
-        """Return the capability."""
-        with extra_named("The harness of Pydantic AI", "compactors"):
-            from pydantic_ai_harness import compaction
-        kind = getattr(compaction, self.capability)
-        made: AbstractCapability[Any] = kind(max_tokens=limit, keep_messages=self.keep, tokenizer=self.count_text)
-        return made
-
-
-class Window(HarnessCompactor):
-    """`SlidingWindowCompaction`: the oldest messages leave."""
-
     capability = "SlidingWindowCompaction"
 
+    def make(self) -> Any:
+        """Return the capability."""
+        from pydantic_ai_harness import compaction
 
-class Summary(HarnessCompactor):
-    """`SummarizingCompaction`: a summary takes the place of old messages; it is asked for anew in every request."""
+        kind = getattr(compaction, self.capability)
+        return kind(max_tokens=self.limit, keep_messages=self.keep, tokenizer=self.count_tokens)
+
+
+class Summary(Window):
+    """`SummarizingCompaction` of the harness: a summary takes their place, and is asked for anew in every request."""
 
     capability = "SummarizingCompaction"

@@ -15,7 +15,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import text_of
@@ -37,16 +36,20 @@ STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 """A step as a word."""
 
 
-class Index:
-    """Documents that can be searched, in the order of their numbers, which are observations or turns.
+class Documents:
+    """The documents of an episode, in the order of their steps.
 
-    `before` is what every document says before its number.
+    Arguments:
+        before: what every document says before its step.
+        after: what a document that is read says after it, with `{call}` and `{observation}`.
     """
 
-    def __init__(self, before: str) -> None:
-        self._before = before
+    def __init__(self, before: str, after: str = "") -> None:
+        self._before, self._after = before, after
         self.steps: list[int] = []
-        """The number of each document."""
+        """The observation that each document shows."""
+        self._turns = 0
+        """How many turns have been read."""
         self._text_of = array("i")
         """The index of each document's text in `_texts`."""
         self._words_before = [0]
@@ -60,8 +63,19 @@ class Index:
         self._places: dict[str, array[int]] = defaultdict(lambda: array("i"))
         """For each word, the texts that have it, as often as they have it; a step is not in a text."""
 
+    def read(self, turns: Sequence[Turn]) -> None:
+        """Add what the turns show that have not been read."""
+        for turn in turns[self._turns :]:
+            for item in turn.items:
+                step = item.observation_step
+                if step is not None and (not self.steps or step > self.steps[-1]):
+                    assert item.position is not None
+                    call, observation = _call(turn, item.position), text_of(item.message)
+                    self.add(step, self._after.format(call=call, observation=observation))
+        self._turns = len(turns)
+
     def add(self, step: int, text: str) -> None:
-        """Add a document, by the text that follows its number; numbers ascend."""
+        """Add a document: its step, which is higher than those before, and the text that follows the step."""
         number = self._numbers.get(text)
         if number is None:
             number = self._numbers[text] = len(self._texts)
@@ -78,6 +92,17 @@ class Index:
 
     def __getitem__(self, number: int) -> str:
         return f"{self._before}{self.steps[number]}{self._texts[self._text_of[number]]}"
+
+    def shown_by(self, view: View) -> list[range]:
+        """Return the documents whose observations a view shows, as ascending ranges."""
+        steps = sorted(_shown_steps(view), key=lambda each: each.start)
+        ranges: list[range] = []
+        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
+            if ranges and first <= ranges[-1].stop:
+                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
+            elif first < stop:
+                ranges.append(range(first, stop))
+        return ranges
 
     def between(self, first: int, last: int, shown: Sequence[range]) -> Iterator[int]:
         """Yield the documents of the steps from `first` to `last` that are not among those shown."""
@@ -152,38 +177,6 @@ class Index:
         if number == len(self.steps) or self.steps[number] != int(word) or any(number in each for each in shown):
             return None
         return number
-
-
-class Documents(Index):
-    """The documents of an episode, in the order of their steps."""
-
-    def __init__(self, words: Wording) -> None:
-        before, self._after = words.around("recalled", "step")
-        super().__init__(before)
-        self._turns = 0
-        """How many turns have been read."""
-
-    def read(self, turns: Sequence[Turn]) -> None:
-        """Add what the turns show that have not been read."""
-        for turn in turns[self._turns :]:
-            for item in turn.items:
-                step = item.observation_step
-                if step is not None and (not self.steps or step > self.steps[-1]):
-                    assert item.position is not None
-                    call = _call(turn, item.position)
-                    self.add(step, self._after.format(call=call, observation=text_of(item.message)))
-        self._turns = len(turns)
-
-    def shown_by(self, view: View) -> list[range]:
-        """Return the documents whose observations a view shows, as ascending ranges."""
-        steps = sorted(_shown_steps(view), key=lambda each: each.start)
-        ranges: list[range] = []
-        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
-            if ranges and first <= ranges[-1].stop:
-                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
-            elif first < stop:
-                ranges.append(range(first, stop))
-        return ranges
 
 
 def _call(turn: Turn, position: int) -> str:

@@ -8,15 +8,13 @@ others by what a game needs. How many turns stay and how long the text is are de
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from itertools import islice, pairwise
+from collections.abc import Iterator, Sequence
+from itertools import accumulate, islice, pairwise, takewhile
 from typing import ClassVar
 
 from smartplay_tools.context.compaction import Room
-from smartplay_tools.context.strategies.documents import Index
+from smartplay_tools.context.strategies.documents import Documents
 from smartplay_tools.types.messages import Message, calls_of, text_of
-
-__all__ = ["MemoryCompactor", "WordMemory"]
 
 MOST_TURNS = 20
 """How many of the best turns our memories return; the cap on the text leaves fewer."""
@@ -66,14 +64,10 @@ class MemoryCompactor(ABC):
 
     def _shortened(self, text: str, room: Room) -> list[Message]:
         """Return a message with the first lines of a text that fit; none if there are none."""
-        shown: list[Message] = []
-        lines = text.splitlines()
-        for end in range(1, len(lines) + 1):
-            message: Message = {"role": "user", "content": "\n".join(lines[:end])}
-            if room.count([message]) > self.tokens:
-                break
-            shown = [message]
-        return shown
+        beginnings = accumulate(text.splitlines(), "{}\n{}".format)
+        messages: Iterator[Message] = ({"role": "user", "content": beginning} for beginning in beginnings)
+        fitting = [*takewhile(lambda message: room.count([message]) <= self.tokens, messages)]
+        return fitting[-1:]
 
 
 class WordMemory(MemoryCompactor):
@@ -81,15 +75,15 @@ class WordMemory(MemoryCompactor):
 
     def __init__(self, tokens: int = 300) -> None:
         super().__init__(tokens)
-        self._index = Index("Turn ")
+        self._turns = Documents("Turn ")
 
     def write(self, turn: Sequence[Message]) -> None:
         """Index the words of the turn."""
-        self._index.add(len(self._index.steps), f":\n{text_of_turn(turn)}")
+        self._turns.add(len(self._turns.steps), f":\n{text_of_turn(turn)}")
 
     def read(self, query: str) -> str:
         """Return the turns with the words of the query, by their scores, best first; of equal ones the newer."""
-        return "\n".join(self._index[number] for number in islice(self._index.best(query, ()), MOST_TURNS))
+        return "\n".join(self._turns[number] for number in islice(self._turns.best(query, ()), MOST_TURNS))
 
 
 def text_of_turn(turn: Sequence[Message]) -> str:

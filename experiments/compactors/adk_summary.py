@@ -1,73 +1,82 @@
-"""The event compaction of Google's Agent Development Kit, with its code unchanged."""
+"""The event compaction of Google's Agent Development Kit, with its code unchanged.
+
+pip install smartplay-tools google-adk
+smartplay-tools eval ... --prompt-tokens 1500 --strategy experiments/compactors/adk_summary.py:Summary
+"""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
 from typing import Any
 
+from google.adk.agents import LlmAgent
+from google.adk.apps._configs import EventsCompactionConfig
+from google.adk.apps.compaction import _run_compaction_for_token_threshold_config
+from google.adk.events.event import Event
+from google.adk.flows.llm_flows.context._contents import _get_contents
+from google.adk.models import BaseLlm, LlmRequest, LlmResponse
+from google.adk.sessions import InMemorySessionService
+from google.genai import errors, types
+
 from smartplay_tools import Message
+from smartplay_tools.context.compaction import History
 from smartplay_tools.context.strategies.imported import ImportedCompactor
-from smartplay_tools.errors import extra_named
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import calls_of, text_of
 
-with extra_named("adk-summary", "compactors"):
-    from google.adk.agents import LlmAgent
-    from google.adk.apps._configs import EventsCompactionConfig
-    from google.adk.apps.compaction import _run_compaction_for_token_threshold_config
-    from google.adk.events.event import Event
-    from google.adk.flows.llm_flows.context._contents import _get_contents
-    from google.adk.models import BaseLlm, LlmRequest, LlmResponse
-    from google.adk.sessions import InMemorySessionService
-    from google.genai import errors, types
-
 NAME = "agent"
 
 
-class Compaction(ImportedCompactor):
-    """Compaction at a threshold of tokens: a summary takes the place of all but the newest `keep` events.
+@dataclass(eq=False)
+class Summary(ImportedCompactor):
+    """Compaction at a threshold of tokens: a summary takes the place of old events.
 
     It reads the tokens of the latest prompt from the events, and goes on without a summary if there was an error.
     """
 
+    keep: int = 6
+    """The events that stay."""
     packages = ("google-adk", "google-genai")
+    _functions: dict[str, str] = field(default_factory=dict, init=False)
+    _events = 0
+    _shown = 0
 
     @staticmethod
     def overflow(text: str) -> Exception:
         """Return what Google's models raise for a full context."""
         return errors.ClientError(400, {"error": {"message": text, "status": "INVALID_ARGUMENT"}})
 
-    def make(self, limit: int) -> dict[str, Any]:
+    def make(self) -> dict[str, Any]:
         """Return the arguments of the compaction."""
-        self._seen, self._shown = 0, 0
-        self._functions: dict[str, str] = {}
         service, agent = (
             InMemorySessionService(),
             LlmAgent(name=NAME, model=AskedModel(model=self.name, compactor=self)),
         )
-        self._session = service.create_session_sync(app_name=NAME, user_id="user", session_id="session")
-        config = EventsCompactionConfig(token_threshold=limit, event_retention_size=self.keep)
-        return {"config": config, "session": self._session, "session_service": service, "agent": agent}
+        session = service.create_session_sync(app_name=NAME, user_id="user", session_id="session")
+        config = EventsCompactionConfig(token_threshold=self.limit, event_retention_size=self.keep)
+        return {"config": config, "session": session, "session_service": service, "agent": agent}
 
-    async def rewrite(self, history: Sequence[Message]) -> list[Message]:
+    async def rewrite(self, history: History) -> list[Message]:
         """Append what is new to the session, compact it, and get what a request would contain."""
-        for message in history[self._seen :]:
-            self._seen += 1
-            await self.made["session_service"].append_event(self._session, self._event(message))
+        session = self.made["session"]
+        for message in self.new_of(history):
+            await self.made["session_service"].append_event(session, self._event(message))
         await _run_compaction_for_token_threshold_config(**self.made, agent_name=NAME)
-        made = [message for content in _get_contents(None, self._session.events, NAME) for message in _back(content)]
+        made = [message for content in _get_contents(None, session.events, NAME) for message in _back(content)]
         self._shown = self.count(made)
         return made
 
     def _event(self, message: Message) -> Event:
+        self._events += 1
         is_reply = message["role"] == "assistant"
         usage = types.GenerateContentResponseUsageMetadata(prompt_token_count=self._shown) if is_reply else None
         return Event(
             author="user" if message["role"] == "user" else NAME,
             content=types.Content(role="model" if is_reply else "user", parts=self._parts(message)),
             invocation_id="invocation",
-            timestamp=float(self._seen),
+            timestamp=float(self._events),
             usage_metadata=usage,
         )
 
