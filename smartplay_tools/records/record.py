@@ -21,6 +21,7 @@ from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
     conversation_of_host,
+    is_compacted,
     recorded_turns,
     sent_prompts,
     whole_conversation,
@@ -34,8 +35,10 @@ from smartplay_tools.transcript.events import (
     HeadEvent,
     MessageEvent,
     PictureEvent,
+    QuestionEvent,
     ResumeEvent,
     RevealEvent,
+    RewriteEvent,
     SentEvent,
     SummaryEvent,
     UsageEvent,
@@ -380,6 +383,10 @@ class Record:
     """The tokens of each reply."""
     summaries = _EventsOf[SummaryEvent]("summary")
     """The replies to prompts for a summary."""
+    rewrites = _EventsOf[RewriteEvent]("rewrite")
+    """What a compactor returned for each prompt to play."""
+    questions = _EventsOf[QuestionEvent]("question")
+    """The questions of a compactor, with the replies."""
     choices = _EventsOf[ChoiceEvent]("choice")
     """In the paper's protocol: the actions that answers chose."""
     calls = _EventsOf[CallEvent]("call")
@@ -440,7 +447,8 @@ class Record:
         """
         if self.config.context == "host":
             return conversation_of_host(self.config, self.calls)
-        return whole_conversation(self.head_messages, self.tools, self.turns, self.calls)
+        read = () if is_compacted(self.events) else self.calls  # with a compactor, a manual is in its place
+        return whole_conversation(self.head_messages, self.tools, self.turns, read)
 
     @cached_property
     def replies(self) -> dict[int, Message]:
@@ -480,13 +488,17 @@ class Record:
         A prompt that does not have its recorded sha256 is a `TranscriptError`.
         """
         pairs: list[tuple[SentPrompt, Message]] = []
-        summaries = iter(self.summaries)
+        summaries = iter([event["message"] for event in self.summaries])
+        answers = iter([reply for event in self.questions if (reply := event["reply"]) is not None])
+        reply: Message | None
         for sent in self.sent_prompts():
-            if sent.prompt.asks_for_summary:
-                summary = next(summaries, None)
-                reply = None if summary is None else summary["message"]
-            else:
-                reply = self.replies.get(sent.turn)
+            match sent.prompt.purpose:
+                case "summary":
+                    reply = next(summaries, None)
+                case "compaction":
+                    reply = next(answers, None)
+                case _:
+                    reply = self.replies.get(sent.turn)
             if reply is None:
                 continue
             if sent.sha256 != sent.recorded_sha256:

@@ -118,7 +118,7 @@ class RecordCounts:
                 self._new_calls.append(event)
             case "view":
                 self._since_prompt = [event]
-            case "message" | "summary":
+            case "message" | "summary" | "question":
                 self._since_prompt.append(event)
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()
