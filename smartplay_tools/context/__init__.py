@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from smartplay_tools.context.compaction import (
         Compactor as Compactor,
         ContextOverflowError as ContextOverflowError,
-        History as History,
+        GivenHistory as GivenHistory,
         Room as Room,
         asked as asked,
     )
@@ -33,7 +33,7 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_tools.context.compaction": "Compactor ContextOverflowError History Room asked",
+            "smartplay_tools.context.compaction": "Compactor ContextOverflowError GivenHistory Room asked",
             "smartplay_tools.context.turns": "Item Turn TurnBuilder",
             "smartplay_tools.context.view": "Selection View",
             "smartplay_tools.context.window": "ContextWindow",

@@ -16,7 +16,7 @@ from functools import cached_property
 from itertools import takewhile
 from typing import Any, Protocol
 
-from smartplay_tools.context.compaction import Compactor, History, Room
+from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.prefix import common_head
 from smartplay_tools.context.rewriting import (
     SYSTEM,
@@ -75,7 +75,7 @@ class Running:
     ) -> None:
         self._compactor, self._given, self._reader = compactor, given, reader
         shown, length = reader.messages.shown, sum(map(_length, given))
-        self._history = History(length, lambda: [copy_of(given_form(shown(place))) for place in flat(given)])
+        self._history = GivenHistory(length, lambda: [copy_of(given_form(shown(place))) for place in flat(given)])
         self._room = room(self)
         self._questions: Generator[Any, Any, Any] | None = None
 
@@ -268,11 +268,11 @@ class CompactingWindow(ContextWindow):
             if made is None:
                 raise StrategyError("The record has no more rewritings.")
             return made
-        event = self._recorded.popleft()
-        is_question, messages = event["event"] != "rewrite", event["messages"]
+        is_question, messages = self._recorded.popleft()
         was = Made(is_question, list(self._history) if messages is None else from_record(messages))
         if made is not None and (made.is_question or is_question) and made != was:
-            raise TranscriptError(f"The compactor does not ask before turn {event['turn']} what the record says.")
+            turn = self._now.state.turns
+            raise TranscriptError(f"Before turn {turn} the compactor does not ask the question that is on record.")
         self._ids.reserve(call["id"] for own in was.pieces if isinstance(own, Own) for call in calls_of(own.message))
         return was
 

@@ -19,7 +19,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar, overload, runtime_checkabl
 from smartplay_tools.errors import ContextOverflowError
 from smartplay_tools.types.messages import Message
 
-__all__ = ["Compactor", "ContextOverflowError", "History", "Room", "asked"]
+__all__ = ["Compactor", "ContextOverflowError", "GivenHistory", "Room", "asked"]
 
 T = TypeVar("T")
 
@@ -27,7 +27,7 @@ Questions: TypeAlias = Generator[Sequence[Message], Message, T]
 """Yields the messages of questions, is sent the replies, and returns something."""
 
 
-class History(MutableSequence[Message]):
+class GivenHistory(MutableSequence[Message]):
     """The messages that a compactor is given: copies, made when one of them is first needed.
 
     It can be changed like a list, and returned. `list(history)` is a list of the copies.
@@ -106,7 +106,7 @@ class Compactor(Protocol):
     last and the messages since.
     """
 
-    def compact(self, history: History, room: Room) -> Any:
+    def compact(self, history: GivenHistory, room: Room) -> Any:
         """Return the messages that take the place of `history`, or a generator of questions that returns them.
 
         It is called once for each prompt to play. A question is a list of messages; it is answered with an assistant

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.errors import InvalidArgumentError, StrategyError
 from smartplay_tools.transcript.hashing import head_bytes
@@ -271,7 +271,7 @@ class Reader:
         return sum(map(tokens, self._read(made, given)))
 
     def _read(self, made: Any, given: Sequence[Place]) -> list[Place]:
-        if not isinstance(made, list | tuple | History):
+        if not isinstance(made, list | tuple | GivenHistory):
             raise StrategyError(f"Messages are a list, not {type(made).__name__}.")
         later: dict[Any, int] = {}
         read: list[Place] = []

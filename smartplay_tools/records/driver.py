@@ -86,7 +86,7 @@ class Driver:
         )
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":
-            self._rewritings.extend(event for event in self.recorded if _is_of_compactor(event))
+            self._rewritings.extend(_rewritings(self.recorded))
         self.episode.on_step(on_step)
         names: Iterator[str] = iter(())
         if not compares_pictures(recorded[0]):
@@ -229,14 +229,16 @@ class Driver:
                 yield from _field_differences(where, unchained(was), unchained(now), was["event"])
 
 
-def _is_of_compactor(event: Event) -> bool:
-    """Whether an event says what a compactor did next: it returned, or asked what was sent, or was not."""
-    match event["event"]:
-        case "view":
-            return purpose_of(event) == "compaction"
-        case "question":
-            return event["reply"] is None
-    return bool(event["event"] == "rewrite")
+def _rewritings(events: Iterable[Event]) -> Iterator[tuple[bool, list[Any] | None]]:
+    """Yield what a compactor did, one after the other: whether it asked a question, and the messages."""
+    for event in events:
+        match event["event"]:
+            case "rewrite":
+                yield False, event["messages"]
+            case "view" if purpose_of(event) == "compaction":
+                yield True, event["messages"]
+            case "question" if event["reply"] is None:
+                yield True, event["messages"]
 
 
 def picture_names(events: Iterable[Event]) -> Iterator[str]:

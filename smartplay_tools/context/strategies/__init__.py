@@ -28,7 +28,6 @@ from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.registry import Registry
-from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import STRATEGIES, Budget
 
 __all__ = ["KINDS", "Strategies", "refusal"]
@@ -84,8 +83,11 @@ class Strategies:
         """The fields of the budget that need the reserve."""
         self.custom: Strategy | Compactor | None = None
         """The custom strategy that chooses turns or rewrites them, once it is loaded; None where the window chooses."""
-        self.recorded_rewritings: deque[Event] = deque()
-        """What a compactor asked and returned in the record that is played again, as far as it is not played yet."""
+        self.recorded_rewritings: deque[tuple[bool, list[Any] | None]] = deque()
+        """What a compactor did next in a record that is played again, as far as it is not played yet.
+
+        Each is whether it asked a question, and the messages (`RewriteEvent.messages`).
+        """
         self._budget = budget
 
     def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:

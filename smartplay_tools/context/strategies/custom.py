@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.compaction import Compactor, History, Room
+from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.strategies.imported import IMPORTED
@@ -60,7 +60,7 @@ class Custom(BudgetStrategy):
 class AsRecorded:
     """Stands for the compactor of a record, where its rewritings are taken from the record."""
 
-    def compact(self, history: History, room: Room) -> Any:
+    def compact(self, history: GivenHistory, room: Room) -> Any:
         """Nobody calls it."""
         raise NotImplementedError
 
