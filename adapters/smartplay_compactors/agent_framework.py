@@ -10,7 +10,7 @@ import agent_framework as af
 from agent_framework.exceptions import ChatClientInvalidRequestException
 
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.messages import calls_of, text_of
@@ -34,7 +34,7 @@ class Summary(ImportedCompactor):
         client: Any = self
         return af.SummarizationStrategy(client=client, target_count=self.keep, threshold=self.more, tokenizer=client)
 
-    async def rewrite(self, history: History) -> list[Message]:
+    async def rewrite(self, history: GivenHistory) -> list[Message]:
         """Apply the strategy to the messages so far."""
         self._kept += map(_to_framework, self.new_of(history))
         made = await af.apply_compaction(self._kept, strategy=self.made, tokenizer=self)

@@ -9,7 +9,7 @@ from llama_index.core import llms
 from llama_index.core.memory import ChatSummaryMemoryBuffer
 
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.types.messages import text_of
 
@@ -33,7 +33,7 @@ class Summary(ImportedCompactor):
             llm=model, tokenizer_fn=lambda text: [0] * self.count_tokens(text), token_limit=self.limit
         )
 
-    def rewrite(self, history: History) -> list[Message]:
+    def rewrite(self, history: GivenHistory) -> list[Message]:
         """Put what is new into the memory, and get what it shows."""
         for message in self.new_of(history):
             kept = {name: message[name] for name in KEPT if name in message}

@@ -9,7 +9,7 @@ from inspect_ai import model
 
 from smartplay_inspect.messages import from_inspect, to_inspect
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import ContextOverflowError, History
+from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.types.messages import calls_of, text_of
 
@@ -20,7 +20,7 @@ class InspectCompactor(ImportedCompactor):
     packages = ("inspect-ai",)
     _handler: Any = None
 
-    async def rewrite(self, history: History) -> list[Message]:
+    async def rewrite(self, history: GivenHistory) -> list[Message]:
         """Call the handler, which is made of Inspect's strategy, the first message and a model that counts."""
         functions = {call["id"]: call["function"]["name"] for message in history for call in calls_of(message)}
         messages = [to_inspect(message, functions) for message in history]

@@ -18,7 +18,7 @@ from langchain_core.messages import AIMessage, BaseMessage, RemoveMessage
 from smartplay_langchain.chat_model import PlayerChatModel
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
@@ -52,7 +52,7 @@ class Summary(LangChainCompactor):
             self.model, trigger=("tokens", self.limit), keep=("messages", self.keep), token_counter=self.counter
         )
 
-    def rewrite(self, history: History) -> list[Message]:
+    def rewrite(self, history: GivenHistory) -> list[Message]:
         """Call the middleware before a call of the model."""
         state = {"messages": to_langchain(history)}
         made = self.made.before_model(state, None) or state
@@ -72,7 +72,7 @@ class Clearing(LangChainCompactor):
         edit = middleware.ClearToolUsesEdit(trigger=self.limit, keep=self.keep)
         return middleware.ContextEditingMiddleware(edits=[edit], token_counter=self.counter)
 
-    def rewrite(self, history: History) -> list[Message]:
+    def rewrite(self, history: GivenHistory) -> list[Message]:
         """Have the middleware edit a request, and keep what it adds to the agent's state."""
         self.sent: list[Message] = []
         messages = to_langchain(history)
@@ -139,7 +139,7 @@ class LangMemSummary(LangChainCompactor):
             model=self.model, max_tokens=self.limit, max_summary_tokens=self.summary, token_counter=self.counter
         )
 
-    def rewrite(self, history: History) -> list[Message]:
+    def rewrite(self, history: GivenHistory) -> list[Message]:
         """Run the node, which knows messages by their ids."""
         messages = to_langchain(history)
         for at, message in enumerate(messages):

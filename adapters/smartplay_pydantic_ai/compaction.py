@@ -14,7 +14,7 @@ from pydantic_ai.usage import RunUsage
 
 from smartplay_pydantic_ai.messages import PydanticAIChat, from_history, to_response
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
@@ -27,7 +27,7 @@ class PydanticAICompactor(ImportedCompactor):
     packages = ("pydantic-ai-slim",)
     overflow = staticmethod(partial(ModelContextWindowExceededError, ImportedCompactor.name))
 
-    async def rewrite(self, history: History) -> list[Message]:
+    async def rewrite(self, history: GivenHistory) -> list[Message]:
         """Have the capability edit a request."""
         model, messages = FunctionModel(self._answer), PydanticAIChat().write(history, clean=lambda message: message)
         run = RunContext(deps=None, model=model, usage=RunUsage(), messages=[*messages])

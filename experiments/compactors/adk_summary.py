@@ -20,7 +20,7 @@ from google.adk.sessions import InMemorySessionService
 from google.genai import errors, types
 
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.arguments import object_in
@@ -58,7 +58,7 @@ class Summary(ImportedCompactor):
         config = EventsCompactionConfig(token_threshold=self.limit, event_retention_size=self.keep)
         return {"config": config, "session": session, "session_service": service, "agent": agent}
 
-    async def rewrite(self, history: History) -> list[Message]:
+    async def rewrite(self, history: GivenHistory) -> list[Message]:
         """Append what is new to the session, compact it, and get what a request would contain."""
         session = self.made["session"]
         for message in self.new_of(history):

@@ -25,7 +25,7 @@ from openhands.sdk.llm.utils.metrics import MetricsSnapshot
 from openhands.sdk.tool import Observation
 
 from smartplay_tools import Message
-from smartplay_tools.context.compaction import History
+from smartplay_tools.context.compaction import GivenHistory
 from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call
 from smartplay_tools.types.messages import calls_of, text_of
@@ -56,7 +56,7 @@ class Summary(ImportedCompactor):
             llm=model, max_tokens=self.limit, max_size=MORE_THAN_ENOUGH, keep_first=self.keep
         )
 
-    def rewrite(self, history: History) -> list[Message]:
+    def rewrite(self, history: GivenHistory) -> list[Message]:
         """Log what is new, and condense until the condenser is content."""
         self._log += (event for message in self.new_of(history) for event in self._events(message))
         while True:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.compaction import Room
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.strategies.retrieval import MemoryCompactor, WordMemory
 from smartplay_tools.errors import MissingExtraError
@@ -78,7 +79,7 @@ ROWS = [
     Row("memory-bm25", "smartplay_tools", idle=":tokens=100"),
     Row("memory-wordllama", "wordllama", idle=":tokens=100"),
 ]  # fmt: skip
-FAST = ("langchain-summary",)
+FAST = ("langchain-summary", "llama-index-summary")
 
 
 def is_installed(module: str) -> bool:
@@ -160,10 +161,10 @@ def test_a_refused_question_is_its_framework_s_full_context(row):
     assert isinstance(custom.load_strategy(row.name).make.overflow("too long"), overflow)
 
 
-@pytest.mark.parametrize("name", [row.name for row in ROWS if row not in HERE and not row.name.endswith(":Summary")])
-def test_a_framework_that_is_not_installed_is_one_sentence(name):
+@rows([row for row in ROWS if row not in HERE and not row.name.endswith(":Summary")])
+def test_a_framework_that_is_not_installed_is_one_sentence(row):
     with pytest.raises(MissingExtraError, match=r"^\S.* needs an optional dependency: pip install 'smartplay-tools\["):
-        sp.Episode(GAME, seed=1, budget=sp.Budget(strategy=name, prompt_tokens=CAP))
+        sp.Episode(GAME, seed=1, budget=sp.Budget(strategy=row.name, prompt_tokens=CAP))
 
 
 def test_options_follow_each_other_with_commas_or_colons():
@@ -176,27 +177,34 @@ def test_options_follow_each_other_with_commas_or_colons():
 
 
 class Notebook(MemoryCompactor):
-    """A memory that says the numbers of the turns that it was given, and then too much."""
+    """A memory that says how many turns it was given, and then more than fits."""
 
-    def __init__(self, tokens: int = 60) -> None:
-        super().__init__(tokens)
+    def __init__(self) -> None:
+        super().__init__(tokens=8)
         self.turns: list[Any] = []
 
     def write(self, turn: Any) -> None:
         self.turns.append(turn)
 
     def read(self, query: str) -> str:
-        return f"{len(self.turns)} turns\n" + "and so on\n" * 100
+        return f"{len(self.turns)} turns before:\n{query}\nand so on"
 
 
-def test_a_memory_is_given_the_turns_that_leave_and_shows_what_fits():
-    sp.register_strategy("notebook", Notebook)
-    result, events = play("notebook", prompt_tokens=CAP, tool_calls=30)
-    assert result.end_reason == "tool_calls"
-    assert result.over_prompts == 0
-    prompts = [one.messages for one in sp.records.Record(events).sent_prompts()]
-    remembered = [message["content"] for message in prompts[-1] if message["content"].startswith("1")]
-    assert remembered
+def words(messages: Any) -> int:
+    return sum(len(message["content"].split()) for message in messages)
+
+
+def test_a_memory_is_given_the_turns_that_leave_and_shows_the_lines_that_fit():
+    task = [{"role": "user", "content": "Play the game."}]
+    turns = [[{"role": "assistant", "content": f"move {n}"}, {"role": "user", "content": "You won."}] for n in range(6)]
+    memory = Notebook()
+    for played in range(1, 7):
+        history = [*task, *itertools.chain(*turns[:played])]
+        shown: Any = memory.compact(history, Room(24, None, None, words))
+        left = max(0, played - 3)
+        remembered = [{"role": "user", "content": f"{left} turns before:\nmove {played - 1}\nYou won."}] if left else []
+        assert memory.turns == turns[:left]
+        assert shown == [*task, *remembered, *itertools.chain(*turns[left:played])]
 
 
 def test_our_memory_returns_the_turns_with_the_words_of_the_query():

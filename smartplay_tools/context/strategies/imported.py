@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from smartplay_tools.context.compaction import ContextOverflowError, History, Questions, Room, asked
+from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory, Questions, Room, asked
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, pictures_of
@@ -61,7 +61,7 @@ class ImportedCompactor:
         """Return the framework's object."""
         raise NotImplementedError
 
-    def rewrite(self, history: History) -> Any:
+    def rewrite(self, history: GivenHistory) -> Any:
         """Return the messages that the framework makes of a history; blocking or asynchronous."""
         raise NotImplementedError
 
@@ -70,7 +70,7 @@ class ImportedCompactor:
         """The framework's object, made for the first prompt."""
         return self.make()
 
-    def compact(self, history: History, room: Room) -> Questions[list[Message]]:
+    def compact(self, history: GivenHistory, room: Room) -> Questions[list[Message]]:
         """Have the framework rewrite the history, and yield what it asks a model."""
         if any(map(pictures_of, history)):
             raise InvalidArgumentError(f"{type(self).__name__} rewrites words; leave out observation and pictures.")
@@ -105,7 +105,7 @@ class ImportedCompactor:
         """Return the tokens of a text, for frameworks that count no messages."""
         return self.count([{"role": "user", "content": text}]) - self.count([{"role": "user", "content": ""}])
 
-    def new_of(self, history: History) -> list[Message]:
+    def new_of(self, history: GivenHistory) -> list[Message]:
         """Return the messages that have come since the last call, for frameworks that keep the conversation."""
         seen, self._seen = getattr(self, "_seen", 0), len(history)
         return history[seen:]
