@@ -17,7 +17,7 @@ from smartplay_tools.types.messages import calls_of, text_of
 
 
 @dataclass(eq=False)
-class Summary(ImportedCompactor):
+class AgentFrameworkSummary(ImportedCompactor):
     """`SummarizationStrategy`: it counts messages, and writes its notes into the list that it is given."""
 
     tokens: None = field(default=None, init=False)

@@ -17,7 +17,7 @@ KEPT = ("tool_calls", "tool_call_id")
 """The fields of a message that LlamaIndex keeps beside role and text."""
 
 
-class Summary(ImportedCompactor):
+class LlamaIndexSummary(ImportedCompactor):
     """`ChatSummaryMemoryBuffer`: a summary takes the place of what is beyond its tokens, of text without calls.
 
     Its memory keeps the conversation. LlamaIndex has no error for a full context; that of the question leaves it.
@@ -27,7 +27,7 @@ class Summary(ImportedCompactor):
 
     def make(self) -> ChatSummaryMemoryBuffer:
         """Return the memory; it takes the length of what its tokenizer returns."""
-        model = AskedModel()
+        model = LlamaIndexModel()
         model.compactor = self
         return ChatSummaryMemoryBuffer.from_defaults(
             llm=model, tokenizer_fn=lambda text: [0] * self.count_tokens(text), token_limit=self.limit
@@ -41,7 +41,7 @@ class Summary(ImportedCompactor):
         return [_from_llama_index(message) for message in self.made.get()]
 
 
-class AskedModel(llms.MockLLM):
+class LlamaIndexModel(llms.MockLLM):
     """The model that a compactor asks: LlamaIndex's own without a provider, with other replies."""
 
     compactor: Any = None

@@ -27,14 +27,14 @@ class InspectCompactor(ImportedCompactor):
         for at, message in enumerate(messages):
             message.id = f"m{at}"
         if self._handler is None:
-            asked = model.Model(AskedModel(self), model.GenerateConfig())
+            asked = model.Model(InspectModel(self), model.GenerateConfig())
             self._handler = model.compaction(self.made, prefix=messages[:1], model=asked)
         made, _ = await self._handler.compact_input(messages)
         return [from_inspect(message) for message in made]
 
 
 @model.modelapi(name="smartplay-compactor")
-class AskedModel(model.ModelAPI):
+class InspectModel(model.ModelAPI):
     """The model that a compactor asks."""
 
     def __init__(self, compactor: InspectCompactor) -> None:
@@ -57,7 +57,7 @@ class AskedModel(model.ModelAPI):
 
 
 @dataclass(eq=False)
-class Edit(InspectCompactor):
+class InspectEdit(InspectCompactor):
     """`CompactionEdit`: old results are cleared."""
 
     keep: int = 6
@@ -68,7 +68,7 @@ class Edit(InspectCompactor):
         return model.CompactionEdit(threshold=self.limit, keep_tool_uses=self.keep)
 
 
-class Trim(InspectCompactor):
+class InspectTrim(InspectCompactor):
     """`CompactionTrim`: the oldest messages leave."""
 
     def make(self) -> model.CompactionStrategy:
@@ -76,7 +76,7 @@ class Trim(InspectCompactor):
         return model.CompactionTrim(threshold=self.limit)
 
 
-class Summary(InspectCompactor):
+class InspectSummary(InspectCompactor):
     """`CompactionSummary`: a summary takes the place of all but the task."""
 
     def make(self) -> model.CompactionStrategy:

@@ -39,7 +39,7 @@ class LangChainCompactor(ImportedCompactor):
 
 
 @dataclass(eq=False)
-class Summary(LangChainCompactor):
+class LangChainSummary(LangChainCompactor):
     """`SummarizationMiddleware`: a summary takes the place of all but the newest messages in the agent's state."""
 
     keep: int = 6
@@ -60,7 +60,7 @@ class Summary(LangChainCompactor):
 
 
 @dataclass(eq=False)
-class Clearing(LangChainCompactor):
+class LangChainClearing(LangChainCompactor):
     """`ContextEditingMiddleware`: a mark takes the place of old results in the request."""
 
     keep: int = 6
@@ -90,7 +90,7 @@ class Clearing(LangChainCompactor):
 
 
 @dataclass(eq=False)
-class DeepAgentsSummary(Clearing):
+class DeepAgentsSummary(LangChainClearing):
     """`SummarizationMiddleware` of deepagents, which also writes what it summarizes into a file.
 
     A request that does not fit is refused once, as a provider would refuse it; it summarizes then, too.

@@ -44,7 +44,7 @@ class PydanticAICompactor(ImportedCompactor):
 
 
 @dataclass(eq=False)
-class Newest(PydanticAICompactor):
+class NewestMessages(PydanticAICompactor):
     """`ProcessHistory` with a function that keeps the first request and the newest messages."""
 
     tokens: None = field(default=None, init=False)
@@ -58,7 +58,7 @@ class Newest(PydanticAICompactor):
         return messages if len(messages) <= self.keep else [messages[0], *messages[-self.keep :]]
 
 
-class Window(PydanticAICompactor):
+class HarnessWindow(PydanticAICompactor):
     """`SlidingWindowCompaction` of the harness: the oldest messages leave the request."""
 
     packages = ("pydantic-ai-harness", "pydantic-ai-slim")
@@ -72,7 +72,7 @@ class Window(PydanticAICompactor):
         return kind(max_tokens=self.limit, keep_messages=self.keep, tokenizer=self.count_tokens)
 
 
-class Summary(Window):
+class HarnessSummary(HarnessWindow):
     """`SummarizingCompaction` of the harness: a summary takes their place, and is asked for anew in every request."""
 
     capability = "SummarizingCompaction"

@@ -18,21 +18,23 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, pictures_of
 
+__all__ = ["IMPORTED", "ImportedCompactor"]
+
 IMPORTED = {
-    "agent-framework-summary": "smartplay_compactors.agent_framework:Summary",
+    "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
     "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
-    "inspect-edit": "smartplay_inspect.compaction:Edit",
-    "inspect-summary": "smartplay_inspect.compaction:Summary",
-    "inspect-trim": "smartplay_inspect.compaction:Trim",
-    "langchain-clear": "smartplay_langchain.compaction:Clearing",
-    "langchain-summary": "smartplay_langchain.compaction:Summary",
+    "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
+    "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
+    "inspect-trim": "smartplay_inspect.compaction:InspectTrim",
+    "langchain-clear": "smartplay_langchain.compaction:LangChainClearing",
+    "langchain-summary": "smartplay_langchain.compaction:LangChainSummary",
     "langmem-summary": "smartplay_langchain.compaction:LangMemSummary",
-    "llama-index-summary": "smartplay_compactors.llama_index:Summary",
+    "llama-index-summary": "smartplay_compactors.llama_index:LlamaIndexSummary",
     "memory-bm25": "smartplay_tools.context.strategies.retrieval:WordMemory",
     "memory-wordllama": "smartplay_compactors.embeddings:VectorMemory",
-    "pydantic-ai-newest": "smartplay_pydantic_ai.compaction:Newest",
-    "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:Summary",
-    "pydantic-ai-window": "smartplay_pydantic_ai.compaction:Window",
+    "pydantic-ai-newest": "smartplay_pydantic_ai.compaction:NewestMessages",
+    "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:HarnessSummary",
+    "pydantic-ai-window": "smartplay_pydantic_ai.compaction:HarnessWindow",
 }
 """The place of each class by the name of the strategy."""
 

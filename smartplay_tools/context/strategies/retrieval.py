@@ -16,6 +16,8 @@ from smartplay_tools.context.compaction import Room
 from smartplay_tools.context.strategies.documents import Documents
 from smartplay_tools.types.messages import Message, calls_of, text_of
 
+__all__ = ["MOST_TURNS", "MemoryCompactor", "WordMemory", "text_of_turn"]
+
 MOST_TURNS = 20
 """How many of the best turns our memories return; the cap on the text leaves fewer."""
 
