@@ -9,12 +9,10 @@ grows with what it shows, and hardly with the conversation.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
 from itertools import takewhile
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.prefix import common_head
@@ -43,82 +41,14 @@ from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import ResolvedBudget, ToolSpec
 from smartplay_tools.types.messages import Message, calls_of, copy_of, pictures_of, text_of
 
+if TYPE_CHECKING:
+    from smartplay_tools.conversation.ids import CallIds
+
+Answered: TypeAlias = "Generator[list[Piece], Message | ContextOverflowError | None, list[Piece]]"
+"""A compactor that makes a prompt: it yields the messages of questions, and returns those that come back."""
+
 MOST_QUESTIONS = 16
 """The most questions for a prompt, refused ones included."""
-
-
-class Ids(Protocol):
-    """The call ids of a conversation."""
-
-    def take(self, sent: Sequence[str], turn: int) -> list[str]:
-        """Return an id for every call of a turn."""
-        ...
-
-    def reserve(self, ids: Iterable[str]) -> None:
-        """Take ids that calls have already."""
-        ...
-
-
-@dataclass(frozen=True)
-class Made:
-    """What a compactor does next: it asks a question, or returns messages."""
-
-    is_question: bool
-    pieces: list[Piece]
-
-
-class Running:
-    """A compactor while it makes one prompt."""
-
-    def __init__(
-        self, compactor: Compactor, given: Sequence[Piece], reader: Reader, room: Callable[[Running], Room]
-    ) -> None:
-        self._compactor, self._given, self._reader = compactor, given, reader
-        shown, length = reader.messages.shown, sum(map(_length, given))
-        self._history = GivenHistory(length, lambda: [copy_of(given_form(shown(place))) for place in flat(given)])
-        self._room = room(self)
-        self._questions: Generator[Any, Any, Any] | None = None
-
-    @cached_property
-    def places(self) -> list[Place]:
-        """The messages that it is given, one by one."""
-        return flat(self._given)
-
-    def go_on(self, answer: Message | ContextOverflowError | None) -> Made:
-        """Go on to the next question, or to the end; `answer` is what the latest question is answered with."""
-        try:
-            return self._next(answer)
-        except StrategyError:
-            raise
-        except Exception as error:  # whatever the compactor does
-            raise StrategyError("The compactor has failed.") from error
-
-    def _next(self, answer: Message | ContextOverflowError | None) -> Made:
-        if answer is None:
-            made = self._compactor.compact(self._history, self._room)
-            if not inspect.isgenerator(made):
-                return self._read(made, is_question=False)
-            self._questions = made
-        assert self._questions is not None
-        try:
-            if isinstance(answer, ContextOverflowError):
-                asked = self._questions.throw(answer)
-            else:
-                asked = self._questions.send(answer)
-        except StopIteration as end:
-            return self._read(end.value, is_question=False)
-        return self._read(asked, is_question=True)
-
-    def _read(self, made: Any, *, is_question: bool) -> Made:
-        if made is self._history and self._history.is_untouched:
-            return Made(is_question, list(self._given))
-        return Made(is_question, self._reader.pieces(made, self.places))
-
-    def close(self) -> None:
-        """End the generator, which may wait for an answer; nobody is left to hear what it raises then."""
-        if self._questions is not None:
-            with suppress(Exception):
-                self._questions.close()
 
 
 class CompactingWindow(ContextWindow):
@@ -131,7 +61,7 @@ class CompactingWindow(ContextWindow):
         budget: ResolvedBudget,
         counter: TokenCounter,
         strategies: Strategies,
-        ids: Ids,
+        ids: CallIds,
     ) -> None:
         """`ids` are those of the conversation, of which calls get one whose id the compactor has made up."""
         super().__init__(head[:1], tools, budget, counter, strategies)
@@ -216,64 +146,85 @@ class CompactingWindow(ContextWindow):
         return [*head, *map(self._messages.line, self._places)]
 
     def _make(self) -> Generator[View, Message | None, View]:
+        """Yield the questions of the compactor that are sent; return the prompt to play."""
         cap, head = self.budget.prompt_tokens, self._now.state.head.tokens
         if cap is not None and head > cap:
             raise PromptOverflowError(f"System message and tools take {head} tokens.")
-        running = None
-        if not isinstance(self._compactor, AsRecorded):
-            given = list(self._history) if self._is_persistent else [range(len(self._messages))]
-            running = Running(self._compactor, given, self._reader, self._room)
+        running = None if isinstance(self._compactor, AsRecorded) else self._run()
+        most = cap if self.budget.question_tokens is None else self.budget.question_tokens
+        answer: Message | ContextOverflowError | None = None
         try:
-            pieces = yield from self._ask(running)
+            for asked in range(MOST_QUESTIONS + 1):
+                is_question, pieces = self._next(running, answer)
+                if not is_question:
+                    return self._to_play(pieces)
+                if asked == MOST_QUESTIONS:
+                    break
+                question = self._question(pieces)
+                if most is None or question.tokens <= most:
+                    answer = yield question
+                    continue
+                answer = ContextOverflowError(f"The question has {question.tokens} tokens, and its cap is {most}.")
+                facts = {"turn": self._now.state.turns, "tokens": question.tokens, "reply": None, **question.facts}
+                self._events.append({"event": "question", **facts})
         finally:
             if running is not None:
-                running.close()
-        return self._to_play(pieces)
-
-    def _room(self, running: Running) -> Room:
-        cap, last = self.budget.prompt_tokens, self._played
-        return Room(
-            None if cap is None else cap - self._now.state.head.tokens,
-            self._question_cap,
-            None if last is None else last[1].tokens,
-            lambda messages: self._reader.count(messages, running.places, self._tokens),
-        )
-
-    @property
-    def _question_cap(self) -> int | None:
-        return self.budget.prompt_tokens if self.budget.question_tokens is None else self.budget.question_tokens
-
-    def _ask(self, running: Running | None) -> Generator[View, Message | None, list[Piece]]:
-        """Yield the questions of the compactor that are sent; return what comes back."""
-        answer: Message | ContextOverflowError | None = None
-        for asked in range(MOST_QUESTIONS + 1):
-            made = self._next(running, answer)
-            if not made.is_question:
-                return made.pieces
-            if asked == MOST_QUESTIONS:
-                break
-            question, cap = self._question(made.pieces), self._question_cap
-            if cap is None or question.tokens <= cap:
-                answer = yield question
-                continue
-            answer = ContextOverflowError(f"The question has {question.tokens} tokens, and its cap is {cap}.")
-            turn, facts = self._now.state.turns, question.facts
-            self._events.append({"event": "question", "turn": turn, "tokens": question.tokens, "reply": None, **facts})
+                with suppress(Exception):  # nobody is left to hear what it raises while it is closed
+                    running.close()
         raise StrategyError(f"It asks more than {MOST_QUESTIONS} questions for one prompt.")
 
-    def _next(self, running: Running | None, answer: Message | ContextOverflowError | None) -> Made:
-        """Return what the compactor does next; what is on record counts, as far as the record goes."""
-        made = None if running is None else running.go_on(answer)
+    def _run(self) -> Answered:
+        """Call the compactor: yield the messages of its questions, take the answers, return what comes back."""
+        given = list(self._history) if self._is_persistent else [range(len(self._messages))]
+        shown, reader, cap, last = self._messages.shown, self._reader, self.budget.prompt_tokens, self._played
+        history = GivenHistory(
+            length=sum(map(_length, given)), copies=lambda: [copy_of(given_form(shown(place))) for place in flat(given)]
+        )
+        room = Room(
+            None if cap is None else cap - self._now.state.head.tokens,
+            cap if self.budget.question_tokens is None else self.budget.question_tokens,
+            None if last is None else last[1].tokens,
+            lambda messages: reader.count(messages, flat(given), self._tokens),
+        )
+
+        def pieces(made: Any) -> list[Piece]:
+            return given if made is history and history.is_untouched else reader.pieces(made, flat(given))
+
+        made = self._compactor.compact(history, room)
+        if not inspect.isgenerator(made):
+            return pieces(made)
+        with closing(made):
+            answer: Message | ContextOverflowError | None = None
+            while True:
+                try:
+                    is_refused = isinstance(answer, ContextOverflowError)
+                    asked = made.throw(answer) if is_refused else made.send(answer)
+                except StopIteration as end:
+                    return pieces(end.value)
+                answer = yield pieces(asked)
+
+    def _next(
+        self, running: Answered | None, answer: Message | ContextOverflowError | None
+    ) -> tuple[bool, list[Piece]]:
+        """Return whether the compactor asks next, and the messages; what is on record counts, as far as it goes."""
+        try:
+            made = None if running is None else (True, running.send(answer))
+        except StopIteration as end:
+            made = False, end.value
+        except StrategyError:
+            raise
+        except Exception as error:  # whatever the compactor does
+            raise StrategyError("The compactor has failed.") from error
         if not self._recorded:
             if made is None:
                 raise StrategyError("The record has no more rewritings.")
             return made
         is_question, messages = self._recorded.popleft()
-        was = Made(is_question, list(self._history) if messages is None else from_record(messages))
-        if made is not None and (made.is_question or is_question) and made != was:
+        was = is_question, self._history if messages is None else from_record(messages)
+        if made is not None and (made[0] or is_question) and made != was:
             turn = self._now.state.turns
             raise TranscriptError(f"Before turn {turn} the compactor does not ask the question that is on record.")
-        self._ids.reserve(call["id"] for own in was.pieces if isinstance(own, Own) for call in calls_of(own.message))
+        self._ids.reserve(call["id"] for own in was[1] if isinstance(own, Own) for call in calls_of(own.message))
         return was
 
     def _question(self, pieces: list[Piece]) -> View:
@@ -299,7 +250,7 @@ class CompactingWindow(ContextWindow):
         """Return the prompt that shows what came back, as far as it fits, and note both for the record."""
         state, cap, head = self._now.state, self.budget.prompt_tokens, self._now.state.head.tokens
         messages = None if pieces == self._history else on_record(pieces)
-        self._history = pieces
+        self._history = list(pieces)
         lead = list(takewhile(lambda place: self._messages.role(place) != "assistant", _forward(pieces)))
         total = head + self._front(lead) + sum(map(self._piece_tokens, pieces))
         is_over = cap is not None and total > cap

@@ -10,11 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import threading
-from collections.abc import Awaitable, Callable, Generator, MutableSequence, Sequence
+from collections import UserList
+from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from queue import SimpleQueue
-from typing import Any, Protocol, TypeAlias, TypeVar, overload, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 from smartplay_tools.errors import ContextOverflowError
 from smartplay_tools.types.messages import Message
@@ -27,59 +27,35 @@ Questions: TypeAlias = Generator[Sequence[Message], Message, T]
 """Yields the messages of questions, is sent the replies, and returns something."""
 
 
-class GivenHistory(MutableSequence[Message]):
+class GivenHistory(UserList[Message]):
     """The messages that a compactor is given: copies, made when one of them is first needed.
 
-    It can be changed like a list, and returned. `list(history)` is a list of the copies.
+    It is used like a list, can be changed, and may be returned.
     """
 
-    def __init__(self, length: int, copies: Callable[[], list[Message]]) -> None:
-        self._length, self._make = length, copies
+    def __init__(
+        self, messages: Iterable[Message] = (), *, length: int = 0, copies: Callable[[], list[Message]] | None = None
+    ) -> None:
+        if copies is None:
+            super().__init__(messages)
+        else:
+            self._length, self._copies = length, copies
 
-    @cached_property
-    def _copies(self) -> list[Message]:
-        return self._make()
+    def __getattr__(self, name: str) -> Any:
+        if name != "data":
+            raise AttributeError(name)
+        self.data = self._copies()
+        return self.data
 
     @property
     def is_untouched(self) -> bool:
         """Whether nobody has looked at a message, so that none can have changed."""
-        return "_copies" not in self.__dict__
+        return "data" not in self.__dict__
 
     def __len__(self) -> int:
-        return self._length if self.is_untouched else len(self._copies)
+        return self._length if self.is_untouched else len(self.data)
 
-    @overload
-    def __getitem__(self, at: int) -> Message: ...
-
-    @overload
-    def __getitem__(self, at: slice) -> list[Message]: ...
-
-    def __getitem__(self, at: int | slice) -> Message | list[Message]:
-        return self._copies[at]
-
-    def __setitem__(self, at: Any, given: Any) -> None:
-        self._copies[at] = given
-
-    def __delitem__(self, at: int | slice) -> None:
-        del self._copies[at]
-
-    def insert(self, at: int, message: Message) -> None:
-        """Insert a message before a place."""
-        self._copies.insert(at, message)
-
-    def __add__(self, more: Sequence[Message]) -> list[Message]:
-        return [*self, *more]
-
-    def __radd__(self, before: Sequence[Message]) -> list[Message]:
-        return [*before, *self]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Sequence) and not isinstance(other, str) and [*self] == [*other]
-
-    __hash__ = None  # type: ignore[assignment]  # as of a list
-
-    def __repr__(self) -> str:
-        return repr(self._copies)
+    __copy__ = UserList.copy
 
 
 @dataclass(frozen=True)

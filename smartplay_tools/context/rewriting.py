@@ -20,14 +20,16 @@ from smartplay_tools.types import arguments
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
     Message,
-    MessageToolCall,
+    assistant_message,
     calls_of,
     copy_of,
+    host_message,
     pictures_of,
     text_and_pictures,
     text_of,
-    whole,
+    with_arguments,
 )
+from smartplay_tools.types.pictures import is_picture
 
 SYSTEM = ("system", "developer")
 
@@ -285,37 +287,27 @@ class Reader:
 
     def _own(self, given: Any, at: int) -> Message:
         """A message in canonical form, with the fields that are read alone."""
-        if not isinstance(given, Mapping):
-            raise StrategyError(f"Message {at} is {type(given).__name__}, not a message.")
-        role, content, calls = given.get("role"), given.get("content"), given.get("tool_calls") or ()
-        if role not in (*SYSTEM, "user", "assistant", "tool"):
-            raise StrategyError(f"Message {at} has the role {role!r}.")
-        message: Message = {"role": str(role), "content": self._content(content, at, may_show=role in ("user", "tool"))}
-        if calls:
-            if role != "assistant" or not isinstance(calls, list | tuple):
-                raise StrategyError(f"Message {at} has calls, and is not a reply with a list of them.")
-            message["tool_calls"] = [_call(call, at) for call in calls]
-        if role == "tool":
-            if not isinstance(given.get("tool_call_id"), str):
-                raise StrategyError(f"Message {at} is a result without the id of its call.")
-            message["tool_call_id"] = whole(str(given["tool_call_id"]))
-        return message
-
-    def _content(self, content: Any, at: int, *, may_show: bool) -> Any:
-        fault = StrategyError(f"Message {at} has a part that is neither text nor a picture that it was given.")
-        if not isinstance(content, str | list | tuple | None):
-            raise fault
         try:
-            text, pictures = text_and_pictures({"content": list(content) if isinstance(content, tuple) else content})
-        except (InvalidArgumentError, TypeError):
-            raise fault from None
-        text = whole(str(text))
-        if not pictures:
-            return text
-        shown = [self.messages.picture(part["sha256"]) for part in pictures]
-        if not may_show or None in shown:
-            raise fault
-        return [{"type": "text", "text": text}, *shown]
+            role, content = given["role"], given.get("content") or ""
+            if not isinstance(content, str | list | tuple):
+                raise InvalidArgumentError(f"Its content is {type(content).__name__}.")
+            pictures = [] if isinstance(content, str) else [part for part in content if is_picture(part)]
+            words = content if isinstance(content, str) else [part for part in content if part not in pictures]
+            fields = {name: given.get(name) for name in ("tool_calls", "tool_call_id")}
+            if role == "assistant":
+                message = assistant_message({"role": role, "content": words, "tool_calls": fields["tool_calls"]})
+            else:
+                message = host_message({"role": role, "content": words, **fields})
+            shown = [self.messages.picture(part["sha256"]) for part in pictures]
+            if None in shown or (shown and role not in ("user", "tool")):
+                raise InvalidArgumentError("It has a picture that it was not given, or that nobody can be shown there.")
+        except (AttributeError, KeyError, TypeError, InvalidArgumentError) as error:
+            raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from error
+        text = str(text_of(message))
+        message["content"] = [{"type": "text", "text": text}, *shown] if shown else text
+        return with_arguments(
+            message, [arguments.read(call["function"]["arguments"]).sent for call in calls_of(message)]
+        )
 
     def _replace_ids(self, message: Message, present: set[str]) -> None:
         for call in calls_of(message):
@@ -360,16 +352,6 @@ class Reader:
             raise StrategyError("There is no message.")
         if last == "assistant":
             raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")
-
-
-def _call(given: Any, at: int) -> MessageToolCall:
-    function = given.get("function") if isinstance(given, Mapping) else None
-    if not isinstance(function, Mapping) or not isinstance(function.get("name"), str):
-        raise StrategyError(f"Message {at} has a call without a name.")
-    if not isinstance(given.get("id"), str):
-        raise StrategyError(f"Message {at} has a call without an id.")
-    called = {"name": whole(str(function["name"])), "arguments": arguments.read(function.get("arguments")).sent}
-    return {"id": whole(str(given["id"])), "type": "function", "function": called}  # type: ignore[typeddict-item]
 
 
 class Rewriting:
