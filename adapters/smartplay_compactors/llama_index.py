@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from llama_index.core import llms
@@ -30,7 +31,7 @@ class LlamaIndexSummary(ImportedCompactor):
         model = LlamaIndexModel()
         model.compactor = self
         return ChatSummaryMemoryBuffer.from_defaults(
-            llm=model, tokenizer_fn=lambda text: [0] * self.count_tokens(text), token_limit=self.limit
+            llm=model, tokenizer_fn=cache(lambda text: [0] * self.count_tokens(text)), token_limit=self.limit
         )
 
     def rewrite(self, history: GivenHistory) -> list[Message]:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from langchain.agents import middleware
 from langchain_core.exceptions import ContextOverflowError
 from langchain_core.messages import AIMessage, BaseMessage, RemoveMessage
+from langgraph.store.memory import InMemoryStore
 
 from smartplay_langchain.chat_model import PlayerChatModel
 from smartplay_langchain.messages import from_langchain, to_langchain
@@ -102,13 +102,12 @@ class DeepAgentsSummary(LangChainClearing):
 
     def make(self) -> Any:
         """Return the middleware."""
-        from deepagents.backends import FilesystemBackend
+        from deepagents.backends import StoreBackend
         from deepagents.middleware.summarization import SummarizationMiddleware
 
-        self._folder = TemporaryDirectory()
         return SummarizationMiddleware(
             self.model,
-            backend=FilesystemBackend(root_dir=self._folder.name, virtual_mode=True),
+            backend=StoreBackend(store=InMemoryStore(), namespace=lambda _: ("session",)),
             trigger=("tokens", self.limit),
             keep=("messages", self.keep),
             token_counter=self.counter,
