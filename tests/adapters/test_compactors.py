@@ -92,7 +92,10 @@ HERE = [row for row in ROWS if is_installed(row.framework)]
 
 
 def rows(rows: list[Row]) -> Any:
-    marked = [pytest.param(row, id=row.name, marks=[] if row.name in FAST else pytest.mark.slow) for row in rows]
+    marked = [
+        pytest.param(row, id=row.name.rpartition("/")[2], marks=[] if row.name in FAST else pytest.mark.slow)
+        for row in rows
+    ]
     return pytest.mark.parametrize("row", marked)
 
 
