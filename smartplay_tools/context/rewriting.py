@@ -302,7 +302,7 @@ class Reader:
             if None in shown or (shown and role not in ("user", "tool")):
                 raise InvalidArgumentError("It has a picture that it was not given, or that nobody can be shown there.")
         except (AttributeError, KeyError, TypeError, InvalidArgumentError) as error:
-            raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from error
+            raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from None
         text = str(text_of(message))
         message["content"] = [{"type": "text", "text": text}, *shown] if shown else text
         return with_arguments(

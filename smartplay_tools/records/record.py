@@ -8,7 +8,7 @@ Only playing (the episode's counters, the turns of a conversation, the driver of
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
@@ -488,23 +488,28 @@ class Record:
         A prompt that does not have its recorded sha256 is a `TranscriptError`.
         """
         pairs: list[tuple[SentPrompt, Message]] = []
-        summaries = iter([event["message"] for event in self.summaries])
-        answers = iter([reply for event in self.questions if (reply := event["reply"]) is not None])
-        reply: Message | None
-        for sent in self.sent_prompts():
-            match sent.prompt.purpose:
-                case "summary":
-                    reply = next(summaries, None)
-                case "compaction":
-                    reply = next(answers, None)
-                case _:
-                    reply = self.replies.get(sent.turn)
+        for sent, reply in self.with_replies(self.sent_prompts(), self.replies):
             if reply is None:
                 continue
             if sent.sha256 != sent.recorded_sha256:
                 raise TranscriptError(f"{self.called}: the prompt of turn {sent.turn} is not the one that was sent.")
             pairs.append((sent, reply))
         return pairs
+
+    def with_replies(
+        self, prompts: Iterable[SentPrompt], replies: Mapping[int, Message]
+    ) -> Iterator[tuple[SentPrompt, Message | None]]:
+        """Yield all prompts of the record with their replies, None without one; `replies` are those of the turns."""
+        summaries = iter([event["message"] for event in self.summaries])
+        answers = iter([reply for event in self.questions if (reply := event["reply"]) is not None])
+        for sent in prompts:
+            match sent.prompt.purpose:
+                case "summary":
+                    yield sent, next(summaries, None)
+                case "compaction":
+                    yield sent, next(answers, None)
+                case "play":
+                    yield sent, replies.get(sent.turn)
 
     @property
     def _first_head(self) -> HeadEvent:
