@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from langchain.agents import middleware
 from langchain_core.exceptions import ContextOverflowError
-from langchain_core.messages import AIMessage, BaseMessage, RemoveMessage
+from langchain_core.messages import AIMessage, RemoveMessage
 from langgraph.store.memory import InMemoryStore
 
 from smartplay_langchain.chat_model import PlayerChatModel
@@ -25,7 +25,7 @@ from smartplay_tools.context.strategies.imported import ImportedCompactor
 class LangChainCompactor(ImportedCompactor):
     """What compactors that work on LangChain's messages have in common."""
 
-    packages = ("langchain", "langchain-core")
+    packages: ClassVar[tuple[str, ...]] = ("langchain", "langchain-core")
     overflow = ContextOverflowError
 
     @property
@@ -33,7 +33,7 @@ class LangChainCompactor(ImportedCompactor):
         """The model to summarize with."""
         return PlayerChatModel(player=self)
 
-    def counter(self, messages: Iterable[BaseMessage], **_: Any) -> int:
+    def counter(self, messages: Iterable[Any], **_: Any) -> int:
         """Count LangChain's messages."""
         return self.count(map(from_langchain, messages))
 
@@ -80,7 +80,8 @@ class LangChainClearing(LangChainCompactor):
         request: Any = middleware.ModelRequest(model=self.model, messages=messages, state=state)
         made = self.made.wrap_model_call(request, self.take)
         if isinstance(made, middleware.ExtendedModelResponse) and made.command is not None:
-            self._state |= {name: value for name, value in made.command.update.items() if name != "messages"}
+            update = made.command.update or {}
+            self._state |= {name: value for name, value in update.items() if name != "messages"}
         return self.sent
 
     def take(self, request: Any) -> Any:

@@ -9,7 +9,7 @@ the versions of its packages are in the record.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -52,11 +52,11 @@ class ImportedCompactor:
     tokens: int | None = None
     """Where it begins to act, in tokens of the conversation; None for four fifths of the room that this has."""
 
-    name: ClassVar[str] = "compactor"
+    name: str = field(default="compactor", init=False)
     persistent: ClassVar[bool] = False
     packages: ClassVar[tuple[str, ...]] = ()
     """The packages of the framework, whose versions are recorded."""
-    overflow: ClassVar[Callable[[str], Exception]] = ContextOverflowError
+    overflow: ClassVar[Any] = ContextOverflowError
     """Makes what the framework takes for a full context."""
 
     def make(self) -> Any:
@@ -107,7 +107,7 @@ class ImportedCompactor:
         """Return the tokens of a text, for frameworks that count no messages."""
         return self.count([{"role": "user", "content": text}]) - self.count([{"role": "user", "content": ""}])
 
-    def new_of(self, history: GivenHistory) -> list[Message]:
+    def new_of(self, history: GivenHistory) -> Sequence[Message]:
         """Return the messages that have come since the last call, for frameworks that keep the conversation."""
         seen, self._seen = getattr(self, "_seen", 0), len(history)
         return history[seen:]
