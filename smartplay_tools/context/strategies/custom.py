@@ -139,7 +139,7 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     """Return a new object of a strategy, with the options of its name, for one episode."""
     _, options = parted(name)
     try:
-        made = loaded.make(**options)
+        made: Strategy | Compactor = loaded.make(**options)
     except SmartPlayError:
         raise
     except Exception as error:  # whatever the user's class does
