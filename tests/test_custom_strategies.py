@@ -166,7 +166,7 @@ def test_an_episode_is_not_played_with_a_file_that_has_changed_since_it_was_plan
     [
         ("nowhere.py:Any", "There is no file nowhere.py"),
         ("first_and_newest.py:Other", "has no class 'Other'"),
-        ("unheard-of", "There is no strategy 'unheard-of'; none is known: install the package that has it"),
+        ("unheard-of", "There is no strategy 'unheard-of'; known: agent-framework-summary"),
         ("first_and_newest.py:FirstAndNewest:size=3", "cannot be made with these options: TypeError"),
         ("first_and_newest.py:sp", "has no class 'sp'"),
         ("first_and_newest.py:FirstAndNewest:turns=3:turns=4", "each key once"),
