@@ -39,6 +39,8 @@ class StartEvent(TypedDict):
     pictures: NotRequired[Literal["pixels"]]
     """With pictures as observations: what their sha256 are of (`Picture.sha256`). Absent in records that were written
     before there was this field, whose sha256 are of PNG files."""
+    scoring: NotRequired[dict[str, Any]]
+    """What scores can be in a setting beyond the benchmark (`Scoring`): a reader need not know its game."""
     carried: NotRequired[dict[str, Any]]
     """What it takes over from the trial before it: the digest of its `record`, `result`, `notes` or `files`."""
 
