@@ -33,9 +33,7 @@ def replay(
     strategy: Annotated[
         str | None, typer.Option(help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS.")
     ] = None,
-    game: Annotated[
-        str | None, typer.Option(help="The game that the records name, if it is in a file: PATH/FILE.py:NAME.")
-    ] = None,
+    game: options.GameFile = None,
     as_json: options.Json = False,
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
