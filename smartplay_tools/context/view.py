@@ -102,6 +102,8 @@ class View:
     """All turns of the conversation."""
     asks_for_summary: bool = False
     """Whether the prompt asks for a summary, and not for a move."""
+    text_tokens: int = 0
+    """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
 

@@ -132,6 +132,7 @@ class EpisodeStats:
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
+        sums["texts"] += event.get("texts", 0)
         if concerns_summary(event):
             sums["summary_prompt"] += prompt
             sums["summary_reply"] += reply

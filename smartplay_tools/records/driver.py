@@ -38,11 +38,14 @@ EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
 continued after them in a new record."""
 
 UNCOMPARED = frozenset(
-    {("start", "versions"), ("start", "scoring"), ("end", "traceback")}
+    {("start", "versions"), ("end", "traceback")}
     | {("end", "result", name) for name in ("versions", "deviations", "error")}
 )
 """Where two plays may differ: versions, what a version lists as deviations (they follow from the config, which is
-compared) and says of scores, and the text of an exception. The chain includes them, so it is not compared either."""
+compared), and the text of an exception. The chain includes them, so it is not compared either."""
+
+LATER = frozenset({("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts")})
+"""What records of older versions do not have."""
 
 NOT_REPLAYED = ("resume", "exception")
 """Events about the record itself."""
@@ -233,7 +236,9 @@ def unchained(event: Event) -> Event:
 
 
 def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any], *path: str) -> Iterator[str]:
-    for key in sorted(key for key in was.keys() ^ now.keys() if (*path, key) not in UNCOMPARED):
+    for key in sorted(was.keys() ^ now.keys()):
+        if key in now and (*path, key) in LATER:
+            continue
         yield f"{where} {key} is missing in the {'replay' if key in was else 'record'}."
     for key in sorted(was.keys() & now.keys()):
         before, after = was[key], now[key]

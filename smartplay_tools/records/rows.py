@@ -23,6 +23,7 @@ from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
@@ -42,7 +43,7 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "p
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, "scoring"})
+LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, "scoring", "memory"})
 """The fields that rows of older versions do not have."""
 
 _OPTIONAL = {*Rules.later, *FILES, "scoring"}
@@ -53,7 +54,9 @@ def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
-    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
+    shares = remembered(record)
+    memory = {} if shares is None else {"memory": shares}
+    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **memory}
 
 
 def has_reported_tokens(row: Row) -> bool:
@@ -135,6 +138,7 @@ class _Row(EpisodeResult):
     game_sha256: str | None = None
     strategy_sha256: str | None = None
     scoring: Scoring | None = None
+    memory: dict[str, tuple[int, int]] | None = None
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget

@@ -121,6 +121,8 @@ class UsageEvent(TypedDict):
     reply: NotRequired[int]
     prefix: NotRequired[int]
     overrun: NotRequired[bool]
+    texts: NotRequired[int]
+    """The part of `prompt` that a custom strategy has written."""
     purpose: NotRequired[Literal["summary"]]
     """Present on the usage of a summary; the turn has its own usage."""
     provider: dict[str, Any] | None

@@ -205,7 +205,7 @@ class Progress:
 class Tokens(Recorded):
     """The tokens of an episode: our count and the provider's."""
 
-    later: ClassVar[Mapping[str, Any]] = {"summary_prompt": 0, "summary_reply": 0}
+    later: ClassVar[Mapping[str, Any]] = {"summary_prompt": 0, "summary_reply": 0, "texts": 0}
 
     prompt: int = 0
     """Sum over all prompts."""
@@ -220,6 +220,8 @@ class Tokens(Recorded):
     """The part of `prompt` that asked for summaries."""
     summary_reply: int = 0
     """The part of `reply` that was summaries."""
+    texts: int = 0
+    """The part of `prompt` that custom strategies have written."""
 
 
 class EpisodeResult(Recorded):

@@ -157,10 +157,11 @@ def test_a_person_plays_it_in_a_browser_and_a_host_of_mcp_continues_it(folder):
     from smartplay_tools.web.site import BrowserGames
 
     assert BrowserGames([NIM], "played").games == ("Nim-v0",)
-    first = open_episode(NIM, seed=3, transcript=folder / "a.jsonl").call("act", {"action": "Take 3"})
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as first:
+        first.call("act", {"action": "Take 3"})
     forget()
-    again = open_episode(NIM, seed=3, transcript=folder / "a.jsonl")
-    assert again.call("observe", {}).text == first.text
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as again:
+        assert again.stats.steps == 1
 
 
 def test_a_challenge_and_a_submission_cannot_have_one():
