@@ -136,6 +136,9 @@ class EpisodeStats:
         if concerns_summary(event):
             sums["summary_prompt"] += prompt
             sums["summary_reply"] += reply
+        if event.get("purpose") == "compaction":
+            sums["question_prompt"] += prompt
+            sums["question_reply"] += reply
 
 
 COUNTERS = tuple(each.name for each in fields(EpisodeStats) if not each.name.startswith("_"))

@@ -97,10 +97,13 @@ def reward(row: Row) -> float:
     return float(row["reward"])
 
 
-def sample(rows: Sequence[Row], measure: Measure) -> Sample:
-    """Return a measure of the episodes of a cell, or of its worlds or chains if these have several episodes."""
+def sample(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) -> Sample:
+    """Return a measure of the episodes of a cell, or of its worlds or chains if these have several episodes.
+
+    `bounds` are those of the measure, where it is not one of the game's.
+    """
     measured = [(unit_of(row), value) for row in rows if (value := measure(row)) is not None]
-    return _of_units(measured, bounds_of(measure, scoring_of(rows[0])) if rows else None)
+    return _of_units(measured, bounds or (bounds_of(measure, scoring_of(rows[0])) if rows else None))
 
 
 def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:

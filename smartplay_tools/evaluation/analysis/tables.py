@@ -55,7 +55,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{f"budget_{name}": (f"budget.{name}", "string" if name in WORDS else "int64") for name in STRATEGIES},
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
-    **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},
+    **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions", "memory")},
     **{name: (name, "string") for name in ("state_hash", *FILES)},
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
@@ -121,10 +121,10 @@ def summary_json(summary: RunSummary) -> dict[str, Any]:
 
 def _value(row: Any, path: list[str], kind: str) -> Any:
     if path[0] in ("run", *ROWS_LATER):
-        return row.get(path[0], LATER.get(path[0]))
+        row, path = row.get(path[0], LATER.get(path[0])), []
     for name in path:
         row = None if row is None else row[name] if name in row else LATER[name]
-    if kind == "json":
+    if kind == "json" and row is not None:
         return json.dumps(row, sort_keys=True, ensure_ascii=False)
     return float(row) if kind == "float64" and row is not None else row
 
