@@ -10,6 +10,7 @@
     ├── DiskFullError         a disk has no space left for the records of a run
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
+    ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
 
@@ -25,6 +26,7 @@ from contextlib import contextmanager
 from typing import Literal
 
 __all__ = [
+    "ContextOverflowError",
     "DiskFullError",
     "EngineError",
     "InvalidArgumentError",
@@ -90,6 +92,10 @@ class PromptOverflowError(SmartPlayError):
 
 class StrategyError(SmartPlayError):
     """A strategy's choice cannot be shown: it does not fit, or names a turn that does not exist."""
+
+
+class ContextOverflowError(SmartPlayError):
+    """A question of a compactor is longer than `question_tokens`, so it is not sent."""
 
 
 class TranscriptError(SmartPlayError, ValueError):

@@ -50,6 +50,8 @@ class Ledger:
         self.queue = SerialQueue(is_slow=self.game.is_slow)
         """Runs the calls of asynchronous callers one after the other."""
         self.on_step: Callable[[TextGame], None] | None = None
+        self.at_end: Callable[[], None] | None = None
+        """Called once the episode has its result."""
         self.on_view: Callable[[int, int], None] | None = None
         """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
         self.is_privileged = self.has_shown_pictures = False
@@ -203,6 +205,8 @@ class Ledger:
                 self.record({"event": "end", "result": result.model_dump(), "traceback": self.session.traceback})
         finally:
             self.result = result
+            if self.at_end is not None:
+                self.at_end()
 
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs or is counted."""

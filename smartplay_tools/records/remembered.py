@@ -91,7 +91,7 @@ def _looks(call: CallEvent) -> bool:
 def _prompts(record: Record) -> Iterator[tuple[int, _Shown]]:
     """Yield what the prompts of an episode showed, with the turns to which they led."""
     originals = {
-        item.message["tool_call_id"]: (item.observation_step, item.message["content"])
+        item.message["tool_call_id"]: (item.observation_step, text_of(item.message))
         for turn in record.turns
         for item in turn.items
         if item.observation_step is not None and "tool_call_id" in item.message
@@ -105,7 +105,7 @@ def _prompts(record: Record) -> Iterator[tuple[int, _Shown]]:
         results = [message for message in sent.prompt.messages if message["role"] == "tool"]
         found = (originals.get(message["tool_call_id"], (-1, None)) for message in results)
         pairs = zip(found, results, strict=True)
-        steps = frozenset(step for (step, content), message in pairs if content == message["content"])
+        steps = frozenset(step for (step, text), message in pairs if text == text_of(message))
         evictions += not before <= steps
         before = steps
         told: bool | None = None

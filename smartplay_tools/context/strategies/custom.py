@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.view import Selection, ranges_of
@@ -50,6 +51,14 @@ class Custom(BudgetStrategy):
         return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
 
 
+class AsRecorded:
+    """Stands for the compactor of a record, where its rewritings are taken from the record."""
+
+    def compact(self, history: GivenHistory, room: Room) -> Any:
+        """Nobody calls it."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
 class Loaded:
     """A class that was imported, or registered."""
@@ -68,7 +77,7 @@ IN_FILES = NamedInFiles("strategy")
 """The strategies in files that the user has named in this process."""
 
 
-def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
+def register_strategy(name: str, make: Callable[..., Strategy | Compactor]) -> None:
     """Register a strategy by a name in this process, as a notebook does; a package declares an entry point instead."""
     if not isinstance(name, str) or not name or ":" in name or name == "none" or name in _REGISTRY:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
@@ -112,7 +121,7 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
     return Loaded(*IN_FILES.recorded(place, digest))
 
 
-def make_strategy(name: str, loaded: Loaded) -> Strategy:
+def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     """Return a new object of a strategy, with the options of its name, for one episode."""
     _, options = parted(name)
     try:
@@ -122,9 +131,21 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy:
     except Exception as error:  # whatever the user's class does
         problem = f"{type(error).__name__}: {in_one_line(error)}"
         raise InvalidArgumentError(f"The strategy {name} cannot be made with these options: {problem}.") from error
-    if not isinstance(made, Strategy):
-        raise InvalidArgumentError(f"The strategy {name} has no method choose(past, room).")
+    if isinstance(made, Strategy) == isinstance(made, Compactor):
+        raise InvalidArgumentError(
+            f"The strategy {name} needs one of two methods: choose(past, room), or compact(history, room)."
+        )
     return made
+
+
+def refused_with(strategy: object, budget: Budget) -> str | None:
+    """Return why a custom strategy, an object or its class, cannot be combined with a budget; None if it can be."""
+    compacts = callable(getattr(strategy, "compact", None))
+    if compacts and budget.own_words is not None:
+        return f"strategy={budget.strategy} rewrites old replies itself, so own_words would do nothing; leave it out."
+    if callable(getattr(strategy, "choose", None)) and budget.question_tokens is not None:
+        return f"strategy={budget.strategy} asks no questions, so question_tokens would do nothing; leave it out."
+    return None
 
 
 def parted(name: str) -> tuple[str, dict[str, Any]]:

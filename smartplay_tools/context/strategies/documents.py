@@ -186,6 +186,9 @@ def _call(turn: Turn, position: int) -> str:
 
 def _shown_steps(view: View) -> Iterator[range]:
     """The observations that a view shows, in ranges: those of a turn, and those of a run of turns, have no gap."""
+    if view.visible is not None:
+        yield from (range(step, step + 1) for step in view.visible)
+        return
     chosen, turns = view.selection, view.turns
     for index in chosen.pinned:
         turn = turns[index]
