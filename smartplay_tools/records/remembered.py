@@ -100,7 +100,7 @@ def _prompts(record: Record) -> Iterator[tuple[int, _Shown]]:
     before: frozenset[int] = frozenset()
     evictions = 0
     for sent in record.sent_prompts():
-        if sent.prompt.asks_for_summary:
+        if sent.prompt.purpose != "play":
             continue
         results = [message for message in sent.prompt.messages if message["role"] == "tool"]
         found = (originals.get(message["tool_call_id"], (-1, None)) for message in results)

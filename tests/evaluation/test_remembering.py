@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 import smartplay_tools as sp
@@ -56,7 +58,8 @@ def played(game, *replies, **budget):
     with sp.Episode(game, seed=1, budget=sp.Budget(**budget), transcript=events) as episode:
         conversation = sp.Conversation(episode)
         for reply in replies:
-            assert conversation.prompt() is not None
+            while conversation.prompt().purpose != "play":
+                conversation.receive({"role": "assistant", "content": "Nothing."})
             conversation.receive(call("act", action=reply) if isinstance(reply, str) else reply)
     return events
 
@@ -105,6 +108,41 @@ def test_a_row_has_the_shares_and_the_tables_show_and_explain_them(echo, tmp_pat
     assert list(remembering_tables(run.rows[6:])) == []
 
 
-def test_a_record_of_an_older_version_without_these_counts_is_replayed(echo):
-    older = played(echo, LOOK, *RIGHT, history=1)
-    assert replay(older).identical
+def test_a_compactor_loses_the_manual_and_what_it_asks_and_writes_is_counted(echo, tmp_path):
+    (tmp_path / "short.py").write_text(SHORT, encoding="utf-8")
+    events = played(
+        echo,
+        LOOK,
+        call("read_manual"),
+        *RIGHT[:2],
+        "Skip",
+        *RIGHT[3:],
+        history=None,
+        strategy=f"{tmp_path}/short.py:Short",
+    )
+    shares, tokens = remembered(Record(events)), Record(events).result.tokens
+    assert (shares["rules"], shares["rules lost"]) == ([1, 1], [6, 7])
+    assert shares["out of view"] == [5, 6]
+    assert 0 < tokens.question_reply < tokens.question_prompt < tokens.prompt
+    assert tokens.texts > 7
+    assert replay(events).identical
+    older = json.loads(json.dumps(events))
+    del older[0]["scoring"], older[-1]["result"]["tokens"]["texts"]
+    for event in older:
+        if event["event"] == "usage":
+            event.pop("texts", None)
+    assert all(difference.endswith("its chain is broken.") for difference in replay(older).differences)
+
+
+SHORT = """
+class Short:
+    persistent = False
+
+    def compact(self, history, room):
+        messages = list(history)
+        at = max((at for at, message in enumerate(messages) if message["role"] == "assistant"), default=0)
+        if at < 2:
+            return messages
+        asked = yield [{"role": "user", "content": "What matters?"}]
+        return [messages[0], {"role": "user", "content": asked["content"]}, *messages[at:]]
+"""
