@@ -43,7 +43,10 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "p
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, "scoring", "memory"})
+OPTIONAL = ("scoring", "memory")
+"""The fields of a row about what its game declares: what scores can be (`Scoring`), and the shares of `remembered`."""
+
+LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, *OPTIONAL})
 """The fields that rows of older versions do not have."""
 
 _OPTIONAL = {*Rules.later, *FILES, "scoring"}
