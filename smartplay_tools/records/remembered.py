@@ -51,10 +51,8 @@ def remembered(record: Record) -> Shares | None:
     """Return the shares of an episode; None if its game declares nothing, or its prompts are not on record."""
     if not record.declares or record.is_paper or not record.views:
         return None
-    shown = dict(_prompts(record))
     first: dict[int, int] = {}
-    for prompt in shown.values():
-        first = {**dict.fromkeys(prompt.steps, prompt.evictions), **first}
+    shown = dict(_prompts(record, first))
     can_look = any(tool["function"]["name"] in LOOKING for tool in record.tools)
     shares: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
 
@@ -88,8 +86,11 @@ def _looks(call: CallEvent) -> bool:
     return call["name"] in LOOKING
 
 
-def _prompts(record: Record) -> Iterator[tuple[int, _Shown]]:
-    """Yield what the prompts of an episode showed, with the turns to which they led."""
+def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Shown]]:
+    """Yield what the prompts of an episode showed, with the turns to which they led.
+
+    `first` gets the evictions there had been when each observation was first shown.
+    """
     originals = {
         item.message["tool_call_id"]: (item.observation_step, text_of(item.message))
         for turn in record.turns
@@ -108,6 +109,8 @@ def _prompts(record: Record) -> Iterator[tuple[int, _Shown]]:
         steps = frozenset(step for (step, text), message in pairs if text == text_of(message))
         evictions += not before <= steps
         before = steps
+        for step in steps:
+            first.setdefault(step, evictions)
         told: bool | None = None
         if record.config.manual == "pinned":
             told = True

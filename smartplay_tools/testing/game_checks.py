@@ -27,10 +27,10 @@ import pickle
 import random
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium
 import numpy as np
@@ -276,7 +276,8 @@ def is_the_same_in_another_process(spec: GameSpec) -> None:
     ours, theirs = context.Pipe(duplex=False)
     named = spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"
     process = context.Process(target=_tell, args=(theirs, named), daemon=True)
-    with _other_hash_seed():
+    other_order = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    with patch.dict(os.environ, PYTHONHASHSEED=other_order):  # of sets
         process.start()
     theirs.close()
     try:
@@ -306,20 +307,6 @@ def _played(game: Setting) -> list[str]:
     for seed in (1, 2):
         seen += [repr(made.reset(seed=seed)), *map(repr, random_walk(made, _steps(spec))), repr(made.drawing())]
     return [made.manual, *made.actions, *seen]
-
-
-@contextmanager
-def _other_hash_seed() -> Iterator[None]:
-    """Have processes that begin now order sets differently."""
-    before = os.environ.get("PYTHONHASHSEED")
-    os.environ["PYTHONHASHSEED"] = "2" if before == "1" else "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONHASHSEED"]
-        else:
-            os.environ["PYTHONHASHSEED"] = before
 
 
 @_check
