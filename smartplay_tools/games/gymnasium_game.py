@@ -215,6 +215,8 @@ _IN_USE = threading.RLock()
 
 _NUMPY: Any = np.random  # its stubs lack two of its functions
 _PYTHON: random.Random = random.random.__self__  # type: ignore[attr-defined]
+_PYTHON_STATE = (ctypes.c_void_p.from_buffer(ctypes.py_object(_PYTHON)).value or 0) + object.__basicsize__
+"""Where the state of Python's stream is in memory: after the head of its object."""
 
 _TWISTER_BYTES = 625 * 4
 """The size of the state of a Mersenne Twister in memory, Python's and NumPy's alike: 624 words and a position."""
@@ -270,5 +272,5 @@ def _seen() -> _Seen:
 
 
 def _python_memory() -> tuple[bytes, float | None]:
-    """Return the stream of `random` as it is in memory, after the head of its object, and its second normal number."""
-    return ctypes.string_at(id(_PYTHON) + object.__basicsize__, _TWISTER_BYTES), _PYTHON.gauss_next
+    """Return the stream of `random` as it is in memory, and its second normal number."""
+    return ctypes.string_at(_PYTHON_STATE, _TWISTER_BYTES), _PYTHON.gauss_next

@@ -36,7 +36,7 @@ LOOKING = frozenset({RECALL_TOOL, PAGES_TOOL, MEMORY_TOOL})
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _Visible:
     """What a prompt showed."""
 
     steps: frozenset[int]
@@ -86,7 +86,7 @@ def _looks(call: CallEvent) -> bool:
     return call["name"] in LOOKING
 
 
-def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Shown]]:
+def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Visible]]:
     """Yield what the prompts of an episode showed, with the turns to which they led.
 
     `first` gets the evictions there had been when each observation was first shown.
@@ -116,4 +116,4 @@ def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Show
             told = True
         elif manual is not None and sent.turn > manual["turn"]:
             told = any(manual["text"] in text_of(message) for message in sent.prompt.messages)
-        yield sent.turn, _Shown(steps, told, evictions)
+        yield sent.turn, _Visible(steps, told, evictions)
