@@ -145,13 +145,11 @@ def test_a_custom_strategy_is_the_same_as_the_windows_own(arena):
 @pytest.mark.slow
 def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
-    silent = arena.PlayerConfig(name="rule-notes", options={"words": False})
     budgets = [budget for budget in arena.budgets([arena.FIRST_AND_NEWEST]) if budget.prompt_tokens == arena.CAPS[0]]
     played = [budgets[0], budgets[-1]]
-    done = arena.sp.evaluate(
-        [arena.GAMES[1]], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline"
-    )
-    rows = cells_of(arena.table(done).splitlines())
+    game, silent = list(arena.GAMES.items())[1]
+    done = arena.sp.evaluate([game], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline")
+    rows = cells_of(arena.table(done.rows).splitlines())
     assert len(rows) == 2
     assert all(row in cells_of(published("arena")) for row in rows)
 

@@ -110,7 +110,7 @@ def test_the_commands_take_it():
     assert swept.exit_code == 0, swept.output
     for command_of_another_process in (
         ("results", "run"),
-        ("report", "run", "--out", "run.html"),
+        ("report", "run", "--out", "run.html", "--game", NIM),
         ("replay", "run", "--game", NIM),
         ("replay", "a.jsonl", "--game", NIM),
     ):
@@ -151,11 +151,18 @@ def test_a_run_continues_with_the_file_that_it_was_planned_with_or_plays_another
     assert second.key != config.key
 
 
-def test_a_person_plays_it_in_a_browser():
+def test_a_person_plays_it_in_a_browser_and_a_host_of_mcp_continues_it(folder):
     pytest.importorskip("starlette")
+    from smartplay_mcp import open_episode
+
     from smartplay_tools.web.site import BrowserGames
 
     assert BrowserGames([NIM], "played").games == ("Nim-v0",)
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as first:
+        first.call("act", {"action": "Take 3"})
+    forget()
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as again:
+        assert again.stats.steps == 1
 
 
 def test_a_challenge_and_a_submission_cannot_have_one():
