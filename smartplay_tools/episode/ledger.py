@@ -12,11 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
 from smartplay_tools.episode.game_session import Answer, GameSession
 from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
 from smartplay_tools.episode.workers import SerialQueue
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
@@ -88,6 +90,8 @@ class Ledger:
         }
         if self.names_pictures_by_pixels:
             start["pictures"] = "pixels"
+        if self.session.spec.id not in GAMES.benchmark:
+            start["scoring"] = self.session.spec.scoring()
         if self.carried is not None:
             start["carried"] = self.carried.model_dump(exclude_none=True)
         self.record(start)
@@ -207,7 +211,7 @@ class Ledger:
 
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **self.game.versions()}
+        return {**versions(), **versions_of(self.strategies.custom), **self.game.versions()}
 
     def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
         return {
