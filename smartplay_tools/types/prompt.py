@@ -62,7 +62,7 @@ class Prompt:
 
         They are a summary of the turns that are about to leave, or the answer to a compactor's question (`purpose`).
         """
-        return self.purpose == "summary"
+        return self.purpose != "play"
 
     @property
     def tool_choice(self) -> Literal["auto", "none"]:
