@@ -214,7 +214,7 @@ _IN_USE = threading.RLock()
 """Held while the global streams are those of a game."""
 
 _NUMPY: Any = np.random  # its stubs lack two of its functions
-_PYTHON: random.Random = random.random.__self__  # type: ignore[attr-defined]
+_PYTHON: Any = random.random.__self__  # type: ignore[attr-defined]
 _PYTHON_STATE = (ctypes.c_void_p.from_buffer(ctypes.py_object(_PYTHON)).value or 0) + object.__basicsize__
 """Where the state of Python's stream is in memory: after the head of its object."""
 

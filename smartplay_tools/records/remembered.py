@@ -12,7 +12,7 @@ a positive reward.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from smartplay_tools.records.record import Record
@@ -24,7 +24,7 @@ from smartplay_tools.types.messages import text_of
 Shares = dict[str, list[int]]
 """By name, how many of how many."""
 
-EVICTIONS: Mapping[int, str] = {8: "8+", 4: "4-7", 2: "2-3", 1: "1", 0: "0"}
+EVICTIONS = ((0, "0"), (1, "1"), (2, "2-3"), (4, "4-7"), (8, "8+"))
 """The groups of answers, by the fewest evictions that the needed observation has survived."""
 
 SEEN, UNSEEN, LOOKED, RULED, UNRULED = "in view", "out of view", "looked", "rules", "rules lost"
@@ -73,7 +73,7 @@ def remembered(record: Record) -> Shares | None:
                 count(LOOKED, has_looked)
             if all(step in first for step in needs):
                 survived = prompt.evictions - min(first[step] for step in needs)
-                count(next(name for least, name in EVICTIONS.items() if survived >= least), is_right)
+                count([name for least, name in EVICTIONS if survived >= least][-1], is_right)
         if data.get("breaks") and prompt.manual is not None:
             count(RULED if prompt.manual else UNRULED, data["action"] not in data["breaks"])
         has_looked = False

@@ -44,7 +44,7 @@ def tokens_of(*names: str) -> Measure:
 ANSWERS: Mapping[str, Measure] = {"seen": seen_share} | {
     name: share_of(name) for name in (SEEN, UNSEEN, LOOKED, RULED, UNRULED)
 }
-SURVIVED: Mapping[str, Measure] = {name: share_of(name) for name in reversed(EVICTIONS.values())}
+SURVIVED: Mapping[str, Measure] = {name: share_of(name) for _, name in EVICTIONS}
 BESIDE_PLAY: Mapping[str, Measure] = {
     "summaries": tokens_of("summary_prompt", "summary_reply"),
     "questions": tokens_of("question_prompt", "question_reply"),
