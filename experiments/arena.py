@@ -80,7 +80,7 @@ def table(done: Run) -> str:
         ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: interval(c.means["score"])),
-        ("less dropping [95 %, all together]", lambda c: "reference" if c.is_full else interval(c.together, "+")),
+        ("less dropping [95 %, all together]", lambda c: "reference" if c.is_reference else interval(c.together, "+")),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
     ]

@@ -16,9 +16,10 @@ from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
 from page_tables import publish as publish_table
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate, t_quantile
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.together import bonferroni
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -181,7 +182,7 @@ def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
         kinds = [_of_seed(pair, seed) for seed in (SEEDS if "{}" in pair[0].player else [0])]
         if any(each := [_paired(played, kind) for kind in kinds]):
             rows.append((pair, each))
-    together = jointly(sum(values is not None for _, each in rows for values in each))
+    together = bonferroni(sum(values is not None for _, each in rows for values in each))
     lines = [f"| this | less this | {' | '.join(f'seed {seed}' for seed in SEEDS)} | any seed |", f"|{' --- |' * 6}"]
     for (cell, other), each in rows:
         shown = [
@@ -226,7 +227,7 @@ def _differences(played: Played, wanted: Sequence[Compared]) -> str:
     compared = [(pair, values) for pair in wanted if (values := _paired(played, pair)) is not None]
     lines = ["| this | less this | difference [95 %, all together] |", f"|{' --- |' * 3}"]
     for (cell, other), values in compared:
-        estimate = mean_estimate(values, BOUNDS, jointly(len(compared)))
+        estimate = mean_estimate(values, BOUNDS, bonferroni(len(compared)))
         lines.append(f"| {_name(cell)} | {_name(other)} | {_interval(estimate, '+')} |")
     return "\n".join(lines)
 

@@ -28,6 +28,8 @@ from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as rep
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.window_tables import took_table
+from smartplay_tools.evaluation.analysis.windows import compare_windows, latencies
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
@@ -104,6 +106,8 @@ def run_tables(
         yield headline(summary)
     if everything:
         yield from details(summary)
+        if rows:
+            yield took_table(compare_windows(rows), latencies(rows, folder.timings()))
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows, succeeds):

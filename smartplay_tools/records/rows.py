@@ -23,7 +23,7 @@ from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
-from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
+from smartplay_tools.types import STRATEGIES, EpisodeResult, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
 
 __all__ = [
@@ -41,7 +41,10 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "p
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation", *FILES})
+COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost")
+"""The fields of a row that are counted from the record's events; `Record` has their meanings."""
+
+LATER = frozenset({"peak_prompt_tokens", "limited_prompts", "play_sha256", "observation", *FILES})
 """The fields that rows of older versions do not have."""
 
 _OPTIONAL = {*Rules.later, *FILES}
@@ -51,7 +54,7 @@ _OPTIONAL = {*Rules.later, *FILES}
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
-    counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
+    counted = {name: getattr(record, name) for name in COUNTED}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
 
 
@@ -85,6 +88,20 @@ def counted_score(row: Row) -> float:
     """
     spec = GAMES.get(row["game"]) if row["end_reason"] in EARLY_ENDS else None
     return float(row["score"]) if spec is None else spec.least_score(float(row["score"]), row["steps"])
+
+
+def is_whole(row: Row) -> bool:
+    """Return whether every prompt of an episode showed all that had happened before.
+
+    Rows of older versions do not say so: theirs did if no limit of the window can have been reached.
+    """
+    budget, limited = row["budget"], row.get("limited_prompts")
+    if any(budget.get(name, default) != default for name, default in STRATEGIES.items()):
+        return False
+    if limited is not None:
+        return bool(limited == 0)
+    unlimited = budget["history"] is None or budget["history"] >= row["steps"]
+    return unlimited and budget["prompt_tokens"] is None
 
 
 def unit_of(*rows: Row) -> int:
@@ -121,6 +138,8 @@ class _Row(EpisodeResult):
     asked: RecordedBudget
     trial: int
     peak_prompt_tokens: int = 0
+    limited_prompts: int | None = None
+    play_sha256: str | None = None
     cost: float | None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from operator import add
@@ -9,6 +10,7 @@ from typing import Any, TypeAlias
 
 from smartplay_tools.records.prices import Price
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Usage
 
 DIGITS = 12
@@ -89,6 +91,28 @@ class _Sum:
         return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
 
 
+class _Play:
+    """The prompts and replies of a record so far."""
+
+    def __init__(self) -> None:
+        self.limited: int | None = None
+        """Prompts that lacked something of the past."""
+        self._digest = hashlib.sha256()
+
+    def add(self, event: Event) -> None:
+        """Add a `view`, or the message of a reply."""
+        if event["event"] == "view":
+            self.limited = (self.limited or 0) + bool(event["dropped_turns"] or event.get("masked"))
+            self._digest.update(event["sha256"].encode())
+        elif event.get("by", "player") == "player":
+            self._digest.update(canonical_json(event.get("message")))
+
+    @property
+    def sha256(self) -> str | None:
+        """A hash of all of them, if there are prompts."""
+        return None if self.limited is None else self._digest.hexdigest()[:32]
+
+
 class RecordCounts:
     """What the events of a record add up to; events that are only counted are not parsed."""
 
@@ -96,6 +120,7 @@ class RecordCounts:
         self._prices, self._parsed = prices, parsed
         self.price: Price | None = None
         self.whole, self.own = _Sum(), _Sum()
+        self.play = _Play()
         self.steps = 0
         self._new_calls: list[Written] = []
         self._since_prompt: list[Written] = []
@@ -118,8 +143,10 @@ class RecordCounts:
                 self._new_calls.append(event)
             case "view":
                 self._since_prompt = [event]
+                self.play.add(self._parsed(event))
             case "message" | "summary":
                 self._since_prompt.append(event)
+                self.play.add(self._parsed(event))
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()
 

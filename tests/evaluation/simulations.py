@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.decisions import decide_all
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, Values, mean_estimates
+from smartplay_tools.evaluation.analysis.decisions import decide
+from smartplay_tools.evaluation.analysis.distributions import Values
+from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, mean_estimate
 from smartplay_tools.evaluation.analysis.stopping import decided_at
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, bounds, scores, shuffled_differences, tilted
 
 REPETITIONS = 2_000
@@ -39,11 +40,8 @@ def draw(population: Population, n: int, seed: int, weights: Values | None = Non
 
 def estimated(samples: Values, declared: Bounds | None, method: Method) -> Values:
     """The intervals of samples, as [sample, end]; what has no interval is NaN."""
-    ends = []
-    for first in range(0, len(samples), 250):  # resamples of 250 samples fit in memory
-        batch = [Sample(values, declared) for values in samples[first : first + 250].tolist()]
-        ends += [(each.low, each.high) for each in mean_estimates(batch, method)]
-    return np.array(ends, dtype=float)
+    estimates = (mean_estimate(values, declared, method) for values in samples.tolist())
+    return np.array([(each.low, each.high) for each in estimates], dtype=float)
 
 
 def holds(ends: Values, truth: float) -> Values:
@@ -147,7 +145,7 @@ def joint() -> Mapping[str, tuple[float, ...]]:
     for name, compared in families().items():
         alone = Method(bootstrap=False)
         figures[f"{name}: {len(compared)} intervals, each of 95 %"] = together(compared, alone)
-        figures[f"{name}: {len(compared)} intervals by Bonferroni"] = together(compared, jointly(len(compared)))
+        figures[f"{name}: {len(compared)} intervals by Bonferroni"] = together(compared, bonferroni(len(compared)))
     return figures
 
 
@@ -175,11 +173,7 @@ def wrong_words(population: Population, margin: float, n: int) -> tuple[float, f
 
     def words(truth: float) -> list[str]:
         drawn = draw(population, n, 0, tilted(population.values, truth)).tolist()
-        return [
-            verdict.word
-            for first in range(0, len(drawn), 250)
-            for verdict in decide_all([Sample(each, population.bounds) for each in drawn[first : first + 250]], margin)
-        ]
+        return [decide(Sample(each, population.bounds), margin).word for each in drawn]
 
     different = np.mean([word.startswith("different") for word in words(0)])
     equivalent = np.mean([word in ("equivalent", "different, but less") for word in words(margin)])

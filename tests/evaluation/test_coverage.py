@@ -37,9 +37,8 @@ def test_populations_are_what_the_players_score(tmp_path, history):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [5, 10, 20, 50])
-def test_a_sum_over_settings(monkeypatch, n):
-    """A capability score, with a thousand resamples, since one interval of its ten thousand takes milliseconds."""
-    monkeypatch.setattr(intervals, "RESAMPLES", 1_000)
+def test_a_sum_over_settings(n):
+    """A capability score."""
     keys = (BANDIT, "random", 50), (RPS, "rule", 50), (HANOI, "random", 50), (MESSENGER, "random", 3)
     scores = [populations.scores()[key] for key in keys]
     scales = [1 / (populations.bounds(game).high - populations.bounds(game).low) for game, *_ in keys]

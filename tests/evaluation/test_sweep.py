@@ -251,8 +251,8 @@ def test_cells_that_differ_in_strategy_are_paired_with_plain_dropping(tmp_path):
         executor="inline",
     )
     plain, noted = swept.comparisons
-    assert plain.is_full
-    assert noted.full == plain.cell
+    assert plain.is_reference
+    assert noted.reference == plain.cell
     assert noted.differences["score"].episodes == 2
     assert noted.cell.budget["notes_tokens"] == 200
     assert [row["notes_tokens"] for row in swept.summary] == [None, 200]

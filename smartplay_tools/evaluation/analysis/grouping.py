@@ -101,7 +101,7 @@ class Condition:
         """What the player was given, in a few words; what is as by default is not mentioned."""
         given = {**self.rules, "tokenizer": self.tokenizer}
         unusual = [f"{name} {value}" for name, value in given.items() if value != USUAL[name]]
-        return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
+        return ", ".join(filter(None, [Budget(**self.budget).describe(), *unusual, self.variant]))
 
     def label_among(self, others: Iterable[Condition]) -> str:
         """Return the label, with the options in which the player differs from that of its name in other conditions."""

@@ -59,6 +59,13 @@ def _curve(cell: PlayedCell, rivals: Sequence[PlayedCell]) -> Iterator[str]:
     yield from _made_apart(cell, [*map(_made, rivals)])
 
 
+def apart(labels: Sequence[str]) -> tuple[list[str], str]:
+    """Return labels without the parts that all of them have, and these parts."""
+    parts = [label.split(", ") if label else [] for label in labels]
+    shared = [part for part in (parts[0] if parts else []) if all(part in other for other in parts)]
+    return [", ".join(part for part in own if part not in shared) for own in parts], ", ".join(shared)
+
+
 def check_distinct(names: Iterable[Hashable]) -> None:
     """Raise an `AssertionError` if two lines of a table have the same name: a name that does not identify is a bug."""
     twice = [name for name, count in Counter(names).items() if count > 1]

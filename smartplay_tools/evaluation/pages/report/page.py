@@ -325,7 +325,7 @@ def _tables(page: _RunPage) -> Iterator[TextTable]:
     """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
     if len(page.summary.cells) > 1:
         comparisons = compare_windows(page.rows)
-        if any(not comparison.is_full for comparison in comparisons):
+        if any(not comparison.is_reference for comparison in comparisons):
             yield windows_table(comparisons)
     yield from page.costs
     if page.summary.cells:
