@@ -56,10 +56,8 @@ def budgets(custom: Sequence[str]) -> list[sp.Budget]:
 def main() -> None:
     """Play the run, print the table, and write it."""
     asked = _arguments()
-    subjects: Sequence[str | PlayerConfig] = asked.player or (
-        PlayerConfig(name="rule-notes", options={"words": False}),
-        CONTROL,
-    )
+    usual = PlayerConfig(name="rule-notes", options={"words": False})
+    subjects = [*(player for player in asked.player or [usual] if player != CONTROL), CONTROL]
     done = complete(
         GAMES,
         subjects,
@@ -110,7 +108,7 @@ def _player(comparison: WindowComparison) -> str:
 
 def _arguments() -> argparse.Namespace:
     parser = arguments("Strategies for the past under the same caps, on the same seeds.", "runs/arena")
-    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--player", action="append", help="play with this player and the control; repeatable")
     parser.add_argument("--strategy", action="append", help="a strategy of your own, FILE.py:CLASS; repeatable")
     parser.add_argument("--trials", type=int, default=20, help="episodes of every cell")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")

@@ -140,7 +140,7 @@ def test_what_differs_by_rounding_only_is_equal():
     assert mean_estimate([0.1 + 0.2, 0.3]).note == mean_estimate([0.3, 0.3]).note != mean_estimate([0.3, 0.31]).note
 
 
-def test_a_sample_of_more_values_than_a_piece():
+def test_an_interval_of_many_episodes():
     values = [float(n % 7) + n / 1e6 for n in range(3_000)]
     estimate = mean_estimate(values)
     assert estimate.high - estimate.low == pytest.approx(2 * 1.96 * np.std(values) / 3_000**0.5, rel=0.05)

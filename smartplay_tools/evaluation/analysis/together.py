@@ -20,7 +20,6 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Method, Sa
 from smartplay_tools.records.rows import grouped
 
 SEED = 20_240_417
-SIMULATIONS = 10_000
 MOST_DF = 60
 """Degrees of freedom with which larger samples are simulated: their p values differ little from those of 60."""
 
@@ -28,7 +27,7 @@ BATCH = 500
 """Simulations at once, few enough for little memory."""
 
 
-def jointly(samples: Sequence[Sample]) -> Method:
+def jointly(samples: Sequence[Sample], simulations: int = 10_000) -> Method:
     """Return the method of intervals of these differences that hold together in 95 of 100 cases."""
     ordered = [_by_unit(sample) for sample in samples if len(sample.values) > 1]
     blocks = grouped(ordered, lambda pair: pair[0]).items()
@@ -36,12 +35,12 @@ def jointly(samples: Sequence[Sample]) -> Method:
     generator = np.random.default_rng(SEED)
     for units, members in blocks:
         df = min(len(units) - 1, MOST_DF)
-        own = _largest_t(np.array([values for _, values in members]), df, generator)
+        own = _largest_t(np.array([values for _, values in members]), df, simulations, generator)
         largest[df] = np.maximum(largest[df], own) if df in largest else own
-    least = np.ones(SIMULATIONS)
+    least = np.ones(simulations)
     for df, values in largest.items():
         # The 5 % of simulations with the least p values are among those with the largest t of any df.
-        for at in np.argsort(values)[-SIMULATIONS // 10 :]:
+        for at in np.argsort(values)[-simulations // 10 :]:
             least[at] = min(least[at], 2 * t_tail(float(values[at]), df))
     single = 1 - CONFIDENCE
     level = float(np.quantile(least, single))
@@ -59,7 +58,7 @@ def _by_unit(sample: Sample) -> tuple[tuple[int, ...], list[float]]:
     return units, list(values)
 
 
-def _largest_t(differences: Values, df: int, generator: np.random.Generator) -> Values:
+def _largest_t(differences: Values, df: int, simulations: int, generator: np.random.Generator) -> Values:
     """Simulate the largest |t| of differences [comparison, unit] whose means are 0."""
     apart = differences - differences.mean(axis=1, keepdims=True)
     lengths = np.sqrt((apart**2).sum(axis=1, keepdims=True))
@@ -69,8 +68,8 @@ def _largest_t(differences: Values, df: int, generator: np.random.Generator) -> 
     own = np.sqrt(np.where(lengths[:, 0] > 1e-9, noise, 1.0))
     shared = math.sqrt(1 - noise) * (left * sizes).T
     largest = []
-    for first in range(0, SIMULATIONS, BATCH):
-        shape = (min(BATCH, SIMULATIONS - first), df + 1)
+    for first in range(0, simulations, BATCH):
+        shape = (min(BATCH, simulations - first), df + 1)
         drawn = generator.standard_normal((*shape, len(shared))) @ shared
         drawn += own * generator.standard_normal((*shape, len(differences)))
         errors = drawn.std(axis=1, ddof=1) / math.sqrt(df + 1)
