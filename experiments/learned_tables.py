@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 PAGE = Path(__file__).parents[1] / "docs" / "train-a-tiny-agent.md"
 NUMBERS = ("trial", "seed", "steps", "turns", "illegal_actions", "malformed_calls", "idle_replies", "refused_notes")
 ABOUT = ("game", "player", "cap", "way", "manual")
-BOUNDS = Bounds(-50, 50, paired=True)
+SCORES = Bounds(0, 50)
+BOUNDS = SCORES.of_differences
 """What two scores of one world can differ by, at either game."""
 COLUMNS = (*ABOUT, *NUMBERS, "score", "end_reason", "prompt_tokens", "reply_tokens")
 
@@ -106,7 +107,7 @@ def _matrix(played: Played, columns: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [f"| played with | {' | '.join(columns)} |", f"|{' --- |' * (len(columns) + 1)}"]
     for player in sorted(players, key=_order):
         cells = [Cell(player, **column) for column in columns.values()]
-        shown = (f"{_interval(mean_estimate(played.scores(cell)), '-')}, {played.failures(cell)}" for cell in cells)
+        shown = (f"{_interval(mean_estimate(played.scores(cell), SCORES), '-')}, {played.failures(cell)}" for cell in cells)
         lines.append(f"| {player} | {' | '.join(shown)} |")
     return "\n".join(lines)
 
@@ -123,7 +124,7 @@ def long_table(played: Played) -> str:
     lines.writerow((*ABOUT, "worlds", "mean", "low", "high", "median", "failures", "mistakes"))
     for cell, rows in played.rows.items():
         scores = played.scores(cell)
-        estimate = mean_estimate(scores)
+        estimate = mean_estimate(scores, SCORES)
         wrong = sum(row["illegal_actions"] + row["malformed_calls"] + row["idle_replies"] for row in rows)
         bounds = ("" if bound is None else f"{bound:.2f}" for bound in (estimate.low, estimate.high))
         figures = (f"{median(scores):g}", played.failures(cell), f"{wrong / sum(row['turns'] for row in rows):.4f}")
