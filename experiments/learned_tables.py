@@ -107,7 +107,8 @@ def _matrix(played: Played, columns: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [f"| played with | {' | '.join(columns)} |", f"|{' --- |' * (len(columns) + 1)}"]
     for player in sorted(players, key=_order):
         cells = [Cell(player, **column) for column in columns.values()]
-        shown = (f"{_interval(mean_estimate(played.scores(cell), SCORES), '-')}, {played.failures(cell)}" for cell in cells)
+        means = (_interval(mean_estimate(played.scores(cell), SCORES), "-") for cell in cells)
+        shown = (f"{mean}, {played.failures(cell)}" for mean, cell in zip(means, cells, strict=True))
         lines.append(f"| {player} | {' | '.join(shown)} |")
     return "\n".join(lines)
 

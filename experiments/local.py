@@ -26,8 +26,8 @@ from smartplay_local.model_files import find_model
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
-from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.prompts import sent_prompts

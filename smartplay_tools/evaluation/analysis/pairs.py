@@ -30,6 +30,7 @@ __all__ = ["MEASURES", "differences", "paired_difference"]
 FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
 """Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 
+
 def latency(row: Row, timings: Sequence[Row]) -> float | None:
     """The seconds that the player took for a turn, from those of the episode's attempts; None if unknown."""
     seconds = sum(each["seconds"] - each["game_seconds"] for each in timings)

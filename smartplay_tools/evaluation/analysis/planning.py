@@ -77,18 +77,17 @@ class Planned:
 
 
 def of_comparison(comparison: Comparison) -> list[Contrast]:
-    """Return the lines of the table of a comparison."""
+    """Return the lines of the table of a comparison; those of controls only if it has no others."""
     names, contrasts = side_names(comparison), []
-    references = {(game, side): means for game, side, means in comparison.references}
-    for each in comparison.pairings:
-        if not is_control(each.side.player):
-            carries = any(side.facts.get("carry") for side in (each.side, each.reference))
-            other = references[each.game, each.reference]
-            costs = (each.game, each.side), _means(each.means)
-            reference = (each.game, each.reference), _means(other)
-            name = f"{names[each.side]} against {names[each.reference]}"
-            score = each.differences.get("score")
-            contrasts.append(Contrast(each.game, each.game, name, score, each.pairs, carries, (costs, reference)))
+    references = {(game, side): _means(means) for game, side, means in comparison.references}
+    lines = [each for each in comparison.pairings if not is_control(each.side.player)]
+    for each in lines or comparison.pairings:
+        carries = any(side.facts.get("carry") for side in (each.side, each.reference))
+        own, other = (each.game, each.side), (each.game, each.reference)
+        costs = (own, _means(each.means)), (other, references[other])
+        name = f"{names[each.side]} against {names[each.reference]}"
+        difference = each.differences.get("score")
+        contrasts.append(Contrast(each.game, each.game, name, difference, each.pairs, carries, costs))
     return contrasts
 
 
