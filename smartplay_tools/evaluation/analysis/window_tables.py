@@ -27,10 +27,10 @@ from smartplay_tools.records.rows import grouped
 
 NOTES = (
     "+-: to the reference, paired by seed; [ ]: 95 % interval",
-    "full context: nothing left the window in any episode",
     "tokens: prompts and replies of an episode; stable: of its prompts, in a prefix that did not change",
     "*: on the game's Pareto front of score against tokens",
 )
+FULL_NOTE = "full context: nothing left the window in any episode"
 TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T); p: Holm's"
 SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
 CONTROLS = "controls, which do not read their prompts, are not among the differences that hold together"
@@ -59,7 +59,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             ("n", lambda c: count(c.episodes, c.means["score"])),
             ("score", lambda c: with_interval(c.means["score"], decimals)),
             ("+-", lambda c: _difference(c, decimals, single=single)),
-            *([] if single else [("p", lambda c: NOTHING if c.p is None else f"{c.p:.2g}")]),
+            *([] if single else [("p", lambda c: _p_value(c.p))]),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
             *([("USD", lambda c: dollars(c.means["cost"].mean) if "cost" in c.means else NOTHING)] if priced else []),
@@ -71,6 +71,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *([held] if compared > 1 else []),
         *([CONTROLS] if any(c.p is None and c.together for c in comparisons) else []),
         *NOTES,
+        *([FULL_NOTE] if any(c.is_reference and c.is_whole for c in comparisons) else []),
         *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
         *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
@@ -101,29 +102,32 @@ def cells_table(
     return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
 
 
-TOOK_NOTES = (
-    "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself",
-    "s: seconds that a player took for a turn, without those of the game",
-)
+TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
+SECONDS = "s: seconds that a player took for a turn, without those of the game"
 
 
-def took_table(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes, MeanEstimate]) -> TextTable:
-    """Return what an episode of each cell took: tokens and, where they are known, US dollars and time.
+def took_tables(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes, MeanEstimate]) -> list[TextTable]:
+    """Return what an episode of each cell took: tokens and, where they are known, time, and US dollars.
 
     `seconds` has the time of a turn by the key of the cell (`latencies`).
     """
-    priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
 
-    def figures(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+    def tokens(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         return (
             ("tokens", lambda c: amount(c.means["tokens"], short)),
             ("+-", lambda c: amount(c.differences.get("tokens"), short, sign="+")),
-            *([("USD", lambda c: amount(c.means.get("cost"), dollars))] if priced else []),
-            *([("+-", lambda c: amount(c.differences.get("cost"), dollars, sign="+"))] if priced else []),
             *([("s", lambda c: amount(seconds.get(c.cell.key()), "{:.2g}".format))] if seconds else []),
         )
 
-    return cells_table("took", comparisons, figures, TOOK_NOTES[: 1 + bool(seconds)])
+    def cost(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+        return (
+            ("USD", lambda c: amount(c.means.get("cost"), dollars)),
+            ("+-", lambda c: amount(c.differences.get("cost"), dollars, sign="+")),
+        )
+
+    tables = [cells_table("took", comparisons, tokens, [TOOK, SECONDS] if seconds else [TOOK])]
+    priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
+    return [*tables, *([cells_table("took, in US dollars", comparisons, cost, [TOOK])] if priced else [])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:
@@ -138,6 +142,10 @@ def _difference(comparison: WindowComparison, decimals: int, *, single: bool) ->
         return "identical"
     difference = comparison.differences.get("score") if single else comparison.together
     return "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
+
+
+def _p_value(p: float | None) -> str:
+    return NOTHING if p is None else "<.001" if p < 0.001 else f"{p:.2g}"
 
 
 def _marks(comparison: WindowComparison, *, priced: bool) -> str:
