@@ -78,12 +78,18 @@ def table(done: Run) -> str:
         ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: interval(c.means["score"])),
-        ("less dropping [95 %, all together]", lambda c: "reference" if c.is_reference else interval(c.together, "+")),
+        ("less dropping [95 %, all together]", _less),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
     ]
     shown = [c for c in comparisons if c.cell.player != CONTROL]
     return "\n".join([comparison_table(columns, shown), "", *_control(done.rows)])
+
+
+def _less(comparison: WindowComparison) -> str:
+    if comparison.is_reference:
+        return "reference"
+    return "identical" if comparison.is_identical else interval(comparison.together, "+")
 
 
 def _control(rows: Sequence[Row]) -> list[str]:

@@ -80,7 +80,7 @@ class Sweep(InNotebook):
 
     @cached_property
     def comparisons(self) -> list[WindowComparison]:
-        """The comparison of every cell with the full context of its family."""
+        """The comparison of every cell with the reference of its family."""
         return compare_windows(self.rows)
 
     @property
