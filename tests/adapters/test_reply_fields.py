@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +18,7 @@ from smartplay_openai.responses import RESPONSES
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.types.messages import assistant_message, reasoning_of
 from smartplay_tools.types.reply_fields import NOT_COUNTED
 
 DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
@@ -190,6 +193,34 @@ def test_chunks_of_another_shape_are_a_broken_answer(odd):
         CHAT.assemble([{"choices": odd}])
 
 
+SIGNED = [{"type": "reasoning.text", "text": "Hm.", "signature": "S", "index": 0}]
+ODD: list[Any] = [None, True, 0, "", [], {}, [None], [["x"]], {"type": "x"}, {"type": [None]}, [{"type": {"x": 1}}]]
+
+
+def with_odd_values(value: Any) -> Iterator[Any]:
+    """Copies of JSON data, each with a value of another kind in one place."""
+    yield from ODD
+    keys = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    for key in keys:
+        for odd in with_odd_values(value[key]):
+            changed = value.copy()
+            changed[key] = odd
+            yield changed
+
+
+def test_a_reply_with_values_of_another_kind_is_read_or_broken():
+    whole = CHAT.reply(answer(random.Random(5))).message
+    parts = {
+        "reasoning_details": SIGNED,
+        "thinking_blocks": [{"type": "thinking", "thinking": [{"type": "text", "text": "Hm."}]}],
+        "provider_items": [{"type": "reasoning", "summary": [{"type": "text", "text": "Hm."}], "redacted": True}],
+    }
+    for changed in with_odd_values({**whole, **parts}):
+        if isinstance(changed, dict) and changed.get("role") == "assistant":
+            with contextlib.suppress(sp.InvalidArgumentError):
+                assert isinstance(reasoning_of(assistant_message(changed)), str)
+
+
 def back(fields: dict[str, Any]) -> dict[str, Any]:
     """A message as it goes back to the server that said it."""
     call = {"id": "c", "type": "function", "function": {"name": "act", "arguments": json.dumps(ROCK)}}
@@ -201,9 +232,6 @@ def back(fields: dict[str, Any]) -> dict[str, Any]:
         conversation.receive(reply.message)
         sent = CHAT.request(conversation.prompt())["messages"]
     return next(message for message in sent if message["role"] == "assistant")
-
-
-SIGNED = [{"type": "reasoning.text", "text": "Hm.", "signature": "S", "index": 0}]
 
 
 @pytest.mark.parametrize(
