@@ -132,7 +132,7 @@ def held_together(compared: Sequence[tuple[Values, Bounds]], n: int, seed: int, 
     """Whether all intervals of a sample of worlds hold; without a method, at the level of max-T."""
     worlds = np.random.default_rng(seed).integers(200, size=n)
     samples = [Sample(values[worlds].tolist(), declared, range(n)) for values, declared in compared]
-    ends = [(each.low, each.high) for each in mean_estimates(samples, method or jointly(samples, 1_000))]
+    ends = [(each.low, each.high) for each in mean_estimates(samples, method or jointly(samples, 300))]
     truths = np.array([values.mean() for values, _ in compared])
     return bool(np.all(holds(np.array(ends, dtype=float), truths)))
 

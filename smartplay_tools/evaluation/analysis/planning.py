@@ -143,8 +143,8 @@ def _all_together(planned: Sequence[Planned], confidence: float) -> Planned:
 def _price(costs: dict[Any, Means], trials: Sequence[int]) -> tuple[tuple[float, ...], tuple[float, ...] | None]:
     """The tokens and US dollars of so many trials of each cell."""
     tokens = sum(own for own, _ in costs.values())
-    dollars = [cost for _, cost in costs.values() if cost is not None]
-    price = tuple(count * sum(dollars) for count in trials) if len(dollars) == len(costs) else None
+    prices = [cost for _, cost in costs.values() if cost is not None]
+    price = tuple(count * sum(prices) for count in trials) if len(prices) == len(costs) else None
     return tuple(count * tokens for count in trials), price
 
 
