@@ -168,7 +168,7 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0, shown.output
     assert f"{BANDIT}, rule, manual pinned" in shown.stdout
-    assert len(re.findall(r"^  history 1 +\d.* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
+    assert len(re.findall(r"^  history 1 +2 .* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
     assert len(re.findall(r"^  history 50 +\d.* full context", shown.stdout, flags=re.MULTILINE)) == 2
     assert (tmp_path / "figures" / "score-against-history.svg").exists()
 

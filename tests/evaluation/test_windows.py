@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from smartplay_tools.evaluation.analysis.grouping import labels
 from smartplay_tools.evaluation.analysis.intervals import Sample
 from smartplay_tools.evaluation.analysis.names import series_name
 from smartplay_tools.evaluation.analysis.together import holm, jointly
@@ -120,6 +121,16 @@ def test_full_context_is_said_only_where_nothing_left_the_window():
     assert said(history=50) == said(history=None) == said(history=9, prompt_tokens=700, limited_prompts=0)
     assert said(history=50) == "full context"
     assert said(history=49) == said(history=50, prompt_tokens=700) == said(history=50, limited_prompts=3) == "reference"
+
+
+def test_strategies_of_files_of_one_name_have_their_paths():
+    rows = [r for _ in "ab" for r in cell([1, 2], history=5, prompt_tokens=500)]
+    for at, r in enumerate(rows):
+        r["budget"] = r["budget"] | {"strategy": f"{'ab'[at // 2]}/s.py:S"}
+        r["asked"] = r["asked"] | {"strategy": f"{'ab'[at // 2]}/s.py:S"}
+    names = [line[0].strip() for line in windows_table(compare_windows(rows)).rows[1:]]
+    assert names == [f"history 5, prompts <= 500, strategy s.py:S, {folder}/s.py:S" for folder in "ab"]
+    assert len(set(labels([c.cell for c in compare_windows(rows)]))) == 2
 
 
 def test_equal_prompts_and_replies_are_identical_and_controls_count_for_nothing():
