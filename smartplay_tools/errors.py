@@ -119,8 +119,6 @@ def similar(name: object, registered: Iterable[str]) -> str:
     names = list(registered)
     if near := difflib.get_close_matches(str(name), names, n=3, cutoff=0.5):
         return f"did you mean {' or '.join(near)}?"
-    if not names:
-        return "none is known: install the package that has it, or name one of your own as FILE.py:CLASS."
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"known: {', '.join(names[:MOST_NAMES])}{more}."
 

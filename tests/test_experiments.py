@@ -154,6 +154,7 @@ def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
     assert all(row in cells_of(published("arena")) for row in rows)
 
 
+@pytest.mark.slow
 def test_the_areas_in_the_page_are_those_of_the_published_rows(curves):
     assert published("arena-curve-areas") == [*curves.areas_table(curves.areas_of(curves.read_rows(curves.PUBLISHED)))]
 
@@ -163,6 +164,7 @@ def test_the_curves_in_the_page_are_those_of_the_published_rows(curves):
     assert published("arena-curves") == [*curves.curves_table(curves.read_rows(curves.PUBLISHED))]
 
 
+@pytest.mark.slow
 def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves, tmp_path):
     whole = curves.STAGES["RockPaperScissorBasic-v0"]
     stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
@@ -189,6 +191,7 @@ def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
     assert [around.of(better), around.of(worse)] == ["undecided", "undecided"]
 
 
+@pytest.mark.slow
 def test_the_outcomes_in_the_page_are_those_of_the_published_rows_of_fresh_worlds(claims):
     rows = claims.read_rows(claims.PUBLISHED)
     assert published("arena-claims") == [*claims.table(rows)]

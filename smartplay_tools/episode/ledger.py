@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
 from smartplay_tools.episode.game_session import Answer, GameSession
@@ -210,7 +211,7 @@ class Ledger:
 
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **self.game.versions()}
+        return {**versions(), **versions_of(self.strategies.custom), **self.game.versions()}
 
     def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
         return {

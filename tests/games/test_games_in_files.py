@@ -73,7 +73,7 @@ def test_a_record_imports_no_file_by_itself():
 
 def test_two_files_with_one_id_are_two_games():
     Path("other.py").write_text(CODE.replace("10 +", "20 +"), encoding="utf-8")
-    run = sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run")
+    run = sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run", executor="inline")
     assert {row["game"] for row in run.rows} == {"Nim-v0"}
     assert len({row["key"] for row in run.rows}) == 4
     assert [each.cell.game_sha256 for each in summarize(run.rows).cells] == [
@@ -100,6 +100,7 @@ def test_what_cannot_be_loaded_is_one_sentence(game, sentence):
     assert str(caught.value) == sentence
 
 
+@pytest.mark.slow
 def test_the_commands_take_it():
     assert command("manual", NIM).output.startswith("Take the last match.")
     assert command("play", NIM, "--player", "random", "--quiet", "--transcript", "a.jsonl").exit_code == 0
@@ -122,7 +123,7 @@ def test_the_commands_take_it():
 
 def test_a_run_file_names_it_and_the_run_is_continued():
     Path("run.toml").write_text(f'games = ["{NIM}"]\nplayers = ["random"]\n', encoding="utf-8")
-    asked = ("eval", "run.toml", "--out", "run", "--workers", 1, "--quiet")
+    asked = ("eval", "run.toml", "--out", "run", "--executor", "inline", "--quiet")
     assert command(*asked, "--trials", 1).exit_code == 0
     done = command(*asked, "--trials", 2)
     assert done.exit_code == 0, done.output
@@ -140,7 +141,7 @@ def test_workers_of_every_executor_load_it_from_where_it_is(executor, folder, mo
 
 
 def test_a_run_continues_with_the_file_that_it_was_planned_with_or_plays_another_game():
-    first = sp.evaluate([NIM], ["random"], trials=1, out="run")
+    first = sp.evaluate([NIM], ["random"], trials=1, out="run", executor="inline")
     config = Record.read(first.transcript(first.rows[0]["key"])).config
     Path("nim.py").write_text(f"{CODE}\n# changed\n", encoding="utf-8")
     forget()
