@@ -33,7 +33,7 @@ with ExitStack() as stack:
     )
 
 for cell in swept.summary:
-    difference = "full context" if cell["full_context"] else f"{cell['score_difference']:+6.2f} to full context"
+    difference = "the reference" if cell["reference"] else f"{cell['score_difference']:+6.2f} to the reference"
     print(
         f"history {cell['history']:2}, slack {cell['slack']:3g}: {cell['score']:5.2f} points, {difference}; "
         f"{cell['tokens']:6,.0f} tokens, {cell['prefix_share']:.0%} of the prompts in a stable prefix"

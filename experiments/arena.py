@@ -69,7 +69,7 @@ def main() -> None:
         for game, subject in GAMES.items()
         for row in complete(
             [game],
-            asked.player or [subject, CONTROL],
+            [*(player for player in asked.player or [subject] if player != CONTROL), CONTROL],
             budgets=budgets([FIRST_AND_NEWEST, *(asked.strategy or ())]),
             trials=asked.trials,
             out=asked.out / game,
@@ -88,12 +88,18 @@ def table(rows: Sequence[Row]) -> str:
         ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: interval(c.means["score"])),
-        ("less dropping [95 %, all together]", lambda c: "reference" if c.is_full else interval(c.together, "+")),
+        ("less dropping [95 %, all together]", _less),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
     ]
     shown = [c for c in comparisons if c.cell.player != CONTROL]
     return "\n".join([comparison_table(columns, shown), "", *_control(rows)])
+
+
+def _less(comparison: WindowComparison) -> str:
+    if comparison.is_reference:
+        return "reference"
+    return "identical" if comparison.is_identical else interval(comparison.together, "+")
 
 
 def _control(rows: Sequence[Row]) -> list[str]:
@@ -118,7 +124,7 @@ def _player(comparison: WindowComparison) -> str:
 
 def _arguments() -> argparse.Namespace:
     parser = arguments("Strategies for the past under the same caps, on the same seeds.", "runs/arena")
-    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--player", action="append", help="play with this player and the control; repeatable")
     parser.add_argument("--strategy", action="append", help="a strategy of your own, FILE.py:CLASS; repeatable")
     parser.add_argument("--trials", type=int, default=20, help="episodes of every cell")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")

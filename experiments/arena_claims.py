@@ -24,7 +24,7 @@ from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.records.rows import Row
 
 PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
@@ -128,7 +128,7 @@ def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outc
     for claim, name in scored:
         plain = cells[claim.game, _curve(replace(claim, way={})), claim.cap]
         samples.append(difference_sample(pairs(cells[claim.game, name, claim.cap], plain), MEASURES["score"]))
-    estimates = iter(mean_estimates(samples, jointly(len(claims))))
+    estimates = iter(mean_estimates(samples, bonferroni(len(claims))))
     result: list[Outcome | None] = []
     for claim, name in zip(claims, names, strict=True):
         if claim.cap is None:

@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate, mean_estimates
 from smartplay_tools.evaluation.analysis.names import strategy_name, way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample, tokens
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
@@ -176,7 +176,7 @@ def curves_table(rows: Sequence[Row]) -> Iterator[str]:
     compared = [at for at, (cell, _) in enumerate(cells) if not _is_plain(cell)]
     paired = [pairs(cells[at][1], plain[_place(cells[at][0])]) for at in compared]
     samples = [difference_sample(each, MEASURES["score"]) for each in paired]
-    together = dict(zip(compared, mean_estimates(samples, jointly(len(samples))), strict=True))
+    together = dict(zip(compared, mean_estimates(samples, bonferroni(len(samples))), strict=True))
     yield table_row([*HEADINGS, *CACHES])
     yield table_row(["---"] * (len(HEADINGS) + len(CACHES)))
     for at, (cell, own) in enumerate(cells):

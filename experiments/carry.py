@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.records.rows import Row, grouped
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         pairs(members, without[cell.game, cell.player]) for (cell, _), members in zip(carrying, later, strict=True)
     ]
     measure = MEASURES["score"]
-    differences = mean_estimates([difference_sample(each, measure) for each in paired], jointly(len(paired)))
+    differences = mean_estimates([difference_sample(each, measure) for each in paired], bonferroni(len(paired)))
     yield "| game | player | chains | score without | score with | with less without [95 %, all together] |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):

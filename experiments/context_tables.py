@@ -47,7 +47,7 @@ def _columns(place: Column, less: str) -> list[Column]:
         place,
         ("episodes", lambda c: str(c.episodes)),
         ("score [95 %]", lambda c: interval(c.means["score"])),
-        (less, lambda c: "reference" if c.is_full else _difference(c.differences.get("score"))),
+        (less, lambda c: "reference" if c.is_reference else _difference(c.differences.get("score"))),
         ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
         ("prefix-stable", lambda c: _percent(c.means["prefix_share"])),
     ]

@@ -34,7 +34,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.players import NotedPlayer
@@ -258,7 +258,7 @@ def table(window: Sequence[Row], hosted: Sequence[Row], folder: RunFolder) -> It
     cells = by_cell(hosted)
     score, tokens = MEASURES["score"], MEASURES["tokens"]
     paired = [pairs(members, own[cell.game]) for cell, members in cells]
-    differences = mean_estimates([difference_sample(each, score) for each in paired], jointly(len(paired)))
+    differences = mean_estimates([difference_sample(each, score) for each in paired], bonferroni(len(paired)))
     headings = ("game", "strategy", "episodes", "score", "less the window's [95 %, all together]")
     headings += ("tokens an episode", "largest prompt", "prompts over the cap", "gave up")
     yield f"| {' | '.join(headings)} |"

@@ -16,9 +16,10 @@ from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
 from page_tables import publish as publish_table
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate, t_quantile
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.together import bonferroni
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 PAGE = Path(__file__).parents[1] / "docs" / "train-a-tiny-agent.md"
 NUMBERS = ("trial", "seed", "steps", "turns", "illegal_actions", "malformed_calls", "idle_replies", "refused_notes")
 ABOUT = ("game", "player", "cap", "way", "manual")
-BOUNDS = Bounds(-50, 50, paired=True)
+SCORES = Bounds(0, 50)
+BOUNDS = SCORES.of_differences
 """What two scores of one world can differ by, at either game."""
 COLUMNS = (*ABOUT, *NUMBERS, "score", "end_reason", "prompt_tokens", "reply_tokens")
 
@@ -105,7 +107,8 @@ def _matrix(played: Played, columns: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [f"| played with | {' | '.join(columns)} |", f"|{' --- |' * (len(columns) + 1)}"]
     for player in sorted(players, key=_order):
         cells = [Cell(player, **column) for column in columns.values()]
-        shown = (f"{_interval(mean_estimate(played.scores(cell)), '-')}, {played.failures(cell)}" for cell in cells)
+        means = (_interval(mean_estimate(played.scores(cell), SCORES), "-") for cell in cells)
+        shown = (f"{mean}, {played.failures(cell)}" for mean, cell in zip(means, cells, strict=True))
         lines.append(f"| {player} | {' | '.join(shown)} |")
     return "\n".join(lines)
 
@@ -122,7 +125,7 @@ def long_table(played: Played) -> str:
     lines.writerow((*ABOUT, "worlds", "mean", "low", "high", "median", "failures", "mistakes"))
     for cell, rows in played.rows.items():
         scores = played.scores(cell)
-        estimate = mean_estimate(scores)
+        estimate = mean_estimate(scores, SCORES)
         wrong = sum(row["illegal_actions"] + row["malformed_calls"] + row["idle_replies"] for row in rows)
         bounds = ("" if bound is None else f"{bound:.2f}" for bound in (estimate.low, estimate.high))
         figures = (f"{median(scores):g}", played.failures(cell), f"{wrong / sum(row['turns'] for row in rows):.4f}")
@@ -181,7 +184,7 @@ def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
         kinds = [_of_seed(pair, seed) for seed in (SEEDS if "{}" in pair[0].player else [0])]
         if any(each := [_paired(played, kind) for kind in kinds]):
             rows.append((pair, each))
-    together = jointly(sum(values is not None for _, each in rows for values in each))
+    together = bonferroni(sum(values is not None for _, each in rows for values in each))
     lines = [f"| this | less this | {' | '.join(f'seed {seed}' for seed in SEEDS)} | any seed |", f"|{' --- |' * 6}"]
     for (cell, other), each in rows:
         shown = [
@@ -226,7 +229,7 @@ def _differences(played: Played, wanted: Sequence[Compared]) -> str:
     compared = [(pair, values) for pair in wanted if (values := _paired(played, pair)) is not None]
     lines = ["| this | less this | difference [95 %, all together] |", f"|{' --- |' * 3}"]
     for (cell, other), values in compared:
-        estimate = mean_estimate(values, BOUNDS, jointly(len(compared)))
+        estimate = mean_estimate(values, BOUNDS, bonferroni(len(compared)))
         lines.append(f"| {_name(cell)} | {_name(other)} | {_interval(estimate, '+')} |")
     return "\n".join(lines)
 

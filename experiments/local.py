@@ -27,6 +27,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
+from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.prompts import sent_prompts
@@ -151,7 +152,8 @@ def _score(rows: Sequence[Row]) -> str:
     """The mean score with its interval, and of how many worlds."""
     if not rows:
         return "not played"
-    estimate = mean_estimate([row["score"] for row in rows])
+    scores = sample(rows, score)
+    estimate = mean_estimate(scores.values, scores.bounds)
     bounds = "" if estimate.low is None or estimate.high is None else f" [{estimate.low:.1f}, {estimate.high:.1f}]"
     return f"{estimate.mean:.1f}{bounds} ({len(rows)})"
 

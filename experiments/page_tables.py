@@ -66,11 +66,16 @@ def comparison_table(columns: Sequence[Column], comparisons: Iterable[WindowComp
 
 
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
-    """Return a mean with its interval; without one, whether all its episodes were equal."""
+    """Return a mean with its interval; without one, whether all its episodes were equal.
+
+    A difference, whose `sign` is "+", that is the same in all pairs and not 0 has the p value of the sign test instead.
+    """
     if estimate is None:
         return "no pairs"
     digits = ",.0f" if max(abs(estimate.mean), abs(estimate.high or 0)) >= 100 else ",.2f"
     mean = f"{estimate.mean:{sign}{digits}}"
+    if sign == "+" and estimate.sign_p is not None:
+        return f"{mean} in all {estimate.episodes}, p {estimate.sign_p:.1g}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"

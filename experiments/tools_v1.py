@@ -49,7 +49,9 @@ def rows(path: Path) -> list[dict]:
 
 def compare(player: str, run: Path) -> None:
     """Hold a run against the reference in git."""
-    if rows(run / "results.jsonl") != rows(HERE / player / "results.jsonl"):
+    played, published = rows(run / "results.jsonl"), rows(HERE / player / "results.jsonl")
+    # Rows of later versions say more than those in git.
+    if [{name: own.get(name) for name in row} for own, row in zip(played, published, strict=True)] != published:
         sys.exit(f"{player}: the rows are not those of {HERE / player}.")
     plans = [json.loads((folder / "manifest.json").read_bytes()) for folder in (run, HERE / player)]
     if any(plans[0][name] != plans[1][name] for name in KEPT):

@@ -16,9 +16,19 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.planning import as_rows as plan_rows, plan_comparisons, planning_table
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE
+from smartplay_tools.evaluation.analysis.planning import (
+    as_rows as plan_rows,
+    of_comparison,
+    of_windows,
+    plan,
+    planning_table,
+)
 from smartplay_tools.evaluation.analysis.tables import plain
+from smartplay_tools.evaluation.analysis.together import bonferroni
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.sweeps import SUMMARY
 from smartplay_tools.records.rows import Row
 
 Reference = Annotated[
@@ -76,15 +86,29 @@ def power(
         str, typer.Option(metavar="D", help="The difference to detect, in points or human scores (0.1h).")
     ],
     reference: Reference = None,
+    together: Annotated[
+        int | None,
+        typer.Option(metavar="K", min=1, help="Differences that hold together; by default those of the table."),
+    ] = None,
     form: FormatOption = Format.TEXT,
 ) -> None:
     """Say how many trials it takes to see a difference, from the spread of the pairs in these runs.
 
+    The plan is of the table that will be printed: of `sweep` for the folder of a sweep, of `compare` for others.
+
     Example: smartplay-tools power runs/before runs/after --difference 2
     """
-    compared = compare_runs(_rows_by_run(folders), reference=reference)
-    planned = plan_comparisons(compared, Margin.parse(difference))
-    print_tables(form, [planning_table(planned)], plan_rows(planned), plain(planned))
+    rows, confidence = _rows_by_run(folders), CONFIDENCE
+    if len(folders) == 1 and reference is None and (folders[0] / SUMMARY).exists():
+        windows = compare_windows(rows[str(folders[0])])
+        contrasts, confidence = of_windows(windows), windows[0].confidence if windows else CONFIDENCE
+    else:
+        contrasts = of_comparison(compare_runs(rows, reference=reference))
+    if together is not None:
+        confidence = bonferroni(together).confidence
+    planned = plan(contrasts, Margin.parse(difference), confidence)
+    lines = plan_rows(planned)
+    print_tables(form, [planning_table(planned, confidence)], lines, lines)
 
 
 def _rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:

@@ -29,6 +29,8 @@ from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as rep
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.window_tables import took_tables
+from smartplay_tools.evaluation.analysis.windows import compare_windows, latencies
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
@@ -106,6 +108,8 @@ def run_tables(
     if everything:
         yield from details(summary)
         yield from remembering_tables(rows)
+        if rows:
+            yield from took_tables(compare_windows(rows), latencies(rows, folder.timings()))
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows, succeeds):

@@ -157,7 +157,7 @@ class RunCommand:
         if until is not None:
             raise InvalidArgumentError("--pilot plays a part of a planned run; leave out --until.")
         run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
-        if not quiet:
+        if not self.as_json:
             print_pilot(Console(stderr=True), run, plan, players, how)
         return run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -85,9 +86,9 @@ def _value(value: Any) -> str:
 
 
 def table_console() -> Console:
-    """Return a console for tables: as wide as the terminal, 80 columns in a file or a pipe."""
-    console = Console()
-    return console if console.is_terminal else Console(width=80)
+    """Return a console for tables: as wide as the terminal; in a file or a pipe as COLUMNS says, or 80 columns."""
+    console, columns = Console(), os.environ.get("COLUMNS", "")
+    return console if console.is_terminal else Console(width=max(20, int(columns)) if columns.isdecimal() else 80)
 
 
 def compact_table(*headings: str, folded: int = 0) -> Table:

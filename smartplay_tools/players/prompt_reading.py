@@ -20,6 +20,9 @@ from smartplay_tools.types import PAGES_TOOL, Prompt
 from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import FunctionCall, Message, MessageToolCall, calls_of, text_of
 
+STEP = re.compile(r"^Step (\d+): (.+)$", re.MULTILINE)
+"""A line with the observation of a step that has left the window."""
+
 
 @dataclass(frozen=True, slots=True)
 class Seen:
@@ -104,9 +107,15 @@ class Reading:
 
     @cached_property
     def observations(self) -> tuple[str, ...]:
-        """The visible observations, oldest first: answers to `act` and `observe` that are still in the window."""
+        """The visible observations, oldest first: answers to `act` and `observe` that are still in the window.
+
+        Lines `Step 3: TEXT` of the user's, as a custom strategy writes them, come before these.
+        """
+        users = (m for m in self.prompt.messages if m["role"] == "user" and not is_carried(m))
+        told = (text for message in users for _, text in STEP.findall(text_of(message)))
         answers = (s.text for s in self.seen if s.tool in ("act", "observe"))
-        return tuple(text for text in answers if text not in in_any_version("observation_left") and not is_error(text))
+        shown = (text for text in answers if text not in in_any_version("observation_left") and not is_error(text))
+        return (*told, *shown)
 
     @cached_property
     def is_start(self) -> bool:

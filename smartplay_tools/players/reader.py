@@ -9,19 +9,16 @@ as the cap holds. Where there are notes or files, it keeps the same lines there.
 from __future__ import annotations
 
 import random
-import re
 from collections.abc import Callable, Iterable, Mapping
 
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import ReadableGame
-from smartplay_tools.players.prompt_reading import Reading, call, is_carried, is_error
+from smartplay_tools.players.prompt_reading import STEP, Reading, call, is_carried, is_error
 from smartplay_tools.players.rules.memory import NUMBERED, file_cap, filed, looked_up, noted, notes_cap, summary_cap
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Message, calls_of, text_of
-
-LINE = re.compile(r"^Step (\d+): (.+)$", re.MULTILINE)
 
 
 class ReaderPlayer:
@@ -89,7 +86,7 @@ def visible(reading: Reading, steps: int, known: Mapping[str, int]) -> dict[int,
     Results have their `known` steps; others are counted back from the number of steps played.
     """
     texts = [text for message in reading.prompt.messages if not is_carried(message) for text in _texts(message)]
-    seen = {int(step): text for text in texts for step, text in LINE.findall(NUMBERED.sub("", text))}
+    seen = {int(step): text for text in texts for step, text in STEP.findall(NUMBERED.sub("", text))}
     shown = set(reading.observations)
     for each in reversed(reading.seen):
         if each.tool in ("act", "observe") and each.text in shown:

@@ -334,6 +334,16 @@ class Record:
         return self._counts.declares
 
     @property
+    def limited_prompts(self) -> int | None:
+        """The prompts that lacked a turn or an observation of the past; None where a host made the prompts."""
+        return self._counts.play.limited
+
+    @property
+    def play_sha256(self) -> str | None:
+        """A hash that is equal for episodes with the same prompts and replies; None where a host made the prompts."""
+        return self._counts.play.sha256
+
+    @property
     def open_call(self) -> Spent:
         """The call whose reply is not in the record, as unknown use; nothing if it ends without one, or as `end` says.
 

@@ -25,7 +25,7 @@ from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
-from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
+from smartplay_tools.types import STRATEGIES, EpisodeResult, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
 
 __all__ = [
@@ -46,7 +46,10 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "p
 OPTIONAL = ("scoring", "memory")
 """The fields of a row about what its game declares: what scores can be (`Scoring`), and the shares of `remembered`."""
 
-LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, *OPTIONAL})
+COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost")
+"""The fields of a row that are counted from the record's events; `Record` has their meanings."""
+
+LATER = frozenset({"peak_prompt_tokens", "limited_prompts", "play_sha256", "observation", *FILES, *OPTIONAL})
 """The fields that rows of older versions do not have."""
 
 _OPTIONAL = {*Rules.later, *FILES, "scoring"}
@@ -56,7 +59,7 @@ _OPTIONAL = {*Rules.later, *FILES, "scoring"}
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
-    counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
+    counted = {name: getattr(record, name) for name in COUNTED}
     shares = remembered(record)
     memory = {} if shares is None else {"memory": shares}
     return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **memory}
@@ -111,6 +114,20 @@ def recorded_score(record: Record) -> float:
     return mean_score({**(record.result_data or {}), "scoring": record.facts["scoring"]})
 
 
+def is_whole(row: Row) -> bool:
+    """Return whether every prompt of an episode showed all that had happened before.
+
+    Rows of older versions do not say so: theirs did if no limit of the window can have been reached.
+    """
+    budget, limited = row["budget"], row.get("limited_prompts")
+    if any(budget.get(name, default) != default for name, default in STRATEGIES.items()):
+        return False
+    if limited is not None:
+        return bool(limited == 0)
+    unlimited = budget["history"] is None or budget["history"] >= row["steps"]
+    return unlimited and budget["prompt_tokens"] is None
+
+
 def unit_of(*rows: Row) -> int:
     """Return the independent unit of statistics that a row, or a pair of rows of one trial, belongs to.
 
@@ -147,6 +164,8 @@ class _Row(EpisodeResult):
     asked: RecordedBudget
     trial: int
     peak_prompt_tokens: int = 0
+    limited_prompts: int | None = None
+    play_sha256: str | None = None
     cost: float | None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from operator import add
@@ -9,6 +10,7 @@ from typing import Any, TypeAlias
 
 from smartplay_tools.records.prices import Price
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Usage
 
 DIGITS = 12
@@ -95,6 +97,28 @@ def _declares(call: Written) -> bool:
     return b'"needs":' in call or b'"breaks":' in call
 
 
+class _Play:
+    """The prompts and replies of a record so far."""
+
+    def __init__(self) -> None:
+        self.limited: int | None = None
+        """Prompts that lacked something of the past."""
+        self._digest = hashlib.sha256()
+
+    def add(self, event: Event) -> None:
+        """Add a `view`, or the message of a reply."""
+        if event["event"] == "view":
+            self.limited = (self.limited or 0) + bool(event["dropped_turns"] or event.get("masked"))
+            self._digest.update(event["sha256"].encode())
+        elif event.get("by", "player") == "player":
+            self._digest.update(canonical_json(event.get("message")))
+
+    @property
+    def sha256(self) -> str | None:
+        """A hash of all of them, if there are prompts."""
+        return None if self.limited is None else self._digest.hexdigest()[:32]
+
+
 class RecordCounts:
     """What the events of a record add up to; events that are only counted are not parsed."""
 
@@ -104,6 +128,7 @@ class RecordCounts:
         self._second_price: Price | None = None
         """The price of the player that answers a compactor's questions."""
         self.whole, self.own = _Sum(), _Sum()
+        self.play = _Play()
         self.steps = 0
         self.declares = False
         """Whether the game has declared what an action needs, or which actions break its rules."""
@@ -135,8 +160,10 @@ class RecordCounts:
                 self.declares = self.declares or _declares(event)
             case "view":
                 self._since_prompt = [event]
+                self.play.add(self._parsed(event))
             case "message" | "summary" | "question":
                 self._since_prompt.append(event)
+                self.play.add(self._parsed(event))
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()
 

@@ -115,3 +115,19 @@ class Good:
             shown.append(number)
             masked += [number] if is_old else []
         return Choice(shown, masked, texts)
+
+
+class Batches:
+    """Keeps the contract: lets turns go in batches, so that its window swings between a share of the room and all."""
+
+    def __init__(self, share):
+        self._share, self._first = share, 0
+
+    def choose(self, past, room):
+        kept = [turn for turn in past.turns[self._first :] if not turn.is_pinned]
+        used = sum(turn.tokens for turn in kept)
+        if room is not None and used > room:
+            while kept and used > room * (1 - self._share):
+                used -= kept[0].tokens
+                self._first = kept.pop(0).number + 1
+        return Choice([turn.number for turn in kept])

@@ -1,7 +1,7 @@
 """Simulations of intervals, words and stopping, from which the tables of docs/metrics.md are made (`simulated_tables`).
 
-Each figure is a share of 2,000 samples that are drawn, with replacement, from the scores of 200 episodes of our own
-players (`populations`), or from a worst case. The mean of the 200 is the truth.
+Each figure is a share of samples, 10,000 in the page and 2,000 in the tests, that are drawn with replacement from the
+scores of 200 episodes of our own players (`populations`), or from a worst case. The mean of the 200 is the truth.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.decisions import decide_all
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, Values, mean_estimates
+from smartplay_tools.evaluation.analysis.area import interval_of, with_jackknife
+from smartplay_tools.evaluation.analysis.decisions import decide
+from smartplay_tools.evaluation.analysis.distributions import Values
+from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, mean_estimate, mean_estimates
 from smartplay_tools.evaluation.analysis.stopping import decided_at
-from smartplay_tools.evaluation.analysis.windows import jointly
+from smartplay_tools.evaluation.analysis.together import jointly
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, bounds, scores, shuffled_differences, tilted
 
 REPETITIONS = 2_000
@@ -39,11 +41,8 @@ def draw(population: Population, n: int, seed: int, weights: Values | None = Non
 
 def estimated(samples: Values, declared: Bounds | None, method: Method) -> Values:
     """The intervals of samples, as [sample, end]; what has no interval is NaN."""
-    ends = []
-    for first in range(0, len(samples), 250):  # resamples of 250 samples fit in memory
-        batch = [Sample(values, declared) for values in samples[first : first + 250].tolist()]
-        ends += [(each.low, each.high) for each in mean_estimates(batch, method)]
-    return np.array(ends, dtype=float)
+    estimates = (mean_estimate(values, declared, method) for values in samples.tolist())
+    return np.array([(each.low, each.high) for each in estimates], dtype=float)
 
 
 def holds(ends: Values, truth: float) -> Values:
@@ -112,7 +111,7 @@ def intervals() -> Mapping[str, tuple[Population, Method]]:
 
 # Intervals that hold together.
 
-JOINT_SIZES = (20, 50)
+JOINT_SIZES = (5, 10, 20)
 
 
 def families() -> Mapping[str, list[tuple[Values, Bounds]]]:
@@ -129,26 +128,43 @@ def families() -> Mapping[str, list[tuple[Values, Bounds]]]:
     return {"`random` less `rule`": regular, "these and `rule` with another window": all_cells}
 
 
-def together(compared: Sequence[tuple[Values, Bounds]], method: Method) -> tuple[float, ...]:
-    """The share of samples of worlds, of each size, in which all intervals hold."""
-    held = []
-    for n in JOINT_SIZES:
-        worlds = np.random.default_rng(4).integers(200, size=(REPETITIONS, n))
-        each = [
-            holds(estimated(values[worlds], declared, method), float(values.mean())) for values, declared in compared
-        ]
-        held.append(float(np.all(each, axis=0).mean()))
-    return tuple(held)
+def held_together(compared: Sequence[tuple[Values, Bounds]], n: int, seed: int, method: Method | None) -> bool:
+    """Whether all intervals of a sample of worlds hold; without a method, at the level of max-T."""
+    worlds = np.random.default_rng(seed).integers(200, size=n)
+    samples = [Sample(values[worlds].tolist(), declared, range(n)) for values, declared in compared]
+    ends = [(each.low, each.high) for each in mean_estimates(samples, method or jointly(samples, 300))]
+    truths = np.array([values.mean() for values, _ in compared])
+    return bool(np.all(holds(np.array(ends, dtype=float), truths)))
 
 
 def joint() -> Mapping[str, tuple[float, ...]]:
-    """How often all intervals of a sweep hold, each by itself and by Bonferroni."""
+    """How often all intervals of a sweep hold, each by itself and together by max-T."""
     figures = {}
     for name, compared in families().items():
-        alone = Method(bootstrap=False)
-        figures[f"{name}: {len(compared)} intervals, each of 95 %"] = together(compared, alone)
-        figures[f"{name}: {len(compared)} intervals by Bonferroni"] = together(compared, jointly(len(compared)))
+        for words, method in (("each of 95 %", Method(bootstrap=False)), ("by max-T", None)):
+            figures[f"{name}: {len(compared)} intervals, {words}"] = tuple(
+                float(np.mean([held_together(compared, n, seed, method) for seed in range(REPETITIONS)]))
+                for n in JOINT_SIZES
+            )
     return figures
+
+
+# The area under a curve.
+
+
+def area_coverage() -> tuple[float, ...]:
+    """Four caps an octave apart, in the bandit: `random` under the smallest, `rule` with 10 and 50 past steps above."""
+    recorded = scores()
+    chance, full = recorded[BANDIT, "random", 50], recorded[BANDIT, "rule", 50]
+    curve = np.stack([recorded[BANDIT, "random", 10], *([recorded[BANDIT, "rule", 10]] * 2), full], 1)
+    places = np.log([250, 500, 1_000, 2_000]).tolist()
+    truth = interval_of(*with_jackknife(curve, chance, full, places))[0]
+    generator, held = np.random.default_rng(9), []
+    for n in SIZES:
+        drawn = (generator.integers(200, size=n) for _ in range(REPETITIONS))
+        ends = [interval_of(*with_jackknife(curve[at], chance[at], full[at], places)) for at in drawn]
+        held.append(float(np.mean([low <= truth <= high for _, low, high in ends])))
+    return tuple(held)
 
 
 # Words.
@@ -175,11 +191,7 @@ def wrong_words(population: Population, margin: float, n: int) -> tuple[float, f
 
     def words(truth: float) -> list[str]:
         drawn = draw(population, n, 0, tilted(population.values, truth)).tolist()
-        return [
-            verdict.word
-            for first in range(0, len(drawn), 250)
-            for verdict in decide_all([Sample(each, population.bounds) for each in drawn[first : first + 250]], margin)
-        ]
+        return [decide(Sample(each, population.bounds), margin).word for each in drawn]
 
     different = np.mean([word.startswith("different") for word in words(0)])
     equivalent = np.mean([word in ("equivalent", "different, but less") for word in words(margin)])

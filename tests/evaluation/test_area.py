@@ -11,16 +11,16 @@ from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curve
 from smartplay_tools.evaluation.analysis.names import check_distinct
 from tests.evaluation.window_rows import row
 
-CAPS = (250, 500, 1_000, None)
+CAPS = (250, 500, 1_000, 2_000)
 
 
-def sweep(scores, *, seeds=20, chance=10.0, peak=2_000, seed=0, **facts):
-    """Rows of `rule` with a mean score under each cap, and of `random`."""
+def sweep(scores, *, seeds=20, chance=10.0, full=40.0, seed=0, **facts):
+    """Rows of `rule` with a mean score under each cap and without one, and of `random`."""
     generator = np.random.default_rng(seed)
     luck = generator.normal(0, 2, size=seeds)
     rows = [
-        row(seed=at, score=mean + luck[at], prompt_tokens=cap, peak_prompt_tokens=peak if cap is None else cap, **facts)
-        for cap, mean in zip(CAPS, scores, strict=True)
+        row(seed=at, score=mean + luck[at], prompt_tokens=cap, **facts)
+        for cap, mean in zip((*CAPS, None), (*scores, full), strict=True)
         if mean is not None
         for at in range(seeds)
     ]
@@ -56,8 +56,8 @@ def test_a_cap_that_is_too_small_for_one_strategy_counts_as_an_episode_without_a
     ("rows", "reason"),
     [
         (sweep([10, 25, 40, 40], chance=40), "not shown to differ from random"),
-        (sweep([10, 25, None, 40]), "fewer than 4 caps"),
-        (sweep([10, 25, 40, 40], peak=900), "larger than the largest cap"),
+        (sweep([10, None, None, 40]), "fewer than 3 caps"),
+        (sweep([10, 25, 40, 40], full=None), "the widest window has a cap"),
         ([r for r in sweep([10, 25, 40, 40]) if r["player"] != "random"], "random was not played"),
     ],
 )

@@ -12,7 +12,9 @@ from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
-from smartplay_tools.evaluation.analysis.planning import plan_comparisons
+from smartplay_tools.evaluation.analysis.planning import of_comparison, of_windows, plan
+from smartplay_tools.evaluation.analysis.together import bonferroni
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from tests.evaluation import simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
 from tests.evaluation.simulated_tables import agrees
@@ -87,18 +89,70 @@ def test_a_plan_of_chains_is_one_of_their_trials():
             name: [row(seed=trial, score=20 + spread * (trial // length % 2), **facts) for trial in range(12 * length)]
             for name, spread in spreads.items()
         }
-        (plan,) = plan_comparisons(compare(runs), Margin(1))
-        return plan.needed
+        (line,) = plan(of_comparison(compare(runs)), Margin(1))
+        return line
 
     alone, chained = planned(), planned(carry="notes", chain=2)
-    assert chained.mde == alone.mde
-    assert (chained.pairs, chained.needed) == (24, tuple(2 * trials for trials in alone.needed))
+    assert chained.needed.mde == alone.needed.mde
+    assert (chained.contrast.pairs, chained.trials) == (24, tuple(2 * trials for trials in alone.trials))
     few = [
         row(score=trial, trial=trial, player=player, prompts="1", versions={})
         for player in ("a", "b")
         for trial in range(2)
     ]
-    assert plan_comparisons(compare({"run": few}), Margin(1))[0].reason.startswith("1 worlds are too few")
+    assert plan(of_comparison(compare({"run": few})), Margin(1))[0].reason.startswith("1 worlds are too few")
+
+
+def swept(spreads, *, cost=0.01, n=12):
+    """Rows of `rule` under full context and under windows whose scores differ from it by 0 or by this much."""
+    generator = np.random.default_rng(1)
+    rows = [row(seed=seed, score=20, history=50, tokens=900, cost=cost) for seed in range(n)]
+    for history, spread in enumerate(spreads):
+        scores = 20 + spread * generator.permutation(np.arange(n) % 2)
+        rows += [row(seed=at, score=float(s), history=history, tokens=300, cost=cost) for at, s in enumerate(scores)]
+    return rows
+
+
+def test_the_plan_of_a_sweep_is_that_of_its_table():
+    """It has the table's level, leaves controls out, and prices the trials of a cell and its reference."""
+    rows = swept([2, 3, 4])
+    control = [{**each, "player": "random", "score": each["score"] + each["seed"]} for each in rows]
+    comparisons = compare_windows(rows + control)
+    *lines, together = plan(of_windows(comparisons), Margin(3), comparisons[0].confidence)
+    assert [line.contrast.name for line in lines] == ["history 0", "history 1", "history 2"]
+    assert 1 - 0.05 < comparisons[0].confidence <= 1 - 0.05 / 3
+    first = lines[0]
+    assert first.trials == tuple(pairs_needed(3, first.needed.sd, p, comparisons[0].confidence) for p in (0.8, 0.9))
+    assert first.trials[0] > pairs_needed(3, first.needed.sd, 0.8)
+    assert first.tokens == tuple(1_200 * trials for trials in first.trials)
+    assert first.cost == pytest.approx([0.02 * trials for trials in first.trials])
+    assert together.trials[0] >= max(line.trials[0] for line in lines)
+    assert together.tokens[0] == (900 + 3 * 300) * together.trials[0]
+
+
+@pytest.mark.slow
+def test_the_table_of_a_sweep_shows_a_difference_as_often_as_its_plan_says():
+    """Of 400 sweeps of six windows with the planned trials, each line excludes 0 in 75 to 87 of 100."""
+    generator, difference, sds = np.random.default_rng(2), 3.0, np.array([1.9, 2.2, 2.5, 2.8, 3.1, 3.7])
+    level = bonferroni(len(sds)).confidence
+    for sd in sds[[0, -1]]:
+        n = pairs_needed(difference, sd, 0.8, level)
+        own = difference + sd * generator.standard_normal((400, n))
+        shown = [not e.low <= 0 <= e.high for e in (mean_estimate(v.tolist(), None, bonferroni(len(sds))) for v in own)]
+        assert 0.73 <= np.mean(shown) <= 0.9
+
+
+def test_losing_as_much_in_every_world_is_no_null_and_playing_alike_is_identical():
+    bounds = Bounds(-50, 50, paired=True)
+    assert words([-27.0] * 8, 3, bounds) == "different"
+    assert words([-27.0] * 5, 3, bounds) == "undecided"  # p 0.06
+    facts = {"prompts": "0", "versions": {}}
+    runs = {name: [row(seed=at, play_sha256=f"{at}", **facts) for at in range(12)] for name in ("a", "b")}
+    (pairing,) = compare(runs, margin=Margin(3)).pairings
+    assert (pairing.is_identical, pairing.verdict.word) == (True, "identical")
+    runs["b"][0]["play_sha256"] = "other"
+    (pairing,) = compare(runs, margin=Margin(3)).pairings
+    assert (pairing.is_identical, pairing.verdict.word) == (False, "undecided")
 
 
 def test_a_run_that_is_named_twice_is_refused(tmp_path):

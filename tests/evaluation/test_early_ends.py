@@ -110,13 +110,12 @@ def test_every_reader_of_a_run_counts_so_where_the_game_is_not_known(cards, tmp_
 
 def test_a_refused_cap_counts_as_an_episode_without_a_step(cards):
     caps = (250, 500, 1_000, None)
-    facts = {"game": cards, "peak_prompt_tokens": 2_000}
-    dropping = [row(s, 0.5 + s / 100, prompt_tokens=cap, **facts) for cap in caps for s in range(5)]
+    dropping = [row(s, 0.5 + s / 100, prompt_tokens=cap, game=cards) for cap in caps for s in range(5)]
     notes = [{**each, "budget": each["budget"] | {"notes_tokens": 200}} for each in dropping[5:]]
     random = [row(s, -0.5, game=cards, player="random") for s in range(5)]
     first, second = areas([*dropping, *notes, *random])
     assert second.infeasible == (250,)
-    lost = (0.52 - -1) / (0.52 - -0.5) / 2 / 3  # half of one octave of three, from the full score down to -1
+    lost = (0.52 - -1) / (0.52 - -0.5) / 2 / 2  # half of one octave of two, from the full score down to -1
     assert first.area - second.area == pytest.approx(lost)
     assert any("250 too small, counted as -1" in note for note in areas_table([first, second]).notes)
 

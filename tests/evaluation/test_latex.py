@@ -83,7 +83,7 @@ def test_every_table_of_results_is_well_formed_and_keeps_its_hierarchy(tmp_path)
     text = "\n".join(map(to_latex, tables))
     assert "\\quad rule & 2 &" in text
     assert "{}[1] & $-$0.5" in text
-    assert "\\caption{attempts without a result" in text
+    assert "\\caption{Attempts without a result" in text
     check_form(text)
     assert compiled(text, tmp_path)
 
@@ -92,7 +92,7 @@ def test_what_latex_would_read_is_escaped():
     rows = (("a_game",), ("  one|two", "<5%"), ("  three", "1 [0, 2]"))
     table = TextTable("what & why", (Column("player", words=True), Column("score")), rows, ("a note",))
     text = to_latex(table)
-    for line in ("\\caption{what \\& why. a note.}", "\\multicolumn{2}{l}{a\\_game} \\\\", "\\toprule", "\\bottomrule"):
+    for line in ("\\caption{What \\& why: a note.}", "\\multicolumn{2}{l}{a\\_game} \\\\", "\\toprule", "\\bottomrule"):
         assert line in text
     assert "\\quad one\\textbar{}two & \\textless{}5\\% \\\\" in text
     assert "%" not in text.replace("\\%", "").replace("% \\usepackage{booktabs}", "")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis.intervals import Method, clopper_pearson, mean_estimate, t_power, tango, wilson
+from smartplay_tools.evaluation.analysis.distributions import clopper_pearson, t_power, tango, wilson
+from smartplay_tools.evaluation.analysis.intervals import Method, mean_estimate
 
 proportion = pytest.importorskip("statsmodels.stats.proportion")
 power = pytest.importorskip("statsmodels.stats.power")

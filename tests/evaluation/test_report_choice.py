@@ -56,6 +56,12 @@ def test_a_page_of_too_many_episodes_asks_which(run, tmp_path):
     assert len(held([run], "all")) == 6
 
 
+def test_a_page_says_nothing_of_each_episode_that_it_does_not_show(run):
+    page = report.render_report(run, episodes="1")
+    (shown,) = held([run], "1")
+    assert [episode.key for episode in RunFolder(run).manifest().episodes if episode.key in page] == [shown]
+
+
 def test_records_that_are_too_large_ask_too(run, monkeypatch):
     monkeypatch.setattr(choice, "MOST_EPISODES", 6)
     assert len(held([run], None)) == 6

@@ -168,7 +168,7 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0, shown.output
     assert f"{BANDIT}, rule, manual pinned" in shown.stdout
-    assert len(re.findall(r"^  history 1 +\d.* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
+    assert len(re.findall(r"^  history 1 +2 .* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
     assert len(re.findall(r"^  history 50 +\d.* full context", shown.stdout, flags=re.MULTILINE)) == 2
     assert (tmp_path / "figures" / "score-against-history.svg").exists()
 
@@ -251,8 +251,8 @@ def test_cells_that_differ_in_strategy_are_paired_with_plain_dropping(tmp_path):
         executor="inline",
     )
     plain, noted = swept.comparisons
-    assert plain.is_full
-    assert noted.full == plain.cell
+    assert plain.is_reference
+    assert noted.reference == plain.cell
     assert noted.differences["score"].episodes == 2
     assert noted.cell.budget["notes_tokens"] == 200
     assert [row["notes_tokens"] for row in swept.summary] == [None, 200]

@@ -1,14 +1,18 @@
-"""Cells are compared with the full context of their own family."""
+"""Cells are compared with the reference of their own family."""
 
 from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
+from smartplay_tools.evaluation.analysis.grouping import labels
+from smartplay_tools.evaluation.analysis.intervals import Sample
 from smartplay_tools.evaluation.analysis.names import series_name
-from smartplay_tools.evaluation.analysis.window_tables import windows_table
-from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows
+from smartplay_tools.evaluation.analysis.together import holm, jointly
+from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
+from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows, latencies
 from tests.evaluation.window_rows import row
 
 RPS = "RockPaperScissorBasic-v0"
@@ -26,15 +30,15 @@ def test_the_cell_that_shows_most_is_full_context():
     windows = [(5, 500, 0.0), (50, 500, 0.0), (50, None, 0.5), (50, None, 0.0), (5, None, 0.0)]
     rows = [r for h, p, s in windows for r in cell([1, 2], history=h, prompt_tokens=p, slack=s)]
     comparisons = by_window(compare_windows(rows))
-    assert [window for window, c in comparisons.items() if c.is_full] == [(50, None, 0.0)]
-    assert {tuple(c.full.budget.values()) for c in comparisons.values()} == {
+    assert [window for window, c in comparisons.items() if c.is_reference] == [(50, None, 0.0)]
+    assert {tuple(c.reference.budget.values()) for c in comparisons.values()} == {
         tuple(comparisons[50, None, 0.0].cell.budget.values())
     }
 
 
 def test_no_limit_on_history_shows_more_than_any_number():
     rows = cell([1], history=10_000) + cell([1], history=None)
-    assert [c.is_full for c in compare_windows(rows)] == [False, True]
+    assert [c.is_reference for c in compare_windows(rows)] == [False, True]
 
 
 def test_means_and_differences_of_a_worked_example():
@@ -54,19 +58,19 @@ def test_means_and_differences_of_a_worked_example():
 def test_players_games_manuals_and_options_are_families_of_their_own():
     apart = [{}, {"player": "random"}, {"game": RPS}, {"manual": "pinned"}, {"player_options": {"base_url": "here"}}]
     rows = [r for facts in apart for history in (1, 50) for r in cell([1, 2], history=history, **facts)]
-    assert [c.is_full for c in compare_windows(rows)] == [False, True] * len(apart)
+    assert [c.is_reference for c in compare_windows(rows)] == [False, True] * len(apart)
 
 
 def test_a_cap_on_results_that_follows_from_the_prompt_is_no_difference():
     narrow = cell([1], prompt_tokens=500, result_tokens=60, manual_tokens=80)
     wide = cell([2], prompt_tokens=1000, result_tokens=180, manual_tokens=240)
-    assert [c.is_full for c in compare_windows(narrow + wide)] == [False, True]
+    assert [c.is_reference for c in compare_windows(narrow + wide)] == [False, True]
 
 
 def test_along_slack_alone_every_window_has_its_own_reference():
     rows = [r for h in (5, 50) for s in (0.0, 0.5) for r in cell([h, h - 2 * s], history=h, slack=s)]
     comparisons = by_window(compare_windows(rows, along=("slack",)))
-    assert [window for window, c in comparisons.items() if c.is_full] == [(5, None, 0.0), (50, None, 0.0)]
+    assert [window for window, c in comparisons.items() if c.is_reference] == [(5, None, 0.0), (50, None, 0.0)]
     assert comparisons[5, None, 0.5].differences["score"].mean == -0.5
 
 
@@ -105,6 +109,69 @@ def test_a_flat_row_is_plain_data_with_the_same_columns_everywhere():
     assert (small["score_difference_low"], small["score_difference_high"]) == pytest.approx((-50, 37.97), abs=0.01)
     assert (full["full_context"], full["score_difference"], full["pairs"]) == (True, None, None)
     assert (full["cost"], full["on_cost_front"]) == (None, None)
+
+
+def test_full_context_is_said_only_where_nothing_left_the_window():
+    """A row that does not say so has lost nothing without a cap and with a history of all its steps."""
+
+    def said(**facts):
+        comparisons = compare_windows([*cell([1, 2], history=1), *cell([3, 5], **facts)])
+        return windows_table(comparisons).rows[2][3]
+
+    assert said(history=50) == said(history=None) == said(history=9, prompt_tokens=700, limited_prompts=0)
+    assert said(history=50) == "full context"
+    assert said(history=49) == said(history=50, prompt_tokens=700) == said(history=50, limited_prompts=3) == "reference"
+
+
+def test_strategies_of_files_of_one_name_have_their_paths():
+    rows = [r for _ in "ab" for r in cell([1, 2], history=5, prompt_tokens=500)]
+    for at, r in enumerate(rows):
+        r["budget"] = r["budget"] | {"strategy": f"{'ab'[at // 2]}/s.py:S"}
+        r["asked"] = r["asked"] | {"strategy": f"{'ab'[at // 2]}/s.py:S"}
+    names = [line[0].strip() for line in windows_table(compare_windows(rows)).rows[1:]]
+    assert names == [f"history 5, prompts <= 500, strategy s.py:S, {folder}/s.py:S" for folder in "ab"]
+    assert len(set(labels([c.cell for c in compare_windows(rows)]))) == 2
+
+
+def test_equal_prompts_and_replies_are_identical_and_controls_count_for_nothing():
+    groups = [cell([h, h * 2, 7], history=h, player=player) for player in ("rule", "random") for h in (1, 5, 50)]
+    rows = [r for group in groups for r in group]
+    for r in rows:
+        r["play_sha256"] = f"{r['seed']}" if r["budget"]["history"] > 1 else "other"
+    comparisons = compare_windows(rows)
+    assert [c.p is not None for c in comparisons] == [True, True, False, False, False, False]
+    assert comparisons[0].confidence == compare_windows(rows[:9])[0].confidence
+    table = windows_table(comparisons)
+    assert [line[3] for line in table.rows if line[1:]][1::3] == ["identical", "identical"]
+    assert any(note.startswith("the intervals of the 2 differences") for note in table.notes)
+
+
+def test_differences_that_hold_together_are_no_wider_than_by_bonferroni_and_narrower_where_they_correlate():
+    generator = np.random.default_rng(0)
+    alike = generator.normal(size=20) + 0.1 * generator.normal(size=(8, 20))
+    apart = generator.normal(size=(8, 20))
+
+    def level(differences):
+        return 1 - jointly([Sample(own.tolist(), None, range(20)) for own in differences]).confidence
+
+    assert 0.05 / 8 <= level(apart) < 0.02 < level(alike) <= 0.05
+    assert level(apart[:1]) == pytest.approx(0.05, rel=0.1)
+    assert level(np.ones((4, 20))) == pytest.approx(1 - 0.95**0.25, rel=0.1)  # constant: nothing correlates
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+
+
+def test_what_episodes_took_has_intervals_and_paired_differences():
+    facts = {h: {"history": h, "cost": h / 100, "turns": 10} for h in (2, 50)}
+    rows = [row(s, 1.0, tokens=h * 10 + s, key=f"{s}{h}", **facts[h]) for s in (1, 2, 3) for h in facts]
+    timings = [{"key": r["key"], "seconds": 6.0, "game_seconds": 1.0} for r in rows]
+    tokens, cost = took_tables(compare_windows(rows), latencies(rows, timings))
+    assert [column.heading for column in tokens.columns] == ["window", "tokens", "+-", "s"]
+    assert tokens.rows[1:] == (
+        ("  history 2", "22 [20, 24]", "-480", "0.5"),
+        ("  history 50", "502 [500, 504]", "-", "0.5"),
+    )
+    assert cost.rows[1:] == (("  history 2", "0.02", "-0.48"), ("  history 50", "0.50", "-"))
+    assert len(took_tables(compare_windows(rows), {})[0].columns) == 3
 
 
 def test_cells_with_the_same_window_are_told_apart_by_their_other_caps():

@@ -44,6 +44,33 @@ def test_with_any_channel_it_plays_under_a_cap_as_in_full_context(game, words, b
     assert capped.tokens.prompt < full.tokens.prompt
 
 
+class Tells:
+    """Shows what has left as lines of a text, as many of the newest as fit."""
+
+    def __init__(self) -> None:
+        self._lines: dict[int, str] = {}
+
+    def choose(self, past, room):
+        newest = past.turns[-1]
+        for message in newest.messages:
+            if message["role"] == "tool" and "the opponent chose" in str(message["content"]):
+                self._lines[newest.number] = f"Step {newest.step}: {message['content'].splitlines()[0]}"
+        lines = [line for number, line in self._lines.items() if number < newest.number]
+        while lines and past.text_tokens("\n".join(lines)) > room:
+            del lines[0]
+        return sp.Choice([], texts={newest.number: "\n".join(lines)} if lines else {})
+
+
+def test_it_reads_the_observations_that_a_strategy_writes():
+    sp.register_strategy("tells", Tells)
+
+    def score(strategy: str | None) -> float:
+        budget = {"history": None, "prompt_tokens": 700, "strategy": strategy}
+        return mean(play(RPS, seed, words=False, **budget)[0].score for seed in range(6))
+
+    assert score("tells") > score(None) + 3
+
+
 @pytest.mark.slow
 def test_the_bandit_with_notes_loses_less_than_a_third_of_what_it_loses_without():
     def score(**budget: object) -> float:

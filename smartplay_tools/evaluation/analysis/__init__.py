@@ -2,9 +2,11 @@
 
     summary     turns the rows of a run into scores with intervals, counts, tokens, cost, capabilities, baselines
     comparison  compares runs, pair by pair
-    windows     compares the cells of a sweep with full context
+    windows     compares the cells of a sweep with the widest window
+    together    judges differences together: the level of their intervals, and their p values
+    planning    says how many trials a table of comparisons takes
     tables      writes rows as CSV or Parquet, and a summary as JSON
     figures/    draws sweeps, capabilities and prompts
 
-`grouping` decides which episodes are averaged together, `intervals` estimates means.
+`grouping` decides which episodes are averaged together, `intervals` estimates means, from `distributions`.
 """

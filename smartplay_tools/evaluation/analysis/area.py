@@ -1,15 +1,15 @@
-"""One number for what a window costs: the area under the curve of score against the cap on prompts.
+"""One number for what a cap on prompts costs: the area under the curve of score against the cap.
 
-Caps lie on a logarithmic axis, "no cap" at the largest prompt of any episode that had none, and the curve is joined by
-straight lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of the player's widest window in
-the game. All curves of a player at a game have this one yardstick, so their areas can be compared. At 1 no cap costs
-the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to that range.
-An episode that ended early counts as the least that its missing steps could have led to (`records.rows.counted_score`).
-So does a cap that is too small for one of the compared strategies but not for all, as an episode without a step: all
-are measured over one range of caps. Where a game declares no least score, such a cap counts as the random score. The
-area varies with the grid of caps by 0.01 to 0.02, so only areas over the same grid are compared.
+Caps lie on a logarithmic axis, from the smallest to the largest that was played, and the curve is joined by straight
+lines. Scores are relative: 0 is the random player's on the same seeds, 1 that of the player's widest window in the
+game, which has no cap. All curves of a player at a game have this one yardstick, so their areas can be compared. At 1
+no cap costs the player anything, and at 0 it plays no better than random under every cap; an area is not clipped to
+that range. An episode that ended early counts as the least that its missing steps could have led to
+(`records.rows.counted_score`), and a cap that is too small for one of the compared strategies but not for all as an
+episode that ended without a step: all are measured over one range of caps. An area depends on the caps, so only areas
+over the same ones are compared.
 
-The interval is a jackknife over seeds: everything of a seed is left out together.
+The interval is a jackknife over seeds: everything of a seed is left out together, its episodes without a cap included.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smartplay_tools.evaluation.analysis.distributions import Values, t_quantile
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.headline import CUT, is_much_cut
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, mean_estimate, t_quantile
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, mean_estimate
 from smartplay_tools.evaluation.analysis.names import curve_names
 from smartplay_tools.evaluation.analysis.pairs import cut_share
-from smartplay_tools.evaluation.analysis.windows import family, jointly, width
+from smartplay_tools.evaluation.analysis.together import bonferroni
+from smartplay_tools.evaluation.analysis.windows import family, width
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.records.rows import Row, counted_score, grouped, scoring_of
 
-FEWEST_CAPS = 4
+FEWEST_CAPS = 3
 RANDOM = "random"
 
 
@@ -41,12 +43,12 @@ class Area:
     game: str
     name: str
     """The player and its strategy, with whatever else tells the curves of the game apart."""
-    caps: tuple[int | None, ...]
-    """Ascending; None stands for no cap."""
+    caps: tuple[int, ...]
+    """Ascending."""
     infeasible: tuple[int, ...]
     """Caps that are too small for this strategy."""
-    unplayed: float | None
-    """What such a cap counts as; None for the random score."""
+    unplayed: float
+    """What such a cap counts as."""
     is_cut: bool
     """Whether some caps cut tool results, so that the area is not one of memory alone."""
     seeds: int
@@ -110,7 +112,7 @@ def areas(rows: Sequence[Row], *, compared: int | None = None) -> list[Area]:
         lines[cell.game].append(_Curve(name, members, _widest(cell, groups)))
     if compared is None:
         compared = sum(len(curves) - 1 for curves in lines.values() if curves)
-    confidence = jointly(compared).confidence
+    confidence = bonferroni(compared).confidence
     result: list[Area] = []
     for game, curves in lines.items():
         random = [row for cell, own in groups if (cell.game, cell.player) == (game, RANDOM) for row in own]
@@ -130,50 +132,42 @@ def _by_seed(rows: Sequence[Row]) -> dict[int, float]:
     return {row["seed"]: counted_score(row) for row in rows}
 
 
-def unplayed_score(scoring: Scoring | None) -> float | None:
-    """Return what an episode that a cap refuses counts as; None where no least score is known."""
-    if scoring is None or (scoring.worst_step is None and scoring.score_bounds is None):
-        return None
-    return scoring.least_score(0, 0)
+def unplayed_score(scoring: Scoring | None) -> float:
+    """Return what an episode that a cap refuses counts as: one that ended early without a step."""
+    return 0.0 if scoring is None else scoring.least_score(0.0, 0)
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
     caps = sorted({cap for curve in curves for cap in curve.cells if cap is not None})
-    grid = (*caps, None)
-    peaks = [row.get("peak_prompt_tokens") or 0 for curve in curves for row in curve.cells.get(None, [])]
     lacking = None
-    if len(grid) < FEWEST_CAPS:
-        lacking = f"fewer than {FEWEST_CAPS} caps, no cap included"
+    if len(caps) < FEWEST_CAPS:
+        lacking = f"fewer than {FEWEST_CAPS} caps"
     elif not random:
         lacking = "random was not played"
-    elif not all(None in curve.cells for curve in curves):
-        lacking = "not every curve was played without a cap on prompts"
-    elif not max(peaks, default=0) > caps[-1]:
-        lacking = "no prompt without a cap is known to be larger than the largest cap"
     everywhere = [rows for curve in curves for _, rows in (*curve.members, *curve.widest)]
     seeds = sorted(set(random).intersection(*map(_by_seed, everywhere)))
     if lacking is None and len(seeds) < 2:
         lacking = "fewer than two seeds were played everywhere"
     curve_areas: list[Area] = []
     unplayed = unplayed_score(scoring_of(everywhere[0][0]))
-    refused = random if unplayed is None else dict.fromkeys(random, unplayed)
+    refused = dict.fromkeys(random, unplayed)
     first: tuple[Values, Values] | None = None
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
         is_cut = any(map(is_much_cut, map(cut_share, curve.cells.values())))
-        facts = (game, curve.name, grid, infeasible, unplayed, is_cut, len(seeds))
+        facts = (game, curve.name, tuple(caps), infeasible, unplayed, is_cut, len(seeds))
         if reason := curve.refusal or lacking:
             curve_areas.append(Area(*facts, reason=reason))
             continue
         full_scores = _by_seed(curve.widest[0][1])
         chance, full = (np.array([own[seed] for seed in seeds], dtype=float) for own in (random, full_scores))
-        played = [curve.scores(cap) if cap in curve.cells else refused for cap in grid]
+        played = [curve.scores(cap) if cap in curve.cells else refused for cap in caps]
         scores = np.array([[own[seed] for own in played] for seed in seeds], dtype=float)
         gain = mean_estimate((full - chance).tolist())
         if gain.low is None or gain.high is None or gain.low <= 0 <= gain.high:
             curve_areas.append(Area(*facts, reason="the widest window is not shown to differ from random"))
             continue
-        whole, without = with_jackknife(scores, chance, full, [math.log(cap) for cap in (*caps, max(peaks))])
+        whole, without = with_jackknife(scores, chance, full, list(map(math.log, caps)))
         difference = together = None
         if first is not None:
             differing = whole - first[0], without - first[1]
@@ -208,7 +202,8 @@ def interval_of(whole: Values, without: Values, confidence: float = CONFIDENCE) 
 
 
 NOTES = (
-    "area under score against log of the cap on prompts: 1 is the player's widest window in the game, 0 is random",
+    "area under score against log of the cap on prompts, from the smallest cap to the largest",
+    "1 is the player's widest window in the game, which has no cap, 0 is random",
     "[ ]: 95 %, jackknife over seeds; +-: to the game's first line; compare areas over the same caps only",
 )
 
@@ -216,21 +211,17 @@ NOTES = (
 def areas_table(areas: Sequence[Area]) -> TextTable:
     """Return the table of areas, with a section for each game."""
     games = grouped(areas, lambda each: each.game)
-    caps = {game: ["none" if cap is None else f"{cap:,}" for cap in own[0].caps] for game, own in games.items()}
+    caps = {game: [f"{cap:,}" for cap in own[0].caps] for game, own in games.items()}
     rows = sections((f"{game}, caps {', '.join(caps[game])}", map(_row, own)) for game, own in games.items())
     reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
-        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {_counted_as(each)}"
+        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {each.unplayed:g}"
         for each in areas
         if each.infeasible
     )
     cut = [f"{CUT}: some caps cut tool results"] if any(each.is_cut for each in areas) else []
     headings = columns("player and strategy", "seeds", "area", "+-")
     return TextTable("areas under the curve", headings, rows, (*NOTES, *reasons, *low, *cut))
-
-
-def _counted_as(each: Area) -> str:
-    return "random" if each.unplayed is None else f"{each.unplayed:g}"
 
 
 def _row(each: Area) -> tuple[str, ...]:

@@ -14,17 +14,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
-from smartplay_tools.evaluation.analysis.grouping import Condition, by_cell, conditions, in_words
+from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
+    are_identical,
     difference_samples,
     differences,
     normalized_score,
@@ -69,6 +70,8 @@ class Pairing:
     """Pairs in which this side scored more."""
     ties: int
     losses: int
+    is_identical: bool
+    """Whether every prompt and reply is equal on both sides."""
     verdict: Verdict | None = None
     """What the pairs show within a margin, if there is one."""
 
@@ -166,15 +169,10 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
         for condition in all_conditions:
             played = {cell.game: members for cell, members in groups if cell in condition.cells}
             if played:
-                sides.setdefault(_side(run, condition), {}).update(played)
+                facts = {**condition.budget, **condition.rules}
+                side = Side(run, condition.player, condition.label_among(all_conditions), facts)
+                sides.setdefault(side, {}).update(played)
     return sides
-
-
-def _side(run: str, condition: Condition) -> Side:
-    facts = {**condition.budget, **condition.rules}
-    return Side(
-        run, condition.player, ", ".join(filter(None, [condition.label, *in_words(condition.player_options)])), facts
-    )
 
 
 def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first_run: str) -> Side | None:
@@ -213,8 +211,10 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: M
         verdict = None
         if margin is not None and own:
             verdict = decide(drawn["score"], margin.points(game), difference["score"])
+            verdict = replace(verdict, word="identical", mde=None) if are_identical(own) else verdict
         unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(own)
-        pairings.append(Pairing(game, side, other, len(own), unpaired, mean, difference, *outcomes, verdict))
+        facts = (game, side, other, len(own), unpaired, mean, difference)
+        pairings.append(Pairing(*facts, *outcomes, are_identical(own), verdict))
     return tuple(pairings)
 
 
@@ -283,6 +283,7 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)
             row |= {measure: own and own.mean, f"reference_{measure}": other and other.mean}
             row |= with_ends(f"{measure}_difference", each.differences.get(measure))
+        row |= {"identical": each.is_identical}
         if comparison.is_judged:
             names = {"verdict": "word", "margin": "margin", "mde": "mde"}
             row |= {name: each.verdict and getattr(each.verdict, own) for name, own in names.items()}

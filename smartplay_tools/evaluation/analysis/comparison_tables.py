@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.decisions import Verdict
 from smartplay_tools.evaluation.analysis.formats import (
+    IDENTICAL,
     NOTHING,
     Column,
     TextTable,
@@ -18,6 +19,7 @@ from smartplay_tools.evaluation.analysis.formats import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.quantities import short
 
 NOTES = (
@@ -27,7 +29,8 @@ NOTES = (
 
 VERDICT_NOTES = (
     "W/T/L: pairs won, tied and lost by score",
-    "different: the interval excludes 0; equivalent: the 90 % interval is within the margin; undecided: neither",
+    "different: the interval excludes 0, or p < 0.05",
+    "equivalent: the 90 % interval is within the margin; undecided: neither",
     "MDE: the smallest difference that as many pairs show in four of five such comparisons",
 )
 
@@ -61,7 +64,7 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
 
 
 def _pairing_row(each: Pairing, name: str, points: int, last: str) -> tuple[str, ...]:
-    difference = with_interval(each.differences.get("score"), points, sign="+")
+    difference = "identical" if each.is_identical else with_interval(each.differences.get("score"), points, sign="+")
     outcome = f"{each.wins}/{each.ties}/{each.losses}"
     return (
         f"    {name}",
@@ -102,28 +105,22 @@ def side_names(comparison: Comparison) -> dict[Side, str]:
     """Return the names of sides: a letter for the run, the player, and its condition if that differs."""
     letters = {run: f"{_letter(at)} " if len(comparison.runs) > 1 else "" for at, run in enumerate(comparison.runs)}
     sides = dict.fromkeys([*(side for _, side, _ in comparison.references), *(p.side for p in comparison.pairings)])
-    shared = _shared(sides)
-    parts = {side: [part for part in _parts(side) if part not in shared] for side in sides}
-    return {side: letters[side.run] + ", ".join([side.player, *parts[side]]) for side in sides}
-
-
-def _parts(side: Side) -> list[str]:
-    return side.label.split(", ") if side.label else []
-
-
-def _shared(sides: Iterable[Side]) -> list[str]:
-    """The parts of the sides' descriptions that all of them have."""
-    first, *others = map(_parts, sides)
-    return [part for part in first if all(part in other for other in others)]
+    differing, _ = apart([side.label for side in sides])
+    named = zip(sides, differing, strict=True)
+    names = [letters[side.run] + ", ".join(filter(None, [side.player, own])) for side, own in named]
+    check_distinct(names)
+    return dict(zip(sides, names, strict=True))
 
 
 def _notes(comparison: Comparison) -> Iterator[str]:
     sides = [*(each.side for each in comparison.pairings), *(side for _, side, _ in comparison.references)]
-    if shared := _shared(sides):
-        yield f"everywhere: {', '.join(shared)}"
+    if shared := apart([side.label for side in sides])[1]:
+        yield f"everywhere: {shared}"
     if len(comparison.runs) > 1:
         yield from (f"{_letter(at)}: {run}" for at, run in enumerate(comparison.runs))
     yield from interval_notes(each.differences.get("score") for each in comparison.pairings)
+    if any(each.is_identical for each in comparison.pairings):
+        yield IDENTICAL
     if unpaired := sum(each.unpaired for each in comparison.pairings):
         yield f"{unpaired} episodes have no counterpart of the same seed and trial, and are in no difference"
     if comparison.uncompared:

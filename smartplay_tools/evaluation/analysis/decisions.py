@@ -1,6 +1,8 @@
 """What a difference between two sides shows, in one word, and how many pairs it takes to see a difference.
 
-The words are "different" if the 95 % interval excludes 0; else "equivalent" if the 90 % interval lies within the
+The words are "identical" if every prompt and reply of both sides is equal (`pairs.are_identical`); else "different" if
+the 95 % interval excludes 0, or if all pairs differ by the same amount and the sign test has p < 0.05; else
+"equivalent" if the 90 % interval lies within the
 margin (two one-sided tests at 5 %); else "undecided". An interval that contains 0 never proves that nothing differs, so
 an undecided comparison comes with the smallest difference that this number of pairs would probably have shown (MDE).
 There is no default margin: which difference does not matter depends on the game.
@@ -11,21 +13,12 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import (
-    MeanEstimate,
-    Method,
-    Sample,
-    beyond,
-    chi_squared_quantile,
-    crossing,
-    mean_estimates,
-    t_power,
-)
+from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
 from smartplay_tools.games.specs import get_spec
 
 POWERS = (0.8, 0.9)
@@ -35,7 +28,7 @@ FEWEST_PAIRS = 10
 TWO_ONE_SIDED = Method(confidence=0.90)
 MOST_PAIRS = 1_000_000
 
-Word = Literal["different", "equivalent", "undecided", "different, but less"]
+Word = Literal["identical", "different", "equivalent", "undecided", "different, but less"]
 
 
 @dataclass(frozen=True)
@@ -74,21 +67,11 @@ class Verdict:
 
 def decide(differences: Sample, margin: float, estimate: MeanEstimate | None = None) -> Verdict:
     """Judge the differences of pairs; `estimate` is their usual one, if it is known already."""
-    return decide_all([differences], margin, None if estimate is None else [estimate])[0]
-
-
-def decide_all(
-    samples: Sequence[Sample], margin: float, estimates: Sequence[MeanEstimate] | None = None
-) -> list[Verdict]:
-    """Judge every sample of differences as if it were alone; those of one size share the drawing of resamples."""
-    usual = mean_estimates(samples) if estimates is None else estimates
-    return [_verdict(*both, margin) for both in zip(usual, mean_estimates(samples, TWO_ONE_SIDED), strict=True)]
-
-
-def _verdict(usual: MeanEstimate, narrower: MeanEstimate, margin: float) -> Verdict:
+    usual = estimate or mean_estimate(differences.values, differences.bounds)
     # What equal pairs exclude, they exclude with 95 % on either side.
-    narrower = usual if usual.all_equal else narrower
+    narrower = usual if usual.all_equal else mean_estimate(differences.values, differences.bounds, TWO_ONE_SIDED)
     excludes_0 = usual.low is not None and usual.high is not None and not usual.low <= 0 <= usual.high
+    excludes_0 = excludes_0 or (usual.sign_p is not None and usual.sign_p < 1 - CONFIDENCE)
     within = narrower.low is not None and narrower.high is not None and -margin < narrower.low <= narrower.high < margin
     word: Word = "different" if excludes_0 else "equivalent" if within else "undecided"
     if excludes_0 and within:
@@ -96,31 +79,31 @@ def _verdict(usual: MeanEstimate, narrower: MeanEstimate, margin: float) -> Verd
     return Verdict(word, margin, mde(usual.sd, usual.episodes) if usual.sd and usual.episodes > 1 else None)
 
 
-def mde(sd: float, n: int, power: float = POWERS[0]) -> float:
-    """Return the difference that `n` pairs with this standard deviation show with this power (two-sided, 5 %)."""
-    return sd * _effect_seen(n, power)
+def mde(sd: float, n: int, power: float = POWERS[0], confidence: float = CONFIDENCE) -> float:
+    """Return the difference that `n` pairs with this standard deviation show with this power, at a two-sided level."""
+    return sd * _effect_seen(n, power, confidence)
 
 
 @functools.cache
-def _effect_seen(n: int, power: float) -> float:
+def _effect_seen(n: int, power: float, confidence: float) -> float:
     """The difference that `n` pairs show, in standard deviations: the same for all comparisons of that many pairs."""
 
     def missing(effect: float) -> float:
-        return power - t_power(effect, n)
+        return power - t_power(effect, n, 1 - confidence)
 
     return crossing(missing, 0.0, beyond(missing), 40)
 
 
-def pairs_needed(difference: float, sd: float, power: float) -> int:
-    """Return how many pairs show a difference with this power."""
+def pairs_needed(difference: float, sd: float, power: float, confidence: float = CONFIDENCE) -> int:
+    """Return how many pairs show a difference with this power, at a two-sided level."""
     low, high = 2, 4
-    while t_power(difference / sd, high) < power:
+    while t_power(difference / sd, high, 1 - confidence) < power:
         low, high = high, high * 2
         if high > MOST_PAIRS:
             raise InvalidArgumentError(f"To see a difference of {difference:g} takes more than {MOST_PAIRS:,} pairs.")
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if t_power(difference / sd, middle) >= power else (middle, high)
+        low, high = (low, middle) if t_power(difference / sd, middle, 1 - confidence) >= power else (middle, high)
     return high
 
 
@@ -141,22 +124,25 @@ class Needed:
     """The same if the pilot's standard deviation was small by chance: from its upper 80 % limit."""
 
 
-def plan_pairs(estimate: MeanEstimate, difference: float, unit: str = "pairs") -> Needed | str:
+def plan_pairs(
+    estimate: MeanEstimate, difference: float, unit: str = "pairs", confidence: float = CONFIDENCE
+) -> Needed | str:
     """Plan the pairs that show a difference, from those of a pilot; return the reason if they tell too little.
 
-    `unit` names what the values of the estimate are of, where they are means of several pairs.
+    They show it if their interval at this level excludes 0. `unit` names what the values of the estimate are of, where
+    they are means of several pairs.
     """
     n, sd = estimate.episodes, estimate.sd
     if n < FEWEST_PAIRS:
         return f"{n} {unit} are too few to judge from; play {FEWEST_PAIRS}"
     if estimate.all_equal or not sd:
-        return f"{estimate.note}, so there is no spread to judge from"
+        return f"all {n} {unit} are equal, so there is no spread to judge from"
     upper = sd * math.sqrt((n - 1) / chi_squared_quantile(0.2, n - 1))
     return Needed(
         difference,
         sd,
         n,
-        tuple(mde(sd, n, power) for power in POWERS),
-        tuple(pairs_needed(difference, sd, power) for power in POWERS),
-        tuple(pairs_needed(difference, upper, power) for power in POWERS),
+        tuple(mde(sd, n, power, confidence) for power in POWERS),
+        tuple(pairs_needed(difference, sd, power, confidence) for power in POWERS),
+        tuple(pairs_needed(difference, upper, power, confidence) for power in POWERS),
     )

@@ -13,7 +13,9 @@ from smartplay_tools.evaluation.analysis.formats import (
     NOTHING,
     Column,
     TextTable,
+    amount,
     columns,
+    count,
     decimals_of,
     dollars,
     interval_notes,
@@ -34,6 +36,7 @@ from smartplay_tools.evaluation.analysis.summary import (
 )
 from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.games.paper_tables import CAPABILITIES
+from smartplay_tools.games.specs import GAMES
 
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""
@@ -81,7 +84,8 @@ def _scores(summary: RunSummary) -> TextTable:
         rows.append((game,))
         for name, cell in cells:
             shares = (with_interval(share, 0, factor=100) for share in (cell.normalized_score, cell.completion))
-            rows.append((f"  {name}", f"{cell.episodes}", with_interval(cell.score, points), *shares))
+            n = count(cell.episodes, cell.score)
+            rows.append((f"  {name}", n, with_interval(cell.score, points), *shares))
     headings = columns("game and player", "n", "score", "% human", "% done")
     notes = interval_notes(each for c in summary.cells for each in (c.score, c.normalized_score, c.completion))
     return TextTable(_title("scores", summary), headings, tuple(rows), (INTERVALS, *notes, *warnings(summary.cells)))
@@ -130,19 +134,20 @@ PLAY: Figures = (
 )
 
 TOKEN_NOTES = (
-    "totals over episodes; stable: share of prompts that repeats the prompt before;",
+    "tokens, those of replies among them, and USD are of an episode; over, unusable: totals over episodes;",
+    "stable: share of prompts that repeats the prompt before;",
     "over: replies longer than allowed; drift: the provider's count against ours;",
     "unusable: usages that the provider reported with numbers that cannot be tokens, which count as none",
 )
 TOKENS: Figures = (
-    ("prompts", lambda cell: short(cell.tokens.prompt)),
-    ("replies", lambda cell: short(cell.tokens.reply)),
+    ("tokens", lambda cell: amount(cell.episode_tokens, short)),
+    ("replies", lambda cell: short(cell.tokens.reply / cell.episodes)),
     ("stable", lambda cell: percent(cell.tokens.prefix_share)),
     ("over", lambda cell: short(cell.tokens.overruns)),
     ("unusable", _count("unusable_usages")),
     ("drift, p.", lambda cell: _drift(cell.tokens.prompt_drift)),
     ("drift, r.", lambda cell: _drift(cell.tokens.reply_drift)),
-    ("USD", lambda cell: dollars(cell.cost)),
+    ("USD", lambda cell: amount(cell.episode_cost, dollars)),
 )
 
 
@@ -186,9 +191,17 @@ def _capabilities(profiles: Sequence[Profile], among: Sequence[Condition]) -> Te
         for p in profiles
         if p.capabilities.left_out
     ]
+    rated = [game for game in GAMES.benchmark if GAMES[game].challenges]
+    played = dict.fromkeys(
+        f"of {len(rated)} rated settings of the paper, {len(p.capabilities.settings)} are in the scores: "
+        f"{', '.join(p.capabilities.settings)}"
+        for p in profiles
+        if set(p.capabilities.settings) < set(rated)
+    )
     privileged = [PRIVILEGED] if any(profile.privileged for profile in profiles) else []
     equal = interval_notes(score.estimate for p in profiles for score in p.capabilities.scores)
-    notes = dict.fromkeys([INTERVALS, *equal, *left_out, *(f"{NOTHING}: {why}" for why in reasons), *privileged])
+    empty = [f"{NOTHING}: {why}" for why in reasons]
+    notes = dict.fromkeys([INTERVALS, *played, *equal, *left_out, *empty, *privileged])
     headings = columns("capability", *names)
     return TextTable(f"capabilities, {whose}", headings, tuple(rows), tuple(notes))
 

@@ -13,7 +13,7 @@ import csv
 import html
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -85,7 +85,9 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             body += ["\\addlinespace", f"\\multicolumn{{{len(table.columns)}}}{{l}}{{{_latex(row[0])}}} \\\\"]
         else:
             body.append(" & ".join(map(_latex_cell, row)) + " \\\\")
-    caption = ". ".join(filter(None, [table.title, *table.notes]))
+    is_path = "/" in table.title.partition(",")[0]
+    title = table.title if is_path else table.title[:1].upper() + table.title[1:]
+    caption = ": ".join(filter(None, [title, "; ".join(table.notes)]))
     return "\n".join(
         [
             "% \\usepackage{booktabs}",
@@ -175,6 +177,8 @@ _LATEX = {
 NOTHING = "-"
 """The text for a missing number."""
 
+IDENTICAL = "identical: every prompt and reply is equal in all pairs"
+
 
 def decimals_of(estimates: Iterable[MeanEstimate | None]) -> int:
     """Return the number of decimals for estimates that are printed next to each other: about four digits."""
@@ -192,14 +196,31 @@ def decimals_of(estimates: Iterable[MeanEstimate | None]) -> int:
 def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float = 1, sign: str = "-") -> str:
     """Return "mean [low, high]", the mean alone for one episode, or that all are equal where no bounds are declared.
 
-    `factor` is 100 for percent; `sign` is "+" for differences, which are printed with their sign.
+    `factor` is 100 for percent; `sign` is "+" for differences, which are printed with their sign. A difference that is
+    the same in all pairs, and not 0, has the p value of the sign test instead of an interval.
     """
     if estimate is None:
         return NOTHING
     mean = fixed(factor * estimate.mean, decimals, sign)
+    if sign == "+" and estimate.sign_p is not None:
+        return f"{mean} in all {estimate.episodes}, p {estimate.sign_p:.1g}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{fixed(factor * estimate.low, decimals, sign)}, {fixed(factor * estimate.high, decimals, sign)}]"
+
+
+def amount(estimate: MeanEstimate | None, show: Callable[[float], str], *, sign: str = "") -> str:
+    """Return "mean [low, high]" of an amount that is at least 0, or with `sign` "+" of a difference of such amounts."""
+    if estimate is None:
+        return NOTHING
+
+    def signed(value: float) -> str:
+        return ("-" if value < 0 else sign) + show(abs(value))
+
+    if estimate.low is None or estimate.high is None:
+        return signed(estimate.mean)
+    low = estimate.low if sign else max(0.0, estimate.low)
+    return f"{signed(estimate.mean)} [{signed(low)}, {signed(estimate.high)}]"
 
 
 def interval_notes(estimates: Iterable[MeanEstimate | None]) -> list[str]:
@@ -217,6 +238,11 @@ def percent(share: float | None) -> str:
     if 0 < share < 0.005:
         return "<1%"
     return ">99%" if 0.995 <= share < 1 else f"{share:.0%}"
+
+
+def count(episodes: int, estimate: MeanEstimate) -> str:
+    """Return a number of episodes and, if it differs, that of the worlds or chains whose means are the sample."""
+    return f"{episodes}" if estimate.episodes == episodes else f"{episodes} in {estimate.episodes}"
 
 
 def dollars(amount: float | None) -> str:

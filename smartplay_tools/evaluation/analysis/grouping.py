@@ -101,12 +101,19 @@ class Condition:
         """What the player was given, in a few words; what is as by default is not mentioned."""
         given = {**self.rules, "tokenizer": self.tokenizer}
         unusual = [f"{name} {value}" for name, value in given.items() if value != USUAL[name]]
-        return ", ".join(filter(None, [*unusual, Budget(**self.budget).describe(), self.variant]))
+        return ", ".join(filter(None, [Budget(**self.budget).describe(), *unusual, self.variant]))
 
     def label_among(self, others: Iterable[Condition]) -> str:
-        """Return the label, with the options in which the player differs from that of its name in other conditions."""
-        rivals = (other.player_options for other in others if other.player == self.player)
-        return ", ".join(filter(None, [self.label, *differing(self.player_options, rivals)]))
+        """Return the label, with the options in which the player differs from that of its name in other conditions.
+
+        The path of a strategy follows where another one's file has the same name.
+        """
+        rivals = [other for other in others if other.player == self.player]
+        given = differing(self.player_options, (rival.player_options for rival in rivals))
+        own = self.budget.get("strategy")
+        alike = (rival.budget.get("strategy") for rival in rivals if rival.label == self.label)
+        path = [own] if own is not None and any(strategy != own for strategy in alike) else []
+        return ", ".join(filter(None, [self.label, *path, *given]))
 
 
 def by_cell(rows: Iterable[Row]) -> list[tuple[PlayedCell, list[Row]]]:

@@ -5,13 +5,13 @@ It fits 80 columns. `TERMS` explains its columns, and `details` has all other ta
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from smartplay_tools.evaluation.analysis.formats import (
     NOTHING,
     TextTable,
     columns,
+    count,
     decimals_of,
     dollars,
     interval_notes,
@@ -19,6 +19,7 @@ from smartplay_tools.evaluation.analysis.formats import (
     sections,
     with_interval,
 )
+from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
 from smartplay_tools.evaluation.quantities import short
 
@@ -32,6 +33,7 @@ EARLY = "\N{DOUBLE DAGGER}"
 """The mark of cells with episodes that ended early and count as the least that they could have scored."""
 
 INTERVALS = "[ ]: 95 % interval of the mean"
+OF_AN_EPISODE = "tokens, USD: of an episode, mean"
 PRIVILEGED = "*: privileged, it knows the game's state and not only its messages"
 
 MANY_CUTS = 0.01
@@ -45,7 +47,7 @@ TERMS: Mapping[str, str] = {
     "equal": "the episodes show no spread, and the measure has no bounds from which an interval would follow",
     "% human": "(score - minimum) / (human - minimum), with the paper's human score",
     "tokens": "budget tokens of an episode's prompts and replies, by our own count; mean over episodes",
-    "USD": "cost of all episodes of the line; none if the price of a model is not known",
+    "USD": "cost of an episode, mean over episodes; none if the price of a model is not known",
     "done": "share of episodes that reached the objective, in games that have one",
     "illegal": "calls of `act` whose argument is not an action",
     "malf.": "malformed: calls that could not be read (unknown tool, broken JSON, missing or extra arguments)",
@@ -65,7 +67,7 @@ TERMS: Mapping[str, str] = {
     "rules lost": "the same after the manual had left the view",
     "0, 1, 2-3": "right answers by how often something had left the view since what they needed was first shown",
     "texts": "tokens that a custom strategy has written, in all prompts of an episode; questions: of a compactor",
-    "+-": "difference to full context, the cell with the widest window, paired by seed",
+    "+-": "difference to the reference, the cell with the widest window, paired by seed",
 }
 """The meaning of the terms in the tables."""
 
@@ -78,25 +80,24 @@ def headline(summary: RunSummary, title: str = "") -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
     rows = sections((game, _rows(cells)) for game, cells in by_game(summary))
     headings = columns("game and player", "n", "score", "% human", "tokens", "USD")
-    intervals = [INTERVALS, *interval_notes(cell.score for cell in summary.cells)]
+    intervals = [INTERVALS, OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
     return TextTable(title or shared(summary), headings, rows, (*intervals, *warnings(summary.cells)))
 
 
 def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
-    """Return the cells of each game with their names: the player, and what distinguishes its cells of the game."""
-    players = Counter((game_name(cell), cell.cell.player) for cell in summary.cells)
+    """Return the cells of each game with their names: the player, and what not all cells of the table were given."""
     games: dict[str, list[Named]] = {}
-    for cell in summary.cells:
-        game, given = game_name(cell), summary.label_of(cell)
-        name = f"{player_name(cell)}, {given}" if given and players[game, cell.cell.player] > 1 else player_name(cell)
-        games.setdefault(game, []).append((name, cell))
+    given, _ = apart([summary.label_of(cell) for cell in summary.cells])
+    for cell, label in zip(summary.cells, given, strict=True):
+        name = ", ".join(filter(None, [player_name(cell), label]))
+        games.setdefault(game_name(cell), []).append((name, cell))
+    check_distinct((game, name) for game, cells in games.items() for name, _ in cells)
     return list(games.items())
 
 
 def shared(summary: RunSummary) -> str:
-    """Return a short description of the run's condition; empty for the default, or if players' conditions differ."""
-    given = {summary.label_of(cell) for cell in summary.cells}
-    return given.pop() if len(given) == 1 else ""
+    """Return a short description of what all cells of the run were given; empty for the default."""
+    return apart([summary.label_of(cell) for cell in summary.cells])[1]
 
 
 def warnings(cells: Iterable[CellSummary]) -> list[str]:
@@ -141,6 +142,6 @@ def _rows(cells: Sequence[Named]) -> Iterator[tuple[str, ...]]:
     decimals = decimals_of(cell.score for _, cell in cells)
     for name, cell in cells:
         human = NOTHING if cell.normalized_score is None else f"{100 * cell.normalized_score.mean:.0f}"
-        tokens = short((cell.tokens.prompt + cell.tokens.reply) / cell.episodes)
+        cost = NOTHING if cell.episode_cost is None else dollars(cell.episode_cost.mean)
         score = with_interval(cell.score, decimals)
-        yield f"  {name}", f"{cell.episodes}", score, human, tokens, dollars(cell.cost)
+        yield f"  {name}", count(cell.episodes, cell.score), score, human, short(cell.episode_tokens.mean), cost

@@ -10,205 +10,38 @@ like; docs/metrics.md has the table, and the slow tests show how often each inte
 
 The bootstrap is bias-corrected and accelerated (BCa; Efron, "Better Bootstrap Confidence Intervals", 1987), because
 scores of games are skewed, and its level is expanded, because samples are small (Hesterberg, "What Teachers Should Know
-about the Bootstrap", 2015). For means there is less to compute than usual, which matters at ten thousand episodes:
-samples of the same size share their resamples, and the skewness has a closed form instead of leaving out every episode
-once. An interval depends on the values alone: the generator has a fixed seed and the values are sorted, so neither the
-workers nor the order of completion can change it.
-
-A share, or the difference of two shares in pairs of episodes, has a distribution that is known but for one number, so
-nothing has to be resampled for it.
-
-The module begins with the distributions: Student's t, central and not, chi-squared and the binomial. The standard
-library has the normal distribution only, and NumPy draws from the others without having their probabilities. SciPy has
-them all, but takes more than 100 MB, which the core does not need otherwise; tests compare these functions with it
-(`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`). Intervals of shares follow, then means.
+about the Bootstrap", 2015). Nothing is drawn for it: the distribution of the mean of a resample is computed from its
+characteristic function, the product of those of the values that are drawn, so an interval is that of infinitely many
+resamples and depends on the values alone.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
-from statistics import NormalDist
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.evaluation.analysis.distributions import NORMAL, Values, clopper_pearson, t_quantile, tango, wilson
 
 __all__ = ["Bounds", "MeanEstimate", "Method", "mean_estimate"]
 
-NORMAL = NormalDist()
-"""The standard normal distribution."""
-
-
-def crossing(falling: Callable[[float], float], low: float, high: float, steps: int = 60) -> float:
-    """Return where a falling function passes 0 between `low` and `high`."""
-    for _ in range(steps):
-        middle = (low + high) / 2
-        low, high = (middle, high) if falling(middle) > 0 else (low, middle)
-    return (low + high) / 2
-
-
-def beyond(falling: Callable[[float], float]) -> float:
-    """Return a power of 2 at which a falling function is no longer positive."""
-    high = 1.0
-    while falling(high) > 0:
-        high *= 2
-    return high
-
-
-def t_tail(t: float, df: float) -> float:
-    """The probability that Student's t with `df` degrees of freedom is above `t`, which is at least 0."""
-    return 0.5 * _incomplete_beta(df / 2, 0.5, df / (df + t * t))
-
-
-@lru_cache(maxsize=4096)
-def t_quantile(tail: float, df: float) -> float:
-    """The value that Student's t exceeds with probability `tail`, at most 0.5."""
-
-    def excess(t: float) -> float:
-        return t_tail(t, df) - tail
-
-    return crossing(excess, 0.0, beyond(excess), 80)
-
-
-def chi_squared_quantile(probability: float, df: float) -> float:
-    """The value below which chi-squared with `df` degrees of freedom is with this probability."""
-
-    def shortfall(x: float) -> float:
-        return probability - _incomplete_gamma(df / 2, x / 2)
-
-    return crossing(shortfall, 0.0, beyond(shortfall), 80)
-
-
-def binomial_at_most(successes: int, n: int, share: float) -> float:
-    """The probability of at most this number of successes in `n` trials."""
-    if successes < 0 or successes >= n:
-        return float(successes >= n)
-    return _incomplete_beta(n - successes, successes + 1, 1 - share)
-
-
-def t_power(effect: float, n: int, alpha: float = 0.05) -> float:
-    """The power of the two-sided t test of `n` differences whose mean is `effect` standard deviations.
-
-    The noncentral t is integrated over the ratio of the sample's standard deviation to the population's.
-    """
-    df, shift = n - 1, effect * math.sqrt(n)
-    critical = t_quantile(alpha / 2, df)
-    spread = 8 / math.sqrt(2 * df)
-    low, high = max(0.0, 1 - spread), 1 + spread
-    nodes, weights = _legendre()
-    ratios = (low + high) / 2 + (high - low) / 2 * nodes
-    logs = (df - 1) * np.log(ratios) - df * ratios * ratios / 2
-    density = weights * np.exp(logs - logs.max())
-    either = [NORMAL.cdf(shift - critical * r) + NORMAL.cdf(-shift - critical * r) for r in ratios.tolist()]
-    return float(density @ np.array(either) / density.sum())
-
-
-@cache
-def _legendre() -> tuple[Values, Values]:
-    """Places between -1 and 1, and their weights, with which a smooth function is integrated (Gauss and Legendre)."""
-    nodes, weights = np.polynomial.legendre.leggauss(100)
-    return nodes, weights
-
-
-def _incomplete_beta(a: float, b: float, x: float) -> float:
-    """The regularised incomplete beta function, by its continued fraction (Lentz)."""
-    if x <= 0 or x >= 1:
-        return float(x >= 1)
-    if x > (a + 1) / (a + b + 2):
-        return 1 - _incomplete_beta(b, a, 1 - x)
-    logs = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)
-    value, above, below = 1.0, 1.0, 0.0
-    for i in range(10_000):
-        m = i // 2
-        if i == 0:
-            term = 1.0
-        elif i % 2 == 0:
-            term = m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m))
-        else:
-            term = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))
-        below = 1 / (1 + term * below)
-        above = 1 + term / above
-        value *= above * below
-        if abs(1 - above * below) < 1e-15:
-            break
-    return math.exp(logs) / a * (value - 1)
-
-
-def _incomplete_gamma(a: float, x: float) -> float:
-    """The regularised lower incomplete gamma function, by its series."""
-    if x <= 0:
-        return 0.0
-    term = total = 1 / a
-    k = a
-    while term > total * 1e-16:
-        k += 1
-        term *= x / k
-        total += term
-    return math.exp(a * math.log(x) - x - math.lgamma(a)) * total
-
-
-def wilson(successes: int, n: int, confidence: float) -> tuple[float, float]:
-    """The score interval of a share (Wilson 1927): on average it covers as often as it says, near 0 and 1 less."""
-    z = NORMAL.inv_cdf((1 + confidence) / 2)
-    share, square = successes / n, z * z / n
-    middle = (share + square / 2) / (1 + square)
-    half = math.sqrt(share * (1 - share) * square + square * square / 4) / (1 + square)
-    return 0.0 if successes == 0 else middle - half, 1.0 if successes == n else middle + half
-
-
-@lru_cache(maxsize=4096)
-def clopper_pearson(successes: int, n: int, confidence: float) -> tuple[float, float]:
-    """The exact interval of a share (Clopper and Pearson 1934): it covers at least as often as it says."""
-    tail = (1 - confidence) / 2
-    low = crossing(lambda share: tail - 1 + binomial_at_most(successes - 1, n, share), 0, 1)
-    high = crossing(lambda share: binomial_at_most(successes, n, share) - tail, 0, 1)
-    return 0.0 if successes == 0 else low, 1.0 if successes == n else high
-
-
-@lru_cache(maxsize=4096)
-def tango(first: int, second: int, n: int, confidence: float) -> tuple[float, float]:
-    """The score interval of a difference of paired shares (Tango 1998).
-
-    In `first` of the `n` pairs only the first episode succeeded, in `second` only the second one.
-    """
-    z = NORMAL.inv_cdf((1 + confidence) / 2)
-    estimate = (first - second) / n
-
-    def score(difference: float) -> float:
-        linear = -first - second + (2 * n - first + second) * difference
-        constant = -second * difference * (1 - difference)
-        root = math.sqrt(max(0.0, linear * linear - 8 * n * constant))
-        variance = n * ((root - linear) / (2 * n) + difference * (1 - difference))
-        distance = first - second - n * difference
-        if variance > 1e-15:
-            return distance / math.sqrt(variance)
-        return math.copysign(math.inf, distance) if distance else 0.0
-
-    low = -1.0 if first - second == -n else crossing(lambda difference: score(difference) - z, -1, estimate)
-    high = 1.0 if first - second == n else crossing(lambda difference: score(difference) + z, estimate, 1)
-    return low, high
-
-
 CONFIDENCE = 0.95
-RESAMPLES = 10_000
-"""Enough that with another seed the ends of an interval change by only a few hundredths of its width."""
 
-SEED = 20_240_417
-BLOCK = 200_000
-"""Values drawn at once, few enough for a processor's cache, so that ten thousand episodes need little memory."""
+POINTS = 2048
+"""Places at which the bootstrap's distribution is computed."""
 
-DIGITS = 12
-"""Digits to which resampled values are rounded (`_bca` says why)."""
+CELLS = 64
+"""Places in a standard deviation, so that they reach to 16 of them on either side."""
+
+STRIDE = 32
+"""Frequencies between two coarse ones, of which a characteristic function is composed."""
 
 FEW = 10
 """With fewer episodes than this, tables say that there are few."""
-
-Values = NDArray[np.float64]
 
 Ordered = tuple[float, ...]
 """Sorted values."""
@@ -216,7 +49,7 @@ Ordered = tuple[float, ...]
 Interval = tuple[float, float]
 
 ONE_EPISODE = "one episode has no interval"
-ALL_EQUAL = "all {n} equal; up to {share:.0%} of all episodes may differ"
+ALL_EQUAL = "all {n} equal; up to {percent:.2g}% of all episodes may differ"
 
 
 @dataclass(frozen=True)
@@ -250,6 +83,8 @@ class Sample:
 
     values: Sequence[float]
     bounds: Bounds | None = None
+    units: Sequence[int] = ()
+    """The world or chain of each value."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +95,7 @@ class Method:
     exact: bool = False
     """Clopper and Pearson's interval of a share, which covers at least as often as it says, instead of Wilson's."""
     bootstrap: bool = True
-    """Without it, Student's t alone: ten thousand resamples have no quantile far out in the tails."""
+    """Without it, Student's t alone, as for intervals that hold together."""
 
 
 USUAL = Method()
@@ -275,10 +110,15 @@ class MeanEstimate:
     high: float | None
     episodes: int
     note: str | None = None
-    """The reason why there is no interval, or that all episodes are equal."""
+    """The reason why there is no interval."""
     all_equal: bool = False
     sd: float | None = field(default=None, compare=False)
     """The standard deviation of the episodes; None for a single episode and for sums."""
+
+    @property
+    def sign_p(self) -> float | None:
+        """The p value of the sign test of a difference that is the same in all pairs, and not 0; otherwise None."""
+        return float(2.0 ** (1 - self.episodes)) if self.all_equal and self.mean else None
 
 
 def with_ends(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:
@@ -295,22 +135,16 @@ def equal_share(n: int, confidence: float = CONFIDENCE) -> float:
 
 def mean_estimate(values: Sequence[float], bounds: Bounds | None = None, method: Method = USUAL) -> MeanEstimate:
     """Estimate the mean of a sample, which must not be empty."""
-    return mean_estimates([Sample(values, bounds)], method)[0]
+    ordered = _ordered(values)
+    estimate = _plain_estimate(ordered, bounds, method)
+    if estimate.low is not None or estimate.note is not None:
+        return estimate
+    return _with(estimate, _within(_interval(ordered, method), ordered, bounds))
 
 
 def mean_estimates(samples: Sequence[Sample], method: Method = USUAL) -> list[MeanEstimate]:
-    """Estimate the mean of every sample, each as if it were alone.
-
-    Samples of the same size share the random numbers, whose drawing takes most of the time, so all statistics of a run
-    are best computed in one call.
-    """
-    ordered = [(_ordered(sample.values), sample.bounds) for sample in samples]
-    estimates = {each: _plain_estimate(*each, method) for each in ordered}
-    open_ones = [each for each, estimate in estimates.items() if estimate.low is None and estimate.note is None]
-    for alike in grouped(open_ones, lambda each: len(each[0])).values():
-        for each, interval in zip(alike, _intervals([values for values, _ in alike], method), strict=True):
-            estimates[each] = _with(estimates[each], _within(interval, *each))
-    return [estimates[each] for each in ordered]
+    """Estimate the mean of every sample, each as if it were alone."""
+    return [mean_estimate(sample.values, sample.bounds, method) for sample in samples]
 
 
 def _within(interval: Interval, ordered: Ordered, bounds: Bounds | None) -> Interval:
@@ -318,64 +152,6 @@ def _within(interval: Interval, ordered: Ordered, bounds: Bounds | None) -> Inte
     if bounds is None or not bounds.hold(ordered):
         return interval
     return max(interval[0], bounds.low), min(interval[1], bounds.high)
-
-
-_REMEMBERED = 4_096
-_known_intervals: dict[bytes, Interval] = {}
-"""The intervals that were asked for before, by a digest of what they follow from: the tables and figures of a report
-ask for the same ones again and again, and that of ten thousand episodes takes seconds."""
-
-
-def _intervals(samples: Sequence[Ordered], method: Method) -> list[Interval]:
-    """The intervals of the means of samples of one size: at each end the wider of Student's t and the bootstrap."""
-    data = np.array(samples)
-    n = data.shape[1]
-    half = t_quantile((1 - method.confidence) / 2, n - 1) * data.std(axis=1, ddof=1) / math.sqrt(n)
-    means = data.mean(axis=1)
-    students = list(zip((means - half).tolist(), (means + half).tolist(), strict=True))
-    if not method.bootstrap:
-        return students
-    drawn = _bootstrapped(data, method.confidence)
-    return [(min(t[0], b[0]), max(t[1], b[1])) for t, b in zip(students, drawn, strict=True)]
-
-
-def _bootstrapped(data: Values, confidence: float) -> list[Interval]:
-    """The bootstrap intervals of the means of rows."""
-    z = _expanded(data.shape[1], confidence)
-
-    def compute(which: list[int]) -> list[Interval]:
-        values = data[which]
-        scales = np.abs(values).max(axis=1)
-        scaled = values / scales[:, None]
-        skew = _skew([scaled], np.ones((len(which), 1)))
-        return _bca([scaled], lambda means: means[0], skew, scales, values.shape[1], np.full(len(which), z))
-
-    return _remembered([_digest(values, np.array(z)) for values in data], compute)
-
-
-def _expanded(n: int, confidence: float) -> float:
-    """The normal quantile of the expanded level, with which the bootstrap of `n` normal values is as wide as t."""
-    return t_quantile((1 - confidence) / 2, n - 1) * math.sqrt(n / (n - 1))
-
-
-def _remembered(keys: Sequence[bytes], compute: Callable[[list[int]], list[Interval]]) -> list[Interval]:
-    """The intervals with these keys; `compute` returns those that are not known yet, by their positions."""
-    intervals = {key: _known_intervals[key] for key in keys if key in _known_intervals}
-    missing = [at for at, key in enumerate(keys) if key not in intervals]
-    if missing:
-        intervals.update(zip((keys[at] for at in missing), compute(missing), strict=True))
-        if len(_known_intervals) > _REMEMBERED:
-            _known_intervals.clear()
-        _known_intervals.update(intervals)
-    return [intervals[key] for key in keys]
-
-
-def _digest(*parts: Values) -> bytes:
-    digest = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        digest.update(f"{part.shape}".encode())
-        digest.update(part.tobytes())
-    return digest.digest()
 
 
 def named_estimates(groups: Iterable[Mapping[str, Sample]], method: Method = USUAL) -> list[dict[str, MeanEstimate]]:
@@ -388,44 +164,23 @@ def named_estimates(groups: Iterable[Mapping[str, Sample]], method: Method = USU
 def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[Sequence[float]]) -> list[MeanEstimate]:
     """Estimate, for every weighting, the sum of weight x mean over samples that are resampled independently.
 
-    The samples are drawn once for all weightings, and the level is expanded as the smallest of them needs. A sample of
-    one episode has no spread: if it has a weight other than 0, there is no interval.
+    The level is expanded as the smallest of the samples needs. A sample of one episode has no spread: if it has a
+    weight other than 0, there is no interval.
     """
     ordered = [_ordered(sample) for sample in samples]
-    estimates = [_weighted_estimate(ordered, weights) for weights in weightings]
-    regular = [at for at, estimate in enumerate(estimates) if estimate.note is None]
-    # A sample with weight 0 in all of the sums is not drawn: it may be a single episode.
-    used = [at for at in range(len(samples)) if any(weightings[each][at] for each in regular)]
-    if not regular:
-        return estimates
+    return [_weighed(ordered, weights) for weights in weightings]
+
+
+def _weighed(samples: Sequence[Ordered], weights: Sequence[float]) -> MeanEstimate:
+    estimate = _weighted_estimate(samples, weights)
+    if estimate.note is not None:
+        return estimate
+    used = tuple((sample, float(weight)) for sample, weight in zip(samples, weights, strict=True) if weight)
     if len(used) == 1:
-        # A sum over one sample is a multiple of its mean, whose interval is mostly known.
-        (interval,) = _intervals([ordered[used[0]]], USUAL)
-        for at in regular:
-            low, high = sorted(weightings[at][used[0]] * end for end in interval)
-            estimates[at] = replace(estimates[at], low=low, high=high)
-        return estimates
-    data = [np.array(ordered[at]) for at in used]
-    scale = max(np.abs(values).max() for values in data)
-    weights = np.array([[weightings[each][at] for at in used] for each in regular])
-    smallest = [min(len(values) for values, weight in zip(data, row, strict=True) if weight) for row in weights]
-    levels = np.array([_expanded(n, CONFIDENCE) for n in smallest])
-
-    def compute(which: list[int]) -> list[Interval]:
-        chosen = weights[which]
-
-        def total(means: Sequence[Values]) -> Values:
-            return chosen @ np.concatenate(means)
-
-        scaled = [values[None, :] / scale for values in data]
-        return _bca(
-            scaled, total, _skew(scaled, chosen), np.full(len(which), scale), sum(map(len, data)), levels[which]
-        )
-
-    intervals = _remembered([_digest(row, *data) for row in weights], compute)
-    for at, interval in zip(regular, intervals, strict=True):
-        estimates[at] = _with(estimates[at], interval)
-    return estimates
+        ((sample, weight),) = used
+        low, high = sorted(weight * end for end in _interval(sample, USUAL))
+        return _with(estimate, (low, high))
+    return _with(estimate, _bootstrapped(used, _expanded(min(len(sample) for sample, _ in used), CONFIDENCE)))
 
 
 def _ordered(sample: Sequence[float]) -> Ordered:
@@ -448,7 +203,7 @@ def _plain_estimate(ordered: Ordered, bounds: Bounds | None, method: Method) -> 
 
 
 def _with(estimate: MeanEstimate, interval: Interval) -> MeanEstimate:
-    return replace(estimate, low=interval[0], high=interval[1])
+    return replace(estimate, low=interval[0], high=interval[1], note=None)
 
 
 def _share_interval(ordered: Ordered, bounds: Bounds, method: Method) -> Interval:
@@ -468,95 +223,72 @@ def _weighted_estimate(samples: Sequence[Ordered], weights: Sequence[float]) -> 
     weighed = [sample for sample, weight in zip(samples, weights, strict=True) if weight]
     if any(len(sample) == 1 for sample in weighed):
         return MeanEstimate(total, None, None, episodes, ONE_EPISODE)
-    # Sums of floats differ by rounding: rewards that were added in another order still count as equal.
-    rounding = 1e-9 * max(1.0, abs(total))
-    if all(sample[-1] - sample[0] <= rounding for sample in weighed):
+    if all(map(is_constant, weighed)):
         share = equal_share(min(map(len, weighed), default=1))
-        return MeanEstimate(total, None, None, episodes, ALL_EQUAL.format(n=episodes, share=share), all_equal=True)
+        return MeanEstimate(
+            total, None, None, episodes, ALL_EQUAL.format(n=episodes, percent=100 * share), all_equal=True
+        )
     return MeanEstimate(total, None, None, episodes)
 
 
-def _skew(samples: Sequence[Values], weights: Values) -> Values:
-    """The acceleration of every weighted sum of means: a sixth of the skewness of its sampling distribution.
+def is_constant(values: Sequence[float]) -> bool:
+    """Return whether values are equal; they may differ by rounding, as rewards that were added in another order do."""
+    least, most = min(values), max(values)
+    return most - least <= 1e-9 * max(1.0, abs(most))
 
-    `weights` is [sum, sample]; a sample is [row, value], with one row for all sums or one for each.
+
+def _interval(ordered: Ordered, method: Method) -> Interval:
+    """The interval of the mean of a sample: at each end the wider of Student's t and the bootstrap."""
+    n, mean = len(ordered), math.fsum(ordered) / len(ordered)
+    half = t_quantile((1 - method.confidence) / 2, n - 1) * float(np.std(ordered, ddof=1)) / math.sqrt(n)
+    if not method.bootstrap:
+        return mean - half, mean + half
+    low, high = _bootstrapped(((ordered, 1.0),), _expanded(n, method.confidence))
+    return min(low, mean - half), max(high, mean + half)
+
+
+def _expanded(n: int, confidence: float) -> float:
+    """The normal quantile of the expanded level, with which the bootstrap of `n` normal values is as wide as t."""
+    return t_quantile((1 - confidence) / 2, n - 1) * math.sqrt(n / (n - 1))
+
+
+@lru_cache(4_096)
+def _bootstrapped(weighed: tuple[tuple[Ordered, float], ...], level: float) -> Interval:
+    """The BCa interval of the sum of weight x mean over samples with their weights, each resampled by itself.
+
+    `level` is the normal quantile of its level. Scores are discrete, so many resamples tie with the mean: a value of
+    the sum is spread over two cells or so, which counts a tie half on either side of the mean.
     """
-    apart = [values - values.mean(axis=-1, keepdims=True) for values in samples]
-    moments = [
-        sum(weights[:, at] ** power * (d**power).sum(axis=-1) / d.shape[-1] ** power for at, d in enumerate(apart))
-        for power in (2, 3)
-    ]
-    skew: Values = moments[1] / moments[0] ** 1.5 / 6
-    return skew
+    apart = [weight * (np.array(sample) - np.mean(sample)) / len(sample) for sample, weight in weighed]
+    sd = math.sqrt(sum(float(values @ values) for values in apart))
+    frequencies = 2 * np.pi * np.arange(POINTS // 2 + 1) / POINTS
+    product = np.exp(-(frequencies**2) / 2).astype(complex)
+    for values in apart:
+        product *= _characteristic(values * (CELLS / sd)) ** len(values)
+    density = np.roll(np.fft.irfft(product, POINTS), POINTS // 2)
+    shares = np.maximum.accumulate(np.cumsum(density) - density / 2)
+    places = (np.arange(POINTS) - POINTS // 2) * sd / CELLS
+    bias = NORMAL.inv_cdf(float(shares[POINTS // 2]))
+    acceleration = sum(float((values**3).sum()) for values in apart) / sd**3 / 6
+    total = sum(weight * math.fsum(sample) / len(sample) for sample, weight in weighed)
+    extremes = [sorted((weight * sample[0], weight * sample[-1])) for sample, weight in weighed]
+    least, most = sum(low for low, _ in extremes), sum(high for _, high in extremes)
+    ends = (np.interp(_corrected(bias, bias + away, acceleration), shares, places) for away in (-level, level))
+    low, high = (min(max(total + float(end), least), most) for end in ends)
+    return low, high
 
 
-def _bca(
-    data: Sequence[Values],
-    combine: Callable[[Sequence[Values]], Values],
-    skew: Values,
-    scales: Values,
-    size: int,
-    levels: Values,
-) -> list[Interval]:
-    """The intervals of the sums that `combine` makes of means, each times its scale; a resample has `size` values.
-
-    `data` has an array [row, value] for every sample, `combine` takes their means as [row, resample] and returns
-    [sum, resample]; `levels` are the normal quantiles of the sums' levels. Scores are discrete, so many resamples tie
-    with the mean, and the correction of bias counts a tie half on either side. Sums of the same values in another order
-    differ in their last digits: data come with values up to 1, and resampled figures are rounded, so that ties are
-    ties.
-    """
-
-    def rounded(means: Sequence[Values]) -> Values:
-        return np.round(combine(means), DIGITS)
-
-    drawn = np.concatenate([rounded(means) for means in _resampled_means(data, max(1, BLOCK // size))], axis=1)
-    drawn.sort(axis=1)
-    estimate = rounded([_means(values, np.ones((1, values.shape[1]))) for values in data])
-    intervals = []
-    for row, mean, acceleration, scale, level in zip(drawn, estimate[:, 0], skew, scales, levels, strict=True):
-        below, up_to = (int(np.searchsorted(row, mean, side)) for side in ("left", "right"))
-        bias = NORMAL.inv_cdf((below / row.size + up_to / row.size) / 2)
-        low, high = (_quantile(row, _corrected(bias, bias + away, acceleration)) for away in (-level, level))
-        intervals.append((float(scale * low), float(scale * high)))
-    return intervals
-
-
-def _quantile(ordered: Values, share: float) -> np.float64:
-    """The linearly interpolated quantile of sorted values: equal to that of `numpy.quantile`, which takes longer."""
-    at = share * (ordered.size - 1)
-    first = min(int(at), ordered.size - 1)
-    low, high = ordered[first], ordered[min(first + 1, ordered.size - 1)]
-    part = at - first
-    quantile: np.float64 = low + (high - low) * part if part < 0.5 else high - (high - low) * (1 - part)
-    return quantile
+def _characteristic(values: Values) -> NDArray[np.complex128]:
+    """The mean of exp(-i x frequency x value) at the frequencies of `POINTS` places; each is a product of two."""
+    angles = -2j * np.pi / POINTS * values[:, None]
+    coarse = np.exp(angles * STRIDE * np.arange(POINTS // 2 // STRIDE + 1))
+    fine = np.exp(angles * np.arange(STRIDE))
+    means = np.einsum("vc,vf->cf", coarse, fine).ravel() / len(values)
+    characteristic: NDArray[np.complex128] = means[: POINTS // 2 + 1]
+    return characteristic
 
 
 def _corrected(bias: float, shifted: float, acceleration: float) -> float:
     """The share of resamples below an end of a BCa interval."""
     room = 1 - acceleration * shifted
     return NORMAL.cdf(bias + shifted / room) if room > 0 else float(shifted > 0)
-
-
-def _resampled_means(data: Sequence[Values], batch: int) -> Iterator[list[Values]]:
-    """Yield the means of `RESAMPLES` resamples of every sample, `batch` at a time, as [row, resample].
-
-    The rows of a sample are resampled together. How often each value was drawn is counted, and the means of all rows
-    are one product with these counts: a separate mean for every row and resample takes several times as long.
-    """
-    rng = np.random.default_rng(SEED)
-    for first in range(0, RESAMPLES, batch):
-        resamples = min(batch, RESAMPLES - first)
-        means = []
-        for values in data:
-            n = values.shape[1]
-            drawn = rng.integers(n, size=(resamples, n)) + n * np.arange(resamples)[:, None]
-            counts = np.bincount(drawn.ravel(), minlength=resamples * n).reshape(resamples, n)
-            means.append(_means(values, counts.astype(float)))
-        yield means
-
-
-def _means(values: Values, counts: Values) -> Values:
-    """The means of [row, value] in which each value occurs as often as [resample, value] says, as [row, resample]."""
-    means: Values = values @ counts.T / values.shape[1]
-    return means

@@ -42,7 +42,7 @@ def curve_names(cells: Sequence[PlayedCell]) -> list[str]:
     In the order budget, rules, options, a name has everything else in which the curves of a player at a game differ.
     """
     rivals = grouped(cells, lambda cell: (cell.game, cell.player))
-    names = [", ".join(_curve(cell, rivals[cell.game, cell.player])) for cell in cells]
+    names = _with_paths([", ".join(_curve(cell, rivals[cell.game, cell.player])) for cell in cells], cells)
     check_distinct((cell.game, name) for cell, name in zip(cells, names, strict=True))
     return names
 
@@ -57,6 +57,13 @@ def _curve(cell: PlayedCell, rivals: Sequence[PlayedCell]) -> Iterator[str]:
     rules = {name: value for name, value in cell.rules.items() if any(rival.rules[name] != value for rival in rivals)}
     yield from (f"{name} {value}" for name, value in rules.items())
     yield from _made_apart(cell, [*map(_made, rivals)])
+
+
+def apart(labels: Sequence[str]) -> tuple[list[str], str]:
+    """Return labels without the parts that all of them have, and these parts."""
+    parts = [label.split(", ") if label else [] for label in labels]
+    shared = [part for part in (parts[0] if parts else []) if all(part in other for other in parts)]
+    return [", ".join(part for part in own if part not in shared) for own in parts], ", ".join(shared)
 
 
 def check_distinct(names: Iterable[Hashable]) -> None:
@@ -102,7 +109,17 @@ def window_names(cells: Sequence[PlayedCell]) -> list[str]:
     """Return a description of each cell's window; those with the same one are told apart by their other caps."""
     groups = grouped(cells, lambda cell: (cell.game, cell.player))
     differing = {player: _differing_limits(members) for player, members in groups.items()}
-    return [", ".join([window_name(cell), *_in_words(cell, differing[cell.game, cell.player])]) for cell in cells]
+    names = [", ".join([window_name(cell), *_in_words(cell, differing[cell.game, cell.player])]) for cell in cells]
+    return _with_paths(names, cells)
+
+
+def _with_paths(names: Sequence[str], cells: Sequence[PlayedCell]) -> list[str]:
+    """Names with the path of the strategy where strategies of one file name in several folders have the same."""
+    keys = [(cell.game, cell.player, name) for cell, name in zip(cells, names, strict=True)]
+    alike = grouped(zip(keys, cells, strict=True), lambda pair: pair[0])
+    several = {key for key, own in alike.items() if len({cell.budget.get("strategy") for _, cell in own}) > 1}
+    named = zip(keys, cells, strict=True)
+    return [f"{key[-1]}, {cell.budget['strategy']}" if key in several else key[-1] for key, cell in named]
 
 
 def _differing_limits(cells: Sequence[PlayedCell]) -> list[str]:

@@ -31,6 +31,22 @@ __all__ = ["MEASURES", "differences", "paired_difference"]
 FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
 """Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 
+
+def latency(row: Row, timings: Sequence[Row]) -> float | None:
+    """The seconds that the player took for a turn, from those of the episode's attempts; None if unknown."""
+    seconds = sum(each["seconds"] - each["game_seconds"] for each in timings)
+    return seconds / row["turns"] if timings and row.get("turns") else None
+
+
+CONTROLS = ("random", "blind")
+"""Players that do not read their prompts: they show what chance and recorded actions score, and differ from nothing."""
+
+
+def is_control(player: str) -> bool:
+    """Return whether a player, as `random` or `blind:RUN`, is a control."""
+    return player.partition(":")[0] in CONTROLS
+
+
 Measure = Callable[[Row], float | None]
 """A value of one episode; None if it has none."""
 
@@ -108,11 +124,11 @@ def sample(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) 
 
 def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
     """Repeats of a world, or trials of a chain, are not independent, so the means of worlds or chains are used."""
-    units = grouped(measured, lambda pair: pair[0]).values()
-    if len(units) == len(measured):
-        return Sample([value for _, value in measured], bounds)
-    bounds = None if bounds is None else replace(bounds, two_valued=False)
-    return Sample([math.fsum(value for _, value in members) / len(members) for members in units], bounds)
+    units = grouped(measured, lambda pair: pair[0])
+    means = [math.fsum(value for _, value in members) / len(members) for members in units.values()]
+    if len(units) < len(measured) and bounds is not None:
+        bounds = replace(bounds, two_valued=False)
+    return Sample(means, bounds, list(units))
 
 
 def cut_share(rows: Sequence[Row]) -> float | None:
@@ -135,6 +151,12 @@ def pairs(rows: Iterable[Row], reference: Iterable[Row]) -> list[Pair]:
     counterparts = {(row["seed"], row["trial"]): row for row in reference}
     keyed = {(row["seed"], row["trial"]): row for row in rows}
     return [(row, counterparts[key]) for key, row in keyed.items() if key in counterparts]
+
+
+def are_identical(paired: Sequence[Pair]) -> bool:
+    """Return whether every prompt and every reply is equal on both sides of all pairs, as far as rows say so."""
+    plays = [[row.get("play_sha256") for row in pair] for pair in paired]
+    return bool(plays) and all(first == second is not None for first, second in plays)
 
 
 def difference_sample(paired: Sequence[Pair], measure: Measure) -> Sample:

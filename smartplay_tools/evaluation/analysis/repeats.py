@@ -17,10 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from smartplay_tools.evaluation.analysis.distributions import Values, t_quantile
 from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, RESAMPLES, SEED, Values, t_quantile
+from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE
 from smartplay_tools.records.rows import Row, grouped, mean_score
+
+SEED = 20_240_417
+RESAMPLES = 2_000
 
 Succeeds = Callable[[Row], bool]
 Share = tuple[float, float, float]
@@ -141,7 +145,7 @@ def _mean(values: Values) -> Values:
 def by_worlds(values: Values, figure: Callable[[Values], Values]) -> Share:
     """A figure of [world, ...] with the 95 % interval of a bootstrap of worlds, each with all of its repeats."""
     worlds = len(values)
-    drawn = np.random.default_rng(SEED).integers(worlds, size=(RESAMPLES // 5, worlds))
+    drawn = np.random.default_rng(SEED).integers(worlds, size=(RESAMPLES, worlds))
     # A resample whose worlds are all equal has no share of the variance; that between worlds is 0 there.
     low, high = np.quantile(np.nan_to_num(figure(values[drawn])), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(figure(values)), float(low), float(high)

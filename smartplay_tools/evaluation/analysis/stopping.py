@@ -27,9 +27,10 @@ from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.distributions import Values
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import by_cell, labels
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Values
+from smartplay_tools.evaluation.analysis.intervals import Bounds
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, RowCondition, bounds_of, score, values
 from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.games.specs import get_spec

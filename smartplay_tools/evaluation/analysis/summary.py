@@ -18,7 +18,16 @@ from smartplay_tools.episode.config import differs
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, label_in
 from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, named_estimates
-from smartplay_tools.evaluation.analysis.pairs import Measure, completion, normalized_score, reward, samples, score
+from smartplay_tools.evaluation.analysis.pairs import (
+    Measure,
+    completion,
+    cost,
+    normalized_score,
+    reward,
+    samples,
+    score,
+    tokens,
+)
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.records.rows import Row, grouped, has_early_end, has_reported_tokens, is_unplayed
 from smartplay_tools.types import EndReason
@@ -44,6 +53,8 @@ FIGURES: Mapping[str, Measure] = {
     "completion": completion,
     "score": score,
     "normalized_score": normalized_score,
+    "tokens": tokens,
+    "cost": cost,
 }
 """What is estimated for every cell."""
 
@@ -104,7 +115,11 @@ class CellSummary:
     end_reasons: Mapping[str, int]
     tokens: TokenSummary
     cost: float | None
-    """USD; None if the price of an episode is not known."""
+    """USD of all episodes; None if the price of one is not known."""
+    episode_tokens: MeanEstimate
+    """Tokens of an episode, prompts and replies."""
+    episode_cost: MeanEstimate | None
+    """USD of an episode; None if the price of one is not known."""
     deviations: Mapping[str, Any]
     """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     unplayed: int
@@ -236,6 +251,8 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         unplayed=sum(map(is_unplayed, rows)),
         early=sum(map(has_early_end, rows)),
         cost=None if None in costs else math.fsum(costs),
+        episode_tokens=estimates["tokens"],
+        episode_cost=None if None in costs else estimates["cost"],
         tokens=_tokens(rows),
     )
 

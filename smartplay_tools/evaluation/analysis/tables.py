@@ -45,7 +45,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in COUNTS},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in _TOKENS},
     "overruns": ("tokens.overruns", "int64"),
-    "peak_prompt_tokens": ("peak_prompt_tokens", "int64"),
+    **{name: (name, "int64") for name in ("peak_prompt_tokens", "limited_prompts")},
     **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in _PROVIDER},
     "provider_requests": ("tokens.provider.requests", "int64"),
     "cost": ("cost", "float64"),
@@ -56,7 +56,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
     **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions", *OPTIONAL)},
-    **{name: (name, "string") for name in ("state_hash", *FILES)},
+    **{name: (name, "string") for name in ("state_hash", "play_sha256", *FILES)},
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
 
@@ -109,7 +109,8 @@ def cell_rows(summary: RunSummary) -> list[dict[str, Any]]:
         row |= {"condition": summary.label_of(each), "episodes": each.episodes}
         for name in ("score", "normalized_score", "completion", "reward"):
             row |= with_ends(name, getattr(each, name))
-        rows.append({**row, "tokens": each.tokens.prompt + each.tokens.reply, "cost": each.cost, **each.counts})
+        row |= with_ends("tokens", each.episode_tokens) | with_ends("cost", each.episode_cost)
+        rows.append({**row, **each.counts})
     return rows
 
 

@@ -1,14 +1,17 @@
-"""A sweep as a table: every window, compared with the full context of its family."""
+"""A sweep as tables: every window beside the reference of its family, and what it took."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
 from smartplay_tools.evaluation.analysis.formats import (
+    IDENTICAL,
     NOTHING,
     TextTable,
+    amount,
     columns,
+    count,
     decimals_of,
     dollars,
     interval_notes,
@@ -16,23 +19,29 @@ from smartplay_tools.evaluation.analysis.formats import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
-from smartplay_tools.evaluation.analysis.names import family_titles, window_names
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
+from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.records.rows import grouped
 
 NOTES = (
-    "+-: to full context, paired by seed; [ ]: 95 % interval",
+    "+-: to the reference, paired by seed; [ ]: 95 % interval",
     "tokens: prompts and replies of an episode; stable: of its prompts, in a prefix that did not change",
     "*: on the game's Pareto front of score against tokens",
 )
-TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (Bonferroni)"
+FULL_NOTE = "full context: nothing left the window in any episode"
+TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T); p: Holm's"
 SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
+CONTROLS = "controls, which do not read their prompts, are not among the differences that hold together"
 COST_NOTE = "$: on the front of score against cost; USD: of an episode"
 CUT_NOTE = (
     f"{CUT}: at least {MANY_CUTS:.0%} of the tool results were cut, so the difference is not one of memory alone; "
     "docs/experiments.md lists the caps from which on nothing is cut"
 )
+
+ShownColumn = tuple[str, Callable[[WindowComparison], str]]
+"""A column of a table of cells: its heading, and what it shows of a cell."""
 
 
 def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
@@ -41,27 +50,84 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     The intervals of differences hold together, or with `single` each by itself.
     """
     differences = [c.differences.get("score") if single else c.together for c in comparisons]
-    compared = sum(difference is not None for difference in differences)
+    compared = sum(c.p is not None for c in comparisons)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
-    rows: list[tuple[str, ...]] = []
-    titled = zip(family_titles([c.cell for c in comparisons]), comparisons, strict=True)
-    for title, pairs in grouped(titled, itemgetter(0)).items():
-        members = [comparison for _, comparison in pairs]
+
+    def figures(members: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         decimals = decimals_of(c.means["score"] for c in members)
-        rows.append((title,))
-        for name, comparison in zip(window_names([c.cell for c in members]), members, strict=True):
-            rows.append((f"  {name}", *_figures(comparison, decimals, priced=priced, single=single)))
-    headings = columns("window", "n", "score", "+-", "tokens", "stable", *(["USD"] if priced else []), "")
+        return (
+            ("n", lambda c: count(c.episodes, c.means["score"])),
+            ("score", lambda c: with_interval(c.means["score"], decimals)),
+            ("+-", lambda c: _difference(c, decimals, single=single)),
+            *([] if single else [("p", lambda c: _p_value(c.p))]),
+            ("tokens", lambda c: short(c.means["tokens"].mean)),
+            ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
+            *([("USD", lambda c: dollars(c.means["cost"].mean) if "cost" in c.means else NOTHING)] if priced else []),
+            ("", lambda c: _marks(c, priced=priced)),
+        )
+
     held = (SINGLE if single else TOGETHER).format(compared=compared)
     notes = [
         *([held] if compared > 1 else []),
+        *([CONTROLS] if any(c.p is None and c.together for c in comparisons) else []),
         *NOTES,
+        *([FULL_NOTE] if any(c.is_reference and c.is_whole for c in comparisons) else []),
         *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
+        *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
         *([f"{EARLY}: {TERMS[EARLY]}"] if any(c.early for c in comparisons) else []),
     ]
-    return TextTable("windows", headings, tuple(rows), tuple(notes))
+    return cells_table("windows", comparisons, figures, notes)
+
+
+def cells_table(
+    title: str,
+    comparisons: Sequence[WindowComparison],
+    figures: Callable[[Sequence[WindowComparison]], Sequence[ShownColumn]],
+    notes: Sequence[str],
+) -> TextTable:
+    """Return a table with a section for each family and a line for each cell; `figures` has a family's columns."""
+    rows: list[tuple[str, ...]] = []
+    headings: list[str] = []
+    titled = zip(family_titles([c.cell for c in comparisons]), comparisons, strict=True)
+    for heading, pairs in grouped(titled, itemgetter(0)).items():
+        members = [comparison for _, comparison in pairs]
+        names, shown = window_names([c.cell for c in members]), figures(members)
+        check_distinct(names)
+        headings = [name for name, _ in shown]
+        rows.append((heading,))
+        for name, comparison in zip(names, members, strict=True):
+            rows.append((f"  {name}", *(show(comparison) for _, show in shown)))
+    return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
+
+
+TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
+SECONDS = "s: seconds that a player took for a turn, without those of the game"
+
+
+def took_tables(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes, MeanEstimate]) -> list[TextTable]:
+    """Return what an episode of each cell took: tokens and, where they are known, time, and US dollars.
+
+    `seconds` has the time of a turn by the key of the cell (`latencies`).
+    """
+
+    def tokens(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+        return (
+            ("tokens", lambda c: amount(c.means["tokens"], short)),
+            ("+-", lambda c: amount(c.differences.get("tokens"), short, sign="+")),
+            *([("s", lambda c: amount(seconds.get(c.cell.key()), "{:.2g}".format))] if seconds else []),
+        )
+
+    def cost(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+        return (
+            ("USD", lambda c: amount(c.means.get("cost"), dollars)),
+            ("+-", lambda c: amount(c.differences.get("cost"), dollars, sign="+")),
+        )
+
+    tables = [cells_table("took", comparisons, tokens, [TOOK, SECONDS] if seconds else [TOOK])]
+    priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
+    return [*tables, *([cells_table("took, in US dollars", comparisons, cost, [TOOK])] if priced else [])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:
@@ -69,18 +135,19 @@ def is_cut(comparison: WindowComparison) -> bool:
     return is_much_cut(comparison.cut_share)
 
 
-def _figures(comparison: WindowComparison, decimals: int, *, priced: bool, single: bool) -> tuple[str, ...]:
-    means = comparison.means
-    share, cost = means.get("prefix_share"), means.get("cost")
+def _difference(comparison: WindowComparison, decimals: int, *, single: bool) -> str:
+    if comparison.is_reference:
+        return "full context" if comparison.is_whole else "reference"
+    if comparison.is_identical:
+        return "identical"
     difference = comparison.differences.get("score") if single else comparison.together
-    compared = "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
-    marks = ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else "")
-    return (
-        f"{comparison.episodes}",
-        with_interval(means["score"], decimals),
-        "full context" if comparison.is_full else compared,
-        short(means["tokens"].mean),
-        NOTHING if share is None else percent(share.mean),
-        *([NOTHING if cost is None else dollars(cost.mean)] if priced else []),
-        marks + CUT * is_cut(comparison) + EARLY * (comparison.early > 0),
-    )
+    return "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
+
+
+def _p_value(p: float | None) -> str:
+    return NOTHING if p is None else "<.001" if p < 0.001 else f"{p:.2g}"
+
+
+def _marks(comparison: WindowComparison, *, priced: bool) -> str:
+    fronts = ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else "")
+    return fronts + CUT * is_cut(comparison) + EARLY * (comparison.early > 0)

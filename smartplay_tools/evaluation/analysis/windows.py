@@ -1,19 +1,18 @@
 """The effect of smaller windows: their cost in score, and their savings in tokens.
 
 Cells that differ only in their window (history, prompt tokens, slack, strategies) are a family, and each is compared
-with the widest window of its family, **full context**: the cell with the longest history; if there are several, the one
-with the highest cap on prompts, then the one with the least slack, and then the one with the fewest strategies. None is
-no limit, and the longest. In a grid this is the largest history with the largest cap at slack 0 and plain dropping,
-with the same manual.
+with the widest window of its family, its **reference**: the cell with the longest history; if there are several, the
+one with the highest cap on prompts, then the one with the least slack, and then the one with the fewest strategies.
+None is no limit, and the longest. In a grid this is the largest history with the largest cap at slack 0 and plain
+dropping, with the same manual. It is **full context** if nothing left the window in any of its episodes.
 
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
 compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of which holds by
 itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that hold together
-in 95 of 100 sweeps: each at the level 1 - 0.05 / K (Bonferroni), by formulas, since a bootstrap of ten thousand has no
-quantile that far out. The Pareto fronts compare the means of all cells of a game, including different players, manuals
-and protocols, because these have a price too. A point is dominated if another one is at most as expensive and at least
-as good, and better in one of the two. The front consists of the points that are not dominated; equal points are on it
-together.
+in 95 of 100 sweeps, and p values (`together`). Controls, which do not read their prompts, are not among the K. The
+Pareto fronts compare the means of all cells of a game, including different players, manuals and protocols, because
+these have a price too. A point is dominated if another one is at most as expensive and at least as good, and better in
+one of the two. The front consists of the points that are not dominated; equal points are on it together.
 """
 
 from __future__ import annotations
@@ -23,9 +22,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, named_estimates, with_ends
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, cut_share, difference_samples, pairs, samples
-from smartplay_tools.records.rows import Row, grouped, has_early_end
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, with_ends
+from smartplay_tools.evaluation.analysis.pairs import (
+    MEASURES,
+    are_identical,
+    cut_share,
+    difference_samples,
+    is_control,
+    latency,
+    pairs,
+    sample,
+    samples,
+)
+from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
+from smartplay_tools.records.rows import Row, grouped, has_early_end, is_whole
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
 
@@ -58,20 +68,30 @@ FOLLOWS_FROM_WINDOW = ("result_tokens", "manual_tokens")
 
 @dataclass(frozen=True)
 class WindowComparison:
-    """The comparison of one cell with the full context of its family."""
+    """The comparison of one cell with the reference of its family."""
 
     cell: PlayedCell
     episodes: int
-    full: PlayedCell
-    """The cell that it is compared with; itself, if it is full context."""
+    reference: PlayedCell
+    """The cell that it is compared with, which may be itself."""
+    is_whole: bool
+    """Whether nothing left the window in any of its episodes."""
     means: Mapping[str, MeanEstimate]
     """By the names of `pairs.MEASURES`, as far as the episodes have them."""
     differences: Mapping[str, MeanEstimate]
-    """Paired, this cell less full context; empty for full context itself."""
+    """Paired, this cell less its reference; empty for the reference itself."""
+    is_identical: bool
+    """Whether every prompt and reply is equal to the reference's."""
     together: MeanEstimate | None
     """The difference of scores with an interval that holds together with those of all other cells."""
+    p: float | None
+    """The p value of that difference, adjusted for all other cells (Holm); None for references and controls."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
+    pairs: int
+    """Episodes with a counterpart in the reference."""
+    confidence: float
+    """The level of each interval that holds together with the others."""
     early: int
     """Episodes that ended early and whose score counts as `records.rows.counted_score`."""
     on_token_front: bool
@@ -80,49 +100,60 @@ class WindowComparison:
     """The same against cost; None unless every episode of the game has a price."""
 
     @property
-    def is_full(self) -> bool:
-        """Whether this is the full context of its family."""
-        return self.cell == self.full
+    def is_reference(self) -> bool:
+        """Whether this is the reference of its family."""
+        return self.cell == self.reference
 
 
 def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> list[WindowComparison]:
-    """Compare every cell of a run with the full context of its family; cells keep the order of the rows.
+    """Compare every cell of a run with the reference of its family; cells keep the order of the rows.
 
     `along` are the fields of the budget in which a family may differ. `("slack",)` isolates slack: every
     cell is compared with the one that has the same history and cap, and the least slack.
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
-    full = _full_contexts(groups, along)
+    references = _references(groups, along)
     means = named_estimates(samples(members) for _, members in groups)
-    differing = [
-        {} if at == reference else difference_samples(pairs(groups[at][1], groups[reference][1]))
-        for at, reference in enumerate(full)
+    played = [
+        [] if at == reference else pairs(groups[at][1], groups[reference][1]) for at, reference in enumerate(references)
     ]
+    differing = [difference_samples(own) if own else {} for own in played]
     paired = named_estimates(differing)
-    compared = sum("score" in estimates for estimates in paired)
-    scores = ({name: sample for name, sample in measures.items() if name == "score"} for measures in differing)
-    together = named_estimates(scores, jointly(compared))
+    scores = [{"score": measures["score"]} if measures else {} for measures in differing]
+    judged = [at for at, own in enumerate(scores) if own and not is_control(groups[at][0].player)]
+    method = jointly([scores[at]["score"] for at in judged])
+    together = named_estimates(scores, method)
+    p_values = dict(zip(judged, holm([p_value(scores[at]["score"]) for at in judged]), strict=True))
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
         WindowComparison(
             cell=cell,
             episodes=len(members),
-            full=groups[reference][0],
+            reference=groups[reference][0],
+            is_whole=all(map(is_whole, members)),
             means=means[at],
             differences=paired[at],
+            is_identical=are_identical(played[at]),
             together=together[at].get("score"),
+            p=p_values.get(at),
             cut_share=cut_share(members),
+            pairs=len(played[at]),
+            confidence=method.confidence,
             early=sum(map(has_early_end, members)),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
         )
-        for at, ((cell, members), reference) in enumerate(zip(groups, full, strict=True))
+        for at, ((cell, members), reference) in enumerate(zip(groups, references, strict=True))
     ]
 
 
-def jointly(compared: int) -> Method:
-    """The method of intervals of which this many hold together in 95 of 100 cases (Bonferroni)."""
-    return Method(1 - (1 - CONFIDENCE) / max(1, compared), bootstrap=False)
+def latencies(rows: Iterable[Row], timings: Iterable[Row]) -> dict[bytes, MeanEstimate]:
+    """Return the seconds of a turn by the key of the cell, from a run's rows and the times of its attempts."""
+    times = grouped(timings, lambda timing: timing["key"])
+    groups = by_cell(rows)
+    measured = [{"seconds": sample(own, lambda row: latency(row, times.get(row["key"], ())))} for _, own in groups]
+    estimates = named_estimates(measured)
+    return {cell.key(): own["seconds"] for (cell, _), own in zip(groups, estimates, strict=True) if own}
 
 
 def width(cell: PlayedCell) -> tuple[float, float, float, float]:
@@ -137,7 +168,7 @@ def width(cell: PlayedCell) -> tuple[float, float, float, float]:
 def is_widest_but(comparison: WindowComparison, field: str) -> bool:
     """Whether only this field of the window limits a cell, compared with the widest window of its family."""
     others = (name for name in WINDOW if name != field)
-    return all(comparison.cell.budget[name] == comparison.full.budget[name] for name in others)
+    return all(comparison.cell.budget[name] == comparison.reference.budget[name] for name in others)
 
 
 def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> bytes:
@@ -145,8 +176,8 @@ def family(cell: PlayedCell, along: Sequence[str] = WINDOW) -> bytes:
     return cell.key(without=(*along, *FOLLOWS_FROM_WINDOW))
 
 
-def _full_contexts(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[str]) -> list[int]:
-    """For every group the index of its family's full context."""
+def _references(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[str]) -> list[int]:
+    """For every group the index of its family's reference."""
     families = [family(cell, along) for cell, _ in groups]
     widest: dict[bytes, int] = {}
     for at, (name, (cell, _)) in enumerate(zip(families, groups, strict=True)):
@@ -178,13 +209,17 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     row |= {"tokenizer": cell.tokenizer}
     row |= {name: canonical_text(getattr(cell, name)) for name in ("options", "player_options")}
     row |= {name: cell.budget[name] for name in (*WINDOW, *LIMITS)}
-    row |= {"episodes": comparison.episodes, "full_context": comparison.is_full}
+    row |= {
+        "episodes": comparison.episodes,
+        "reference": comparison.is_reference,
+        "full_context": comparison.is_reference and comparison.is_whole,
+    }
     row |= {"cut_share": comparison.cut_share}
     for measure in MEASURES:
         row |= with_ends(measure, comparison.means.get(measure))
         row |= with_ends(f"{measure}_difference", comparison.differences.get(measure))
     joint = with_ends("score_difference_together", comparison.together)
     row |= {name: end for name, end in joint.items() if name != "score_difference_together"}
-    compared = comparison.differences.get("score")
-    row |= {"pairs": None if compared is None else compared.episodes}
+    row |= {"pairs": None if comparison.is_reference else comparison.pairs}
+    row |= {"identical": comparison.is_identical, "p_holm": comparison.p}
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}

@@ -15,6 +15,6 @@ scheduler      the choice of the next episode, and the handling of every finishe
 run_progress   the one thread that writes the status file and shows a run; Ctrl-C stops it between two turns
 tracking       the figures of a run, sent to an experiment tracker
 runner         `evaluate`
-sweeps         runs over a grid of budgets, compared with full context
+sweeps         runs over a grid of budgets, compared with the widest window
 merge          merging shards, and replaying every episode of a run
 """

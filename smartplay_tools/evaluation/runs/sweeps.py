@@ -38,6 +38,9 @@ from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
+SUMMARY = "summary.csv"
+"""The file of a sweep's cells in its folder."""
+
 RULE_AXES = ("manual", "observation")
 """The rules that a sweep can vary."""
 
@@ -78,7 +81,7 @@ class Sweep(InNotebook):
 
     @cached_property
     def comparisons(self) -> list[WindowComparison]:
-        """The comparison of every cell with the full context of its family."""
+        """The comparison of every cell with the reference of its family."""
         return compare_windows(self.rows)
 
     @property
@@ -92,7 +95,7 @@ class Sweep(InNotebook):
         Parquet and figures need the extra `evaluation`; without it they are left out.
         """
         folder = self.run.folder.path
-        written = [folder / "table.csv", folder / "summary.csv"]
+        written = [folder / "table.csv", folder / SUMMARY]
         write_csv(self.rows, written[0])
         written[1].write_text(rows_to_csv(self.summary), encoding="utf-8", newline="")
         try:

@@ -65,7 +65,7 @@ def run_figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
 def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
     """Whether a family has several values of a field."""
-    return any(c.cell.budget[field] != c.full.budget[field] for c in comparisons)
+    return any(c.cell.budget[field] != c.reference.budget[field] for c in comparisons)
 
 
 def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
@@ -75,7 +75,7 @@ def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> d
     for comparison in comparisons:
         members = next(own for cell, own in cells if cell == comparison.cell)
         normalized = sample(members, normalized_score).values
-        if comparison.is_full:
+        if comparison.is_reference:
             profiles.setdefault(series_name(comparison, comparisons), {})
             if normalized:
                 profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized

@@ -63,7 +63,7 @@ def _part_of(folder: RunFolder, manifest: Manifest, player: str | None) -> Manif
         )
     names = list(dict.fromkeys(cell.player or "" for cell in manifest.cells))
     if player is None and len(names) > 1:
-        raise InvalidArgumentError(f"The run has the players {', '.join(names)}; name the one that is submitted.")
+        raise InvalidArgumentError(f"The run has the players {', '.join(names)}; name the submitted one (--player).")
     player = names[0] if player is None else player
     if player not in names:
         raise InvalidArgumentError(f"The run has no player {player!r}; it has {', '.join(names)}.")

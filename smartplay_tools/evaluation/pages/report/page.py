@@ -252,7 +252,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         "episodes": episodes,
         "figures": [figure for page in pages for figure in page.figures],
-        "manifests": [(run.letter, run.sources.manifest) for run in runs if run.sources.manifest],
+        "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in unplayed(page.rows)],
         "chosen": _chosen(runs),
         "waiting": sum(run.sources.waiting for run in runs),
@@ -262,6 +262,13 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "packed": packed,
         "version": metadata.version("smartplay-tools"),
     }
+
+
+def _manifest(run: ShownRun) -> dict[str, Any]:
+    """The manifest of a run, of its planned episodes those that the page holds: its size is not that of the run."""
+    held = {source.key.partition(".")[0] for source in run.sources.episodes}
+    planned = [episode for episode in run.sources.manifest["episodes"] if episode["key"] in held]
+    return {**run.sources.manifest, "episodes": planned}
 
 
 def _chosen(runs: Sequence[ShownRun]) -> dict[str, int] | None:
@@ -325,7 +332,7 @@ def _tables(page: _RunPage) -> Iterator[TextTable]:
     """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
     if len(page.summary.cells) > 1:
         comparisons = compare_windows(page.rows)
-        if any(not comparison.is_full for comparison in comparisons):
+        if any(not comparison.is_reference for comparison in comparisons):
             yield windows_table(comparisons)
     yield from page.costs
     if page.summary.cells:
