@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from itertools import takewhile
+from itertools import chain, islice, takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
@@ -27,13 +27,12 @@ from smartplay_tools.context.rewriting import (
     from_record,
     given_form,
     on_record,
-    with_task,
 )
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.custom import AsRecorded
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import Selection, View, ranges_of
+from smartplay_tools.context.view import Selection, View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.context.window_state import Contents, WindowState
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
@@ -72,15 +71,15 @@ class CompactingWindow(ContextWindow):
         self._reader = Reader(self._messages, lambda: ids.take([""], self._now.state.turns)[0])
         self._sizes = [counter.message(message) for message in head[1:]]
         """The tokens of every message as it is shown now."""
-        self._aged = self._unpictured = 0
-        """The turns before these are masked whole, and have all their pictures left out."""
-        self._history: list[Piece] = [range(len(self._messages))]
+        self._history: list[Piece] = [range(len(self._sizes))]
         """What came back last, and the messages since."""
+        self._total: int | None = None
+        """The tokens of the history, where they are known."""
         self._making: Generator[View, Message | None, View] | None = None
         """Makes the next prompt to play, and waits for the replies to questions."""
         self._reply: Message | None = None
         """The reply to the latest question, until the compactor has it."""
-        self._places: Sequence[Place] = ()
+        self._shown: Sequence[Piece] = ()
         """What the latest view shows, after its head."""
         self._played: tuple[WindowState, View] | None = None
         """The latest prompt to play."""
@@ -88,28 +87,20 @@ class CompactingWindow(ContextWindow):
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn."""
-        before, state = self._now.state, self._after(turn)
-        self._now = Contents(state, _selection(state, ()), None)
-        first, whole = len(self._sizes), self._index.whole
+        state, first, whole = self._after(turn), len(self._sizes), self._index.whole
+        self._now = Contents(state, self._now.selection, None)
         results = [self._counter.message(item.message) for item in turn.items]
         self._sizes += (whole[-1] - whole[-2] - sum(results), *results)
         self._messages.append(turn)
-        if (state.oldest, state.pictures) != (before.oldest, before.pictures):
-            self._age(state)
+        self._total = None if self._total is None else self._total + whole[-1] - whole[-2]
+        for numbers in self._messages.age(state.oldest, state.pictures):
+            self._total = None
+            self._sizes[numbers.start : numbers.stop] = map(self._counter.message, self._messages.shown(numbers))
         last = self._history[-1]
         if isinstance(last, range) and last.stop == first:
             self._history[-1] = range(last.start, len(self._sizes))
         else:
             self._history.append(range(first, len(self._sizes)))
-
-    def _age(self, state: WindowState) -> None:
-        """Count again what is masked from now on, or loses its picture."""
-        self._messages.oldest, self._messages.pictures = state.oldest, state.pictures
-        changed = {*range(self._aged, state.boundary + 1), *range(self._unpictured, state.pictured + 1)}
-        for index in changed.intersection(range(state.turns)):
-            for number in self._messages.numbers(index):
-                self._sizes[number] = self._counter.message(self._messages.shown(number))
-        self._aged, self._unpictured = state.boundary, state.pictured
 
     def view(self) -> View:
         """Return the next question of the compactor, or the next prompt to play.
@@ -143,7 +134,7 @@ class CompactingWindow(ContextWindow):
     def canonical(self, view: View) -> list[bytes]:
         """Return the canonical JSON of the latest view's messages, of which the prompt's sha256 is made."""
         head = [] if view.asks_for_summary else self._now.state.head.canonical
-        return [*head, *map(self._messages.line, self._places)]
+        return [*head, *chain.from_iterable(map(self._messages.lines, self._shown))]
 
     def _make(self) -> Generator[View, Message | None, View]:
         """Yield the questions of the compactor that are sent; return the prompt to play."""
@@ -175,16 +166,16 @@ class CompactingWindow(ContextWindow):
 
     def _run(self) -> Answered:
         """Call the compactor: yield the messages of its questions, take the answers, return what comes back."""
-        given = list(self._history) if self._is_persistent else [range(len(self._messages))]
-        shown, reader, cap, last = self._messages.shown, self._reader, self.budget.prompt_tokens, self._played
+        given = list(self._history) if self._is_persistent else [range(len(self._sizes))]
+        reader, cap, last = self._reader, self.budget.prompt_tokens, self._played
         history = GivenHistory(
-            length=sum(map(_length, given)), copies=lambda: [copy_of(given_form(shown(place))) for place in flat(given)]
+            length=sum(map(_length, given)), copies=lambda: [copy_of(given_form(each)) for each in self._all(given)]
         )
         room = Room(
             None if cap is None else cap - self._now.state.head.tokens,
             cap if self.budget.question_tokens is None else self.budget.question_tokens,
             None if last is None else last[1].tokens,
-            lambda messages: reader.count(messages, flat(given), self._tokens),
+            lambda messages: sum(chain.from_iterable(map(self._tokens, reader.read(messages, flat(given))))),
         )
 
         def pieces(made: Any) -> list[Piece]:
@@ -228,18 +219,17 @@ class CompactingWindow(ContextWindow):
         return was
 
     def _question(self, pieces: list[Piece]) -> View:
-        state, places = self._now.state, flat(pieces)
-        messages = tuple(map(self._messages.shown, places))
+        state, messages = self._now.state, tuple(self._all(pieces))
         has_calls = any(calls_of(message) for message in messages)
-        tokens = PRIMING + sum(map(self._tokens, places)) + (self._tools_tokens if has_calls else 0)
-        self._places = places
+        tokens = PRIMING + sum(self._sizes_of(pieces)) + (self._tools_tokens if has_calls else 0)
+        self._shown = pieces
         return View(
             tools=self._tools if has_calls else (),
             tokens=tokens,
             shown_steps=0,
             dropped_turns=0,
             prefix_tokens=0,
-            selection=_selection(state, ()),
+            selection=_selection(state, []),
             shown=messages,
             turns=self._index.turns,
             purpose="compaction",
@@ -250,84 +240,103 @@ class CompactingWindow(ContextWindow):
         """Return the prompt that shows what came back, as far as it fits, and note both for the record."""
         state, cap, head = self._now.state, self.budget.prompt_tokens, self._now.state.head.tokens
         messages = None if pieces == self._history else on_record(pieces)
+        if messages is not None or self._total is None:
+            self._total = sum(self._sizes_of(pieces))
         self._history = list(pieces)
         lead = list(takewhile(lambda place: self._messages.role(place) != "assistant", _forward(pieces)))
-        total = head + self._front(lead) + sum(map(self._piece_tokens, pieces))
+        length, total = sum(map(_length, pieces)), head + self._task(lead) + self._total
         is_over = cap is not None and total > cap
         event: Event = {"event": "rewrite", "turn": state.turns, "messages": messages, "tokens": total, "over": is_over}
-        length, lost, turns = sum(map(_length, pieces)), 0, list[Place]()
-        if cap is None or not is_over:
-            turns = [*_forward(pieces)][len(lead) :]
-        elif (fitting := self._fitting(pieces, lead, cap - head)) is not None:
-            lost, turns = fitting
-        else:
+        fitting: tuple[int, int] | None = (0, length - len(lead))
+        if cap is not None and is_over:
+            fitting = self._fitting(pieces, lead, cap - head)
+        if fitting is None:
             self._events.append({**event, "shown": None, "task": False, "blind": False})
             raise PromptOverflowError("The newest turn does not fit beside system message and tools.")
-        shown = ranges_of([*range(lost, len(lead)), *range(length - len(turns), length)])
-        places, has_task = [*lead[lost:], *turns], bool(self._front(lead[lost:]))
-        self._places = with_task(places, self._messages.role) if has_task else places
+        lost, kept = fitting
+        places = [range(lost, len(lead)), range(length - kept, length)]
+        has_task = bool(self._task(lead[lost:]))
+        front: list[Piece] = [range(1)] if has_task else []
+        self._shown = [*_part(pieces, places[0]), *front, *_part(pieces, places[1])]
         view, is_blind = self._seen()
+        shown = [[each.start, each.stop - 1] for each in places if each]
+        if len(shown) > 1 and shown[0][1] + 1 == shown[1][0]:
+            shown = [[shown[0][0], shown[1][1]]]
         self._events.append({**event, "shown": shown, "task": has_task, "blind": is_blind})
         return view
 
-    def _fitting(self, pieces: Sequence[Piece], lead: Sequence[Place], room: int) -> tuple[int, list[Place]] | None:
-        """Return how many of the messages before the first reply leave, and the messages of the turns that stay.
+    def _fitting(self, pieces: Sequence[Piece], lead: Sequence[Place], room: int) -> tuple[int, int] | None:
+        """Return how many of the messages before the first reply leave, and how many of the turns stay.
 
         The oldest turns leave first, but for the newest; then what stands before the first reply. None if even that
         does not fit.
         """
-        turns, turn, tokens, own = list[Place](), list[Place](), 0, 0
-        before = self._front(lead) + sum(map(self._tokens, lead))
-        for place in _backward(pieces):
-            turn.append(place)
-            own += self._tokens(place)
-            if turns and before + tokens + own > room:
+        lead_sizes = [size for place in lead for size in self._tokens(place)]
+        before, kept, tokens, turn = self._task(lead) + sum(lead_sizes), 0, 0, 0
+        newest_first = chain.from_iterable(map(self._backward, reversed(pieces)))
+        for length, (size, message) in enumerate(newest_first, start=1):
+            turn += size
+            if kept and before + tokens + turn > room:
                 break
-            if self._messages.role(place) == "assistant":
-                turns, turn, tokens, own = turns + turn, [], tokens + own, 0
-        for lost in range(len(lead) + bool(turns)):
-            if self._front(lead[lost:]) + sum(map(self._tokens, lead[lost:])) + tokens <= room:
-                return lost, turns[::-1]
+            if message["role"] == "assistant":
+                kept, tokens, turn = length, tokens + turn, 0
+        for lost in range(len(lead) + bool(kept)):
+            if self._task(lead[lost:]) + sum(lead_sizes[lost:]) + tokens <= room:
+                return lost, kept
         return None
 
-    def _front(self, lead: Sequence[Place]) -> int:
-        """The tokens of the task, where it stands in front of these messages and the turns; 0 where it does not."""
-        first = next((role for role in map(self._messages.role, lead) if role not in SYSTEM), None)
-        return 0 if first == "user" else self._sizes[0]
+    def _backward(self, piece: Piece) -> Iterable[tuple[int, Message]]:
+        """Return tokens and message of every message, the newest first."""
+        if isinstance(piece, Own):
+            return [(self._tokens(piece)[0], piece.message)]
+        later = len(self._sizes) - piece.stop
+        return islice(zip(reversed(self._sizes), reversed(self._messages.now), strict=True), later, later + len(piece))
 
-    def _tokens(self, place: Place) -> int:
-        return self._counter.message(self._messages.shown(place)) if isinstance(place, Own) else self._sizes[place]
+    def _task(self, lead: Sequence[Place]) -> int:
+        """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
 
-    def _piece_tokens(self, piece: Piece) -> int:
-        return self._tokens(piece) if isinstance(piece, Own) else sum(self._sizes[piece.start : piece.stop])
+        It does where no user's message is among those before the first reply: all others are system messages.
+        """
+        return 0 if any(self._messages.role(place) not in SYSTEM for place in lead) else self._sizes[0]
+
+    def _tokens(self, place: Place | Piece) -> Sequence[int]:
+        """The tokens of messages as they are shown now."""
+        if isinstance(place, int):
+            return self._sizes[place : place + 1]
+        if isinstance(place, Own):
+            return [self._counter.message(message) for message in self._messages.shown(place)]
+        return self._sizes[place.start : place.stop]
+
+    def _sizes_of(self, pieces: Iterable[Piece]) -> Iterable[int]:
+        return chain.from_iterable(map(self._tokens, pieces))
+
+    def _all(self, pieces: Iterable[Piece]) -> Iterable[Message]:
+        return chain.from_iterable(map(self._messages.shown, pieces))
 
     def _seen(self) -> tuple[View, bool]:
-        """The prompt that shows the places, and whether it neither shows nor tells the newest observation."""
-        state, shown = self._now.state, list(map(self._messages.shown, self._places))
-        sizes = list(map(self._tokens, self._places))
+        """The prompt that shows the pieces, and whether it neither shows nor tells the newest observation."""
+        state, shown, sizes = self._now.state, list(self._all(self._shown)), list(self._sizes_of(self._shown))
         prefix = 0
         if self._played is not None:
             was, before = self._played
             prefix, is_same = common_head(was.head, state.head, self._tools_tokens, self._counter)
             if is_same:
-                pairs = zip(sizes, shown, before.shown[len(state.head.messages) :], strict=False)
-                prefix += sum(tokens for tokens, _, _ in takewhile(lambda each: each[1] == each[2], pairs))
-        visible: set[int] = set()
-        turns: set[int] = set()
-        for place, message in zip(self._places, shown, strict=True):
-            if isinstance(place, Own) or (turn := self._messages.turn_of(place)) is None:
-                continue
-            turns.add(turn)
-            item = self._messages.item(place)
-            if item is not None and item.observation_step is not None and not item.is_masked(message):
-                visible.add(item.observation_step)
+                same = takewhile(
+                    lambda pair: pair[0] is pair[1] or pair[0] == pair[1], zip(shown, before.shown[1:], strict=False)
+                )
+                prefix += sum(sizes[: len([*same])])
+        rows = [piece for piece in self._shown if isinstance(piece, range)]
+        steps: set[Any] = set().union(*[self._messages.steps[row.start : row.stop] for row in rows])
+        visible: set[int] = steps - {None}
+        turns = [self._messages.turns_of(row) for row in rows]
+        selection = _selection(state, turns)
         view = View(
             tools=self._tools,
             tokens=state.head.tokens + sum(sizes),
             shown_steps=len(visible),
-            dropped_turns=state.turns - len(turns),
+            dropped_turns=state.turns - len(selection),
             prefix_tokens=prefix,
-            selection=_selection(state, turns),
+            selection=selection,
             shown=(*state.head.messages, *shown),
             turns=self._index.turns,
             visible=visible,
@@ -357,13 +366,20 @@ def _forward(pieces: Iterable[Piece]) -> Iterator[Place]:
         yield from (piece,) if isinstance(piece, Own) else piece
 
 
-def _backward(pieces: Sequence[Piece]) -> Iterator[Place]:
-    for piece in reversed(pieces):
-        yield from (piece,) if isinstance(piece, Own) else reversed(piece)
+def _part(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
+    """Yield the messages at places of pieces."""
+    start = 0
+    for piece in pieces:
+        first, stop = max(places.start - start, 0), min(places.stop - start, _length(piece))
+        if first < stop:
+            yield piece if isinstance(piece, Own) else piece[first:stop]
+        start += _length(piece)
 
 
-def _selection(state: WindowState, turns: Iterable[int]) -> Selection:
+def _selection(state: WindowState, turns: Sequence[range]) -> Selection:
     """Return the selection that names turns of which a prompt shows messages."""
-    chosen = Selection(tuple(sorted(turns)), state.last + 1, state.last, state.oldest, is_chosen=True)
+    *others, run = turns if turns and turns[-1].stop == state.turns else [*turns, range(state.turns, state.turns)]
+    pinned = {turn for each in others for turn in each if turn not in run}
+    chosen = Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest)
     chosen.pictures = state.pictures
     return chosen

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, takewhile
 from typing import Any, TypeAlias
 
 from smartplay_tools.context.compaction import GivenHistory
@@ -53,12 +54,6 @@ def flat(pieces: Iterable[Piece]) -> list[Place]:
     return [place for piece in pieces for place in ((piece,) if isinstance(piece, Own) else piece)]
 
 
-def with_task(places: Sequence[Place], role: Callable[[Place], str]) -> list[Place]:
-    """Return messages with the task before the first that is not a system message."""
-    at = next((at for at, place in enumerate(places) if role(place) not in SYSTEM), len(places))
-    return [*places[:at], 0, *places[at:]]
-
-
 def joined(places: Iterable[Place]) -> list[Piece]:
     """Return messages as pieces, those in a row together."""
     pieces: list[Piece] = []
@@ -87,12 +82,17 @@ class NumberedMessages:
 
     def __init__(self, head: Sequence[Message]) -> None:
         """`head` is what stands before the first reply, without the system message."""
-        self.head = head
+        self.now: list[Message] = list(head)
+        """Every message as a prompt shows it now."""
+        self.steps: list[int | None] = [None] * len(head)
+        """The observation that each message shows now, None for none."""
+        self._lines: list[bytes | None] = [None] * len(head)
+        """The canonical JSON of each, as far as it was asked for."""
         self._turns: list[Turn] = []
         self._starts = [len(head)]
         """The number of the first message of each turn, and the number that comes next."""
-        self.oldest = self.pictures = 0
-        """Observations before the oldest are masked, and the first pictures are left out."""
+        self._oldest = self._pictures = self._aged = 0
+        """What is masked and left out (`age`), and the first turn that can still change by it."""
         self._results: dict[str, int] = {}
         """The results by the ids of their calls, as far as they were looked up."""
         self._replies: dict[str, int] = {}
@@ -105,60 +105,83 @@ class NumberedMessages:
         """How many messages these have."""
 
     def append(self, turn: Turn) -> None:
-        """Add a turn."""
+        """Add a turn, nothing of which is masked yet."""
         self._turns.append(turn)
-        self._starts.append(self._starts[-1] + len(turn.messages))
+        self.now += turn.messages
+        self.steps += (None, *[item.observation_step for item in turn.items])
+        self._lines += [None] * len(turn.messages)
+        self._starts.append(len(self.now))
 
-    def __len__(self) -> int:
-        return self._starts[-1]
+    def age(self, oldest: int, pictures: int) -> list[range]:
+        """Mask observations before the oldest, and leave out the first pictures; return the numbers that may change."""
+        changed: list[range] = []
+        if (oldest, pictures) == (self._oldest, self._pictures):
+            return changed
+        self._oldest, self._pictures = oldest, pictures
+        for index in range(self._aged, len(self._turns)):
+            turn, numbers = self._turns[index], range(self._starts[index], self._starts[index + 1])
+            self.now[numbers.start : numbers.stop] = seen = turn.seen(oldest, pictures=pictures)
+            shows = [
+                None if item.is_masked(m) else item.observation_step
+                for item, m in zip(turn.items, seen[1:], strict=True)
+            ]
+            self.steps[numbers.start : numbers.stop] = [None, *shows]
+            self._lines[numbers.start : numbers.stop] = [None] * len(numbers)
+            changed.append(numbers)
+            pictured = turn.first_picture + len(turn.pictured)
+            if turn.step < oldest or (not oldest and pictured <= pictures):
+                self._aged = index + 1
+            elif turn.is_young(oldest) and pictured >= pictures:
+                break  # and so is every later turn
+        return changed
 
-    def numbers(self, turn: int) -> range:
-        """Return the numbers of the messages of a turn."""
-        return range(self._starts[turn], self._starts[turn + 1])
-
-    def turn_of(self, number: int) -> int | None:
-        """Return the turn of a message; None for those before the first reply."""
-        return None if number < len(self.head) else bisect_right(self._starts, number) - 1
-
-    def role(self, place: Place) -> str:
-        """Return the role of a message."""
-        return (place.message if isinstance(place, Own) else self.original(place))["role"]
+    def turns_of(self, numbers: range) -> range:
+        """Return the turns that messages in a row belong to."""
+        first, last = (bisect_right(self._starts, number) - 1 for number in (numbers.start, numbers.stop - 1))
+        return range(max(first, 0), last + 1)
 
     def item(self, number: int) -> Item | None:
         """Return the item that a message is; None for replies, and for messages before the first one."""
-        if (turn := self.turn_of(number)) is None or number == self._starts[turn]:
+        turn = bisect_right(self._starts, number) - 1
+        if turn < 0 or number == self._starts[turn]:
             return None
         return self._turns[turn].items[number - self._starts[turn] - 1]
 
-    def original(self, number: int) -> Message:
-        """Return a message as it was first shown, nothing masked."""
-        turn = self.turn_of(number)
-        return self.head[number] if turn is None else self._turns[turn].messages[number - self._starts[turn]]
+    def role(self, place: Place) -> str:
+        """Return the role of a message."""
+        return (place.message if isinstance(place, Own) else self.now[place])["role"]
 
-    def shown(self, place: Place) -> Message:
-        """Return a message as a prompt shows it now."""
-        if isinstance(place, Own):
-            return self._aged(place)
-        if (turn := self.turn_of(place)) is None:
-            return self.head[place]
-        return self._turns[turn].seen(self.oldest, pictures=self.pictures)[place - self._starts[turn]]
+    def shown(self, piece: Piece) -> list[Message]:
+        """Return messages as a prompt shows them now."""
+        return [self._own(piece)] if isinstance(piece, Own) else self.now[piece.start : piece.stop]
 
-    def line(self, place: Place) -> bytes:
+    def lines(self, piece: Piece) -> list[bytes]:
         """Return the canonical JSON of `shown`."""
-        if isinstance(place, Own) or (turn := self.turn_of(place)) is None:
-            return head_bytes(self.shown(place))
-        seen = self._turns[turn].canonical_seen(self.oldest, pictures=self.pictures)
-        return seen[place - self._starts[turn]]
+        if isinstance(piece, Own):
+            return [head_bytes(self._own(piece))]
+        lines = self._lines[piece.start : piece.stop]
+        if None in lines:
+            for number in piece:
+                if self._lines[number] is None:
+                    self._lines[number] = self._line(number)
+            lines = self._lines[piece.start : piece.stop]
+        return lines  # type: ignore[return-value]
 
-    def _aged(self, own: Own) -> Message:
+    def _line(self, number: int) -> bytes:
+        if (turn := bisect_right(self._starts, number) - 1) < 0:
+            return head_bytes(self.now[number])
+        seen = self._turns[turn].canonical_seen(self._oldest, pictures=self._pictures)
+        return seen[number - self._starts[turn]]
+
+    def _own(self, own: Own) -> Message:
         """An own message as it is shown: a result has the date of its call, whatever its text has become."""
         message = own.message
         number = self.result_of(message["tool_call_id"]) if message["role"] == "tool" else None
         if number is None or (item := self.item(number)) is None:
             return message
-        shown = self.shown(number)
-        if shown is item.masked or (shown is not item.message and pictures_of(message)):
-            text = "" if shown is item.masked else text_of(message)
+        is_masked = item.is_masked(self.now[number])
+        if is_masked or (self.now[number] is not item.message and pictures_of(message)):
+            text = "" if is_masked else text_of(message)
             return {**message, "content": text or item.masked["content"]}
         return message
 
@@ -201,26 +224,26 @@ class NumberedMessages:
 
     def _forms(self, number: int) -> Iterator[Message]:
         """The forms in which a message is or was given."""
-        shown, original = self.shown(number), self.original(number)
-        yield given_form(shown)
-        yield shown
-        if shown is not original:
-            yield original
-            if (item := self.item(number)) is not None and pictures_of(original):
+        yield given_form(self.now[number])
+        yield self.now[number]
+        if (item := self.item(number)) is not None and self.now[number] is not item.message:
+            yield item.message
+            if pictures_of(item.message):
                 yield item.unpictured
 
     def _look_up(self) -> None:
         """Enter the messages that are new."""
-        for number in range(self._read, len(self)):
-            message = self.original(number)
+        for number in range(self._read, len(self.now)):
+            message = self.now[number]
             if message["role"] == "tool":
                 self._results[message["tool_call_id"]] = number
-                self._shown |= {part["sha256"]: part for part in pictures_of(message)}
+                original = message if (item := self.item(number)) is None else item.message
+                self._shown |= {part["sha256"]: part for part in pictures_of(original)}
             elif calls := calls_of(message):
                 self._replies |= dict.fromkeys((call["id"] for call in calls), number)
             else:
                 self._texts.setdefault(meaning(message), []).append(number)
-        self._read = len(self)
+        self._read = len(self.now)
 
 
 def given_form(message: Message) -> Message:
@@ -259,7 +282,7 @@ class Reader:
 
     def pieces(self, made: Any, given: Sequence[Place]) -> list[Piece]:
         """Return messages as pieces; a `StrategyError` names what is not a message, or cannot be sent."""
-        read = self._read(made, given)
+        read = self.read(made, given)
         present = {call["id"] for place in read if isinstance(place, Own) for call in calls_of(place.message)}
         for place in read:
             if isinstance(place, Own):
@@ -268,11 +291,8 @@ class Reader:
             self._check(read)
         return joined(read)
 
-    def count(self, made: Any, given: Sequence[Place], tokens: Callable[[Place], int]) -> int:
-        """Return the tokens of messages, which need not be a whole conversation."""
-        return sum(map(tokens, self._read(made, given)))
-
-    def _read(self, made: Any, given: Sequence[Place]) -> list[Place]:
+    def read(self, made: Any, given: Sequence[Place]) -> list[Place]:
+        """Return messages one by one, which need not be a whole conversation."""
         if not isinstance(made, list | tuple | GivenHistory):
             raise StrategyError(f"Messages are a list, not {type(made).__name__}.")
         later: dict[Any, int] = {}
@@ -330,7 +350,7 @@ class Reader:
         seen: set[str] = set()
         last = None
         for at, place in enumerate(read):
-            message = place.message if isinstance(place, Own) else self.messages.original(place)
+            message = place.message if isinstance(place, Own) else self.messages.now[place]
             role = message["role"]
             if role == "tool":
                 if message["tool_call_id"] not in waiting:
@@ -364,26 +384,30 @@ class Rewriting:
         """How many turns are read, and how many messages the history has had so far."""
         self._history: list[Place] = []
         """What came back last, and the messages since."""
-        self._places: list[Place] = []
+        self._pieces: list[Piece] = []
         """What the next prompt to play shows."""
 
     def take(self, event: Mapping[str, Any], turns: Sequence[Turn]) -> None:
         """Take a `rewrite` event."""
         self._read(event["turn"], turns)
-        self._history += range(self._known, len(self._messages))
-        self._known = len(self._messages)
+        self._history += range(self._known, len(self._messages.now))
+        self._known = len(self._messages.now)
         if event["messages"] is not None:
             self._history = flat(from_record(event["messages"]))
         if event["shown"] is not None:
             places = [place for first, last in event["shown"] for place in self._history[first : last + 1]]
-            self._places = with_task(places, self._messages.role) if event["task"] else places
+            if event["task"]:
+                systems = takewhile(lambda place: self._messages.role(place) in SYSTEM, places)
+                places.insert(len([*systems]), 0)
+            self._pieces = joined(places)
 
     def shown(self, view: Mapping[str, Any], turns: Sequence[Turn]) -> tuple[list[Message], list[bytes]]:
         """Return the messages of a prompt after its head, and their canonical JSON."""
         self._read(view["turn"], turns)
-        self._messages.oldest, self._messages.pictures = view["oldest"], view.get("pictures", 0)
-        places = flat(from_record(view["messages"])) if "messages" in view else self._places
-        return list(map(self._messages.shown, places)), list(map(self._messages.line, places))
+        self._messages.age(view["oldest"], view.get("pictures", 0))
+        pieces = from_record(view["messages"]) if "messages" in view else self._pieces
+        messages = chain.from_iterable(map(self._messages.shown, pieces))
+        return list(messages), list(chain.from_iterable(map(self._messages.lines, pieces)))
 
     def _read(self, stop: int, turns: Sequence[Turn]) -> None:
         for turn in turns[self._turns : stop]:
