@@ -37,9 +37,7 @@ def replay(
             "A compactor is called again, with the recorded replies."
         ),
     ] = None,
-    game: Annotated[
-        str | None, typer.Option(help="The game that the records name, if it is in a file: PATH/FILE.py:NAME.")
-    ] = None,
+    game: options.GameFile = None,
     as_json: options.Json = False,
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.

@@ -103,6 +103,8 @@ class View:
     """All turns of the conversation."""
     purpose: Purpose = "play"
     """What the prompt asks for."""
+    text_tokens: int = 0
+    """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
     visible: Set[int] | None = None

@@ -77,6 +77,7 @@ class Pending:
             "reply": reply,
             "prefix": self.view.prefix_tokens,
             "overrun": self.max_tokens is not None and reply > self.max_tokens,
+            **({"texts": self.view.text_tokens} if self.view.text_tokens else {}),
         }
 
 

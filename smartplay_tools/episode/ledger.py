@@ -18,6 +18,7 @@ from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviatio
 from smartplay_tools.episode.game_session import Answer, GameSession
 from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
 from smartplay_tools.episode.workers import SerialQueue
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
@@ -89,6 +90,8 @@ class Ledger:
         }
         if self.names_pictures_by_pixels:
             start["pictures"] = "pixels"
+        if self.session.spec.id not in GAMES.benchmark:
+            start["scoring"] = self.session.spec.scoring()
         if self.carried is not None:
             start["carried"] = self.carried.model_dump(exclude_none=True)
         self.record(start)

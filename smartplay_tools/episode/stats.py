@@ -147,9 +147,10 @@ class EpisodeStats:
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
-        if purpose_of(event) == "summary":
-            sums["summary_prompt"] += prompt
-            sums["summary_reply"] += reply
+        sums["texts"] += event.get("texts", 0)
+        if (kind := {"summary": "summary", "compaction": "question"}.get(purpose_of(event))) is not None:
+            sums[f"{kind}_prompt"] += prompt
+            sums[f"{kind}_reply"] += reply
 
 
 COUNTERS = tuple(each.name for each in fields(EpisodeStats) if not each.name.startswith("_"))

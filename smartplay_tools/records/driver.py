@@ -47,6 +47,9 @@ UNCOMPARED = frozenset(
 """Where two plays may differ: versions, what a version lists as deviations (they follow from the config, which is
 compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
+LATER = frozenset({("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts")})
+"""What records of older versions do not have."""
+
 NOT_REPLAYED = ("resume", "exception")
 """Events about the record itself."""
 
@@ -265,6 +268,8 @@ def unchained(event: Event) -> Event:
 
 def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any], *path: str) -> Iterator[str]:
     for key in sorted(was.keys() ^ now.keys()):
+        if key in now and (*path, key) in LATER:
+            continue
         yield f"{where} {key} is missing in the {'replay' if key in was else 'record'}."
     for key in sorted(was.keys() & now.keys()):
         before, after = was[key], now[key]

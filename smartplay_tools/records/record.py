@@ -329,6 +329,11 @@ class Record:
         return self._counts.whole.peak_prompt_tokens
 
     @property
+    def declares(self) -> bool:
+        """Whether its game has declared what an action needs, or which actions break its rules (`TextGame`)."""
+        return self._counts.declares
+
+    @property
     def open_call(self) -> Spent:
         """The call whose reply is not in the record, as unknown use; nothing if it ends without one, or as `end` says.
 

@@ -89,6 +89,12 @@ class _Sum:
         return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
 
 
+def _declares(call: Written) -> bool:
+    if isinstance(call, dict):
+        return "needs" in call["data"] or "breaks" in call["data"]
+    return b'"needs":' in call or b'"breaks":' in call
+
+
 class RecordCounts:
     """What the events of a record add up to; events that are only counted are not parsed."""
 
@@ -99,6 +105,8 @@ class RecordCounts:
         """The price of the player that answers a compactor's questions."""
         self.whole, self.own = _Sum(), _Sum()
         self.steps = 0
+        self.declares = False
+        """Whether the game has declared what an action needs, or which actions break its rules."""
         self._new_calls: list[Written] = []
         self._since_prompt: list[Written] = []
 
@@ -124,6 +132,7 @@ class RecordCounts:
                 self.own.add(usage, self.price)
             case "call":
                 self._new_calls.append(event)
+                self.declares = self.declares or _declares(event)
             case "view":
                 self._since_prompt = [event]
             case "message" | "summary" | "question":

@@ -40,6 +40,8 @@ class StartEvent(TypedDict):
     pictures: NotRequired[Literal["pixels"]]
     """With pictures as observations: what their sha256 are of (`Picture.sha256`). Absent in records that were written
     before there was this field, whose sha256 are of PNG files."""
+    scoring: NotRequired[dict[str, Any]]
+    """What scores can be in a setting beyond the benchmark (`Scoring`): a reader need not know its game."""
     carried: NotRequired[dict[str, Any]]
     """What it takes over from the trial before it: the digest of its `record`, `result`, `notes` or `files`."""
 
@@ -124,6 +126,8 @@ class UsageEvent(TypedDict):
     reply: NotRequired[int]
     prefix: NotRequired[int]
     overrun: NotRequired[bool]
+    texts: NotRequired[int]
+    """The part of `prompt` that a custom strategy has written."""
     purpose: NotRequired[Literal["summary", "compaction"]]
     """Present on the usage of a summary or of a question; the turn has its own usage."""
     provider: dict[str, Any] | None

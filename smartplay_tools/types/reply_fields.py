@@ -37,7 +37,7 @@ def readable(items: Sequence[Any], own: str) -> Iterator[str]:
     and calls, is counted there.
     """
     for item in items:
-        kind = item.get("type") if isinstance(item, Mapping) else None
+        kind = _type(item, "type") if isinstance(item, Mapping) else None
         if kind is None and isinstance(item, Mapping):
             item = {name: value for name, value in item.items() if name not in NOT_SENT}
         for text in texts_in(item):
@@ -54,10 +54,16 @@ def texts_in(value: Any) -> Iterator[str]:
     elif isinstance(value, list):
         for item in value:
             yield from texts_in(item)
-    elif isinstance(value, Mapping) and (kind := value.get("type", value.get("part_kind"))) not in _CALLS:
-        encrypted = _ENCRYPTED.get(kind) if isinstance(kind, str) else None
+    elif isinstance(value, Mapping) and (kind := _type(value, "type", "part_kind")) not in _CALLS:
+        encrypted = _ENCRYPTED.get(kind) if kind else None
         if value.get("redacted") is True:  # as Inspect marks it
             encrypted = "reasoning"
         for name, inner in value.items():
             if name not in NOT_COUNTED and name != encrypted:
                 yield from texts_in(inner)
+
+
+def _type(part: Mapping[str, Any], *fields: str) -> str | None:
+    """The type of a part in the first of these fields that it has; "" if that is no text, as a server may say."""
+    value = next((part[field] for field in fields if field in part), None)
+    return value if value is None or isinstance(value, str) else ""

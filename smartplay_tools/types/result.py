@@ -205,7 +205,9 @@ class Progress:
 class Tokens(Recorded):
     """The tokens of an episode: our count and the provider's."""
 
-    later: ClassVar[Mapping[str, Any]] = {"summary_prompt": 0, "summary_reply": 0}
+    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("summary_prompt", "summary_reply", "question_prompt", "question_reply", "texts"), 0
+    )
 
     prompt: int = 0
     """Sum over all prompts."""
@@ -220,6 +222,12 @@ class Tokens(Recorded):
     """The part of `prompt` that asked for summaries."""
     summary_reply: int = 0
     """The part of `reply` that was summaries."""
+    question_prompt: int = 0
+    """The part of `prompt` that was a compactor's questions."""
+    question_reply: int = 0
+    """The part of `reply` that answered them."""
+    texts: int = 0
+    """The part of `prompt` that custom strategies have written."""
 
 
 class EpisodeResult(Recorded):

@@ -289,6 +289,12 @@ BODY = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.parametrize("odd", [[None], {"type": "x"}, 7, True])
+def test_an_item_may_have_a_type_of_any_kind(endpoint, odd):
+    """As an item that is not known, or the request is refused: servers of others say such things."""
+    assert ask(endpoint, "/v1/responses", {"model": "echo", "input": [{"type": odd}]})[0] in (200, 400)
+
+
 @settings(deadline=None)
 @given(body=BODY | JSON, path=st.sampled_from(["/v1/chat/completions", "/v1/responses"]))
 def test_no_body_breaks_it(endpoint, body, path):
