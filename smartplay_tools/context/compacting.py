@@ -339,7 +339,7 @@ class CompactingWindow(ContextWindow):
             selection=selection,
             shown=(*state.head.messages, *shown),
             turns=self._index.turns,
-            text_tokens=sum(size for size, place in zip(sizes, self._places, strict=True) if isinstance(place, Own)),
+            text_tokens=sum(self._sizes_of(piece for piece in self._shown if isinstance(piece, Own))),
             visible=visible,
         )
         self._played = state, view

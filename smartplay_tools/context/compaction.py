@@ -19,7 +19,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 from smartplay_tools.errors import ContextOverflowError
 from smartplay_tools.types.messages import Message
 
-__all__ = ["Compactor", "ContextOverflowError", "GivenHistory", "Room", "asked"]
+__all__ = ["Compactor", "ContextOverflowError", "GivenHistory", "Questions", "Room", "asked"]
 
 T = TypeVar("T")
 

@@ -60,7 +60,7 @@ class AnthropicStub(ScriptedServer):
                 if block["type"] == "tool_result"
             )
             messages.extend({"role": "user", "content": text} for text in words)
-        tools = [described(tool) for tool in body["tools"]]
+        tools = [described(tool) for tool in body.get("tools", ())]
         # The interface wants a cap where the budget sets none.
         return Received(messages, tools, None if body["max_tokens"] == LIMIT else body["max_tokens"])
 

@@ -303,12 +303,30 @@ def check_numbers(result: sp.EpisodeResult) -> None:
     assert (result.malformed_calls, result.illegal_actions, result.steps) == (len(NO_NUMBERS), 3, 7)
 
 
-def judge_summaries(row: Window) -> None:
-    """Play under a budget with summaries through an adapter and again without it; both have to be equal.
+class Asking:
+    """A compactor that asks twice when the conversation is long: with calls, and so with tools, and without."""
 
-    Every reply has words and a call: a summary is made of the words, and its call is refused.
+    def compact(self, history, room):
+        if len(history) < 8:
+            return history
+        system = {"role": "system", "content": "Be short."}
+        first = yield [system, *history, {"role": "user", "content": "What was that?"}]
+        second = yield [system, {"role": "user", "content": "And what now?"}]
+        return [{"role": "user", "content": f"{first['content']} {second['content']}"}, *history[-2:]]
+
+
+def judge_summaries(row: Window) -> None:
+    """Play under budgets that ask for words through an adapter and again without it; both have to be equal.
+
+    Every reply has words and a call: a summary or an answer is made of the words, and its call is refused.
     """
-    budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
+    sp.register_strategy("asking", Asking)
+    shared = {"prompt_tokens": 1100, "tool_calls": 25, "stalled_turns": None}
+    _judge_words(row, sp.Budget(**shared, summary_tokens=60, slack=0.5))
+    _judge_words(row, sp.Budget(**shared, history=None, strategy="asking", question_tokens=3000))
+
+
+def _judge_words(row: Window, budget: sp.Budget) -> None:
     script = [calling(("observe", {}), say="I have looked.")] * 60
     episode, events = fresh(budget)
     with episode:
@@ -317,7 +335,7 @@ def judge_summaries(row: Window) -> None:
     with expected:
         prompts, *_ = by_conversation(expected, script)
     assert episode.result is not None
-    assert episode.result.summaries == episode.result.refused_calls > 2
+    assert episode.result.summaries + episode.result.questions == episode.result.refused_calls > 2
     assert without_usage(episode.result) == without_usage(expected.result)
     assert comparable(events) == comparable(expected_events)
     assert list(map(spelled, sent)) == list(map(spelled, prompts))

@@ -48,10 +48,10 @@ class OpenAIStub(ScriptedServer):
 
     def read(self, path: str, body: dict[str, Any]) -> Received:
         if path == "/v1/chat/completions":
-            functions = [tool["function"] for tool in body["tools"]]
+            functions = [tool["function"] for tool in body.get("tools", ())]
             messages, cap = body["messages"], body.get("max_tokens")
         else:
-            functions = body["tools"]
+            functions = body.get("tools", ())
             messages, cap = [*map(message_of, read_responses(body))], body.get("max_output_tokens")
         tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
         return Received(messages, tools, cap)
