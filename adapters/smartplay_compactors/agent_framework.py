@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import agent_framework as af
 from agent_framework.exceptions import ChatClientInvalidRequestException
@@ -62,5 +62,5 @@ def _from_framework(messages: Iterable[af.Message]) -> list[Message]:
         calls = [function_call(each.call_id or "", each.name or "", each.arguments) for each in sent]
         made += ({"role": "tool", "content": each.result, "tool_call_id": each.call_id or ""} for each in results)
         if not results:
-            made.append({**reply_message(message.text, calls), "role": message.role})
+            made.append(cast(Message, {**reply_message(message.text, calls), "role": message.role}))
     return made

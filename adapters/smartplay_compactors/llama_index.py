@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 from llama_index.core import llms
 from llama_index.core.memory import ChatSummaryMemoryBuffer
@@ -28,7 +28,7 @@ class LlamaIndexSummary(ImportedCompactor):
 
     def make(self) -> ChatSummaryMemoryBuffer:
         """Return the memory; it takes the length of what its tokenizer returns."""
-        model = LlamaIndexModel()
+        model = LlamaIndexModel(max_tokens=None)
         model.compactor = self
         return ChatSummaryMemoryBuffer.from_defaults(
             llm=model, tokenizer_fn=cache(lambda text: [0] * self.count_tokens(text)), token_limit=self.limit
@@ -37,7 +37,7 @@ class LlamaIndexSummary(ImportedCompactor):
     def rewrite(self, history: GivenHistory) -> list[Message]:
         """Put what is new into the memory, and get what it shows."""
         for message in self.new_of(history):
-            kept = {name: message[name] for name in KEPT if name in message}
+            kept = {name: value for name, value in message.items() if name in KEPT}
             self.made.put(llms.ChatMessage(role=message["role"], content=text_of(message), additional_kwargs=kept))
         return [_from_llama_index(message) for message in self.made.get()]
 
@@ -55,4 +55,4 @@ class LlamaIndexModel(llms.MockLLM):
 
 def _from_llama_index(message: llms.ChatMessage) -> Message:
     kept = {name: message.additional_kwargs[name] for name in KEPT if name in message.additional_kwargs}
-    return {"role": message.role.value, "content": message.content or "", **kept}
+    return cast(Message, {"role": message.role.value, "content": message.content or "", **kept})

@@ -41,7 +41,7 @@ class InspectModel(model.ModelAPI):
         super().__init__(compactor.name)
         self._compactor = compactor
 
-    async def generate(self, input: list[model.ChatMessage], **_: Any) -> model.ModelOutput:  # noqa: A002
+    async def generate(self, input: list[model.ChatMessage], tools: Any, tool_choice: Any, config: Any) -> Any:  # noqa: A002
         """Ask; a question that is too long is answered as Inspect's providers answer it."""
         try:
             text = text_of(self._compactor.ask([from_inspect(message) for message in input]))

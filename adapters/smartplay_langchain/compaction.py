@@ -80,8 +80,7 @@ class LangChainClearing(LangChainCompactor):
         request: Any = middleware.ModelRequest(model=self.model, messages=messages, state=state)
         made = self.made.wrap_model_call(request, self.take)
         if isinstance(made, middleware.ExtendedModelResponse) and made.command is not None:
-            update = made.command.update or {}
-            self._state |= {name: value for name, value in update.items() if name != "messages"}
+            self._state |= made.command.update or {}
         return self.sent
 
     def take(self, request: Any) -> Any:

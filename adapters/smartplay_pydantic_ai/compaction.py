@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic_ai import ModelContextWindowExceededError, RunContext, models
 from pydantic_ai.capabilities import ProcessHistory
@@ -24,7 +24,7 @@ class PydanticAICompactor(ImportedCompactor):
 
     keep: int = 12
     """The messages that stay: requests and responses."""
-    packages = ("pydantic-ai-slim",)
+    packages: ClassVar[tuple[str, ...]] = ("pydantic-ai-slim",)
     overflow = staticmethod(partial(ModelContextWindowExceededError, ImportedCompactor.name))
 
     async def rewrite(self, history: GivenHistory) -> list[Message]:

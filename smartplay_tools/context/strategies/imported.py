@@ -53,6 +53,8 @@ class ImportedCompactor:
     """Where it begins to act, in tokens of the conversation; None for four fifths of the room that this has."""
 
     name: str = field(default="compactor", init=False)
+    ask: Callable[[Sequence[Message]], Message] = field(init=False)
+    """Asks a model, and waits for its reply."""
     persistent: ClassVar[bool] = False
     packages: ClassVar[tuple[str, ...]] = ()
     """The packages of the framework, whose versions are recorded."""
