@@ -57,6 +57,8 @@ class ToolConversation(BaseConversation):
         self._has_strategies = bool(episode.budget.strategies)
         self._window = kind(whole_head, tools, episode.budget, episode.counter, episode.ledger.strategies)
         self._idle_in_a_row = 0
+        self._prompt_tokens: int | None = None
+        """The tokens of the prompt that the latest reply answers; None if it answers none."""
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
         super().__init__(episode, player=player, head=whole_head, tools=tools)
@@ -134,6 +136,7 @@ class ToolConversation(BaseConversation):
                 self._take_summary(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
+            self._prompt_tokens = None if pending is None else pending.view.tokens
             if pending is not None:
                 self._ledger.strategies.answers(pending.view)
             self._results, self._edits = {}, {}
@@ -245,6 +248,7 @@ class ToolConversation(BaseConversation):
             refusal=refusal,
             is_foreign=is_foreign,
             key=key,
+            prompt_tokens=self._prompt_tokens,
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)

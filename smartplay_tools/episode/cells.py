@@ -49,6 +49,10 @@ def cell_config(
     which = {name: rules[name] for name in ("context", "protocol", "observation")}
     check_strategies(budget, spec, **which)
     check_carry(Rules(**rules), budget)
+    if rules["budget_line"] == "on" and rules["protocol"] == "paper":
+        raise InvalidArgumentError(
+            'budget_line="on" adds a line to the results of tools, and the paper\'s protocol has none; leave it "off".'
+        )
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":
         _check_pictures(spec, kind, engine, options, rules)

@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.arguments import number_as_text
@@ -69,7 +70,8 @@ class Documents:
                 if step is not None and (not self.steps or step > self.steps[-1]):
                     assert item.position is not None
                     after = self._words.around("recalled", "step")[1]
-                    self._add(step, after.format(call=_call(turn, item.position), observation=text_of(item.message)))
+                    observation = without_budget_line(text_of(item.message))
+                    self._add(step, after.format(call=_call(turn, item.position), observation=observation))
         self._turns = len(turns)
 
     def _add(self, step: int, text: str) -> None:
