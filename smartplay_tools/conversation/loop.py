@@ -6,8 +6,9 @@ Code that would block a running event loop, or start a second one in its thread,
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
@@ -168,9 +169,21 @@ def check_observation(player: object, observation: ObservationForm) -> None:
         )
 
 
-def new_conversation(episode: Episode, player: str, protocol: ProtocolName) -> AnyConversation:
-    """Return a new conversation of an episode in a protocol."""
+NO_VERSIONS: Mapping[str, str] = MappingProxyType({})
+
+
+def versions_of(player: object) -> Mapping[str, str]:
+    """Return what a player says of the programs and files that decide its replies, in its attribute `versions`."""
+    versions: Mapping[str, str] = getattr(player, "versions", NO_VERSIONS)
+    return versions
+
+
+def new_conversation(
+    episode: Episode, player: str, protocol: ProtocolName, versions: Mapping[str, str] = NO_VERSIONS
+) -> AnyConversation:
+    """Return a new conversation of an episode in a protocol; `versions` are the player's, for the record."""
     check_choice("protocol", protocol, get_args(ProtocolName))
+    episode.ledger.player_versions = versions
     if protocol == "tools":
         return Conversation(episode, player=player)
     from smartplay_tools.conversation.paper import PaperConversation
@@ -188,7 +201,9 @@ def _attach(
         )
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
-    conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode
+    conversation = episode
+    if isinstance(episode, Episode):
+        conversation = new_conversation(episode, player.name, protocol, versions_of(player))
     if isinstance(player, AttachedPlayer):
         player.attach(conversation)
     return conversation

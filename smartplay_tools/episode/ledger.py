@@ -40,6 +40,8 @@ class Ledger:
         """The strategies for the past that the budget asks for."""
         self.writer = writer
         """Writes the transcript; None without one. A continued record gets another."""
+        self.player_versions: Mapping[str, str] = {}
+        """What the player says of the programs and files that decide its replies."""
         self.listeners: Sequence[Listener] = ()
         self.stats = EpisodeStats()
         self.stalls = Stalls()
@@ -205,8 +207,8 @@ class Ledger:
             self.result = result
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **self.game.versions()}
+        """Return the versions of the programs that can change how this episode runs, is counted or is played."""
+        return {**versions(), **self.game.versions(), **self.player_versions}
 
     def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
         return {
