@@ -14,7 +14,7 @@ from smartplay_local.engine import Loading, LocalServer, shared_server, shared_s
 from smartplay_local.model_files import find_adapter, find_model, name_of, read_gguf, sha256_of_file
 from smartplay_local.text import as_text, bounded, call_in, grammar_of, sample
 from smartplay_tools import Budget, Episode, InvalidArgumentError, Prompt, Reply, play
-from smartplay_tools.errors import check_choice, extra_named
+from smartplay_tools.errors import extra_named
 from smartplay_tools.types.messages import calls_of
 
 with extra_named("smartplay_local", "local"):
@@ -25,6 +25,8 @@ UNUSED = "http://127.0.0.1:9/v1"
 """A base URL at which nothing answers: the server's port is known once it runs."""
 
 Format = Literal["template", "text"]
+
+FORMATS: tuple[Format, ...] = ("template", "text")
 
 MOST_TOKENS = 2_000
 """Cap on a reply in a model's own template where the budget has none: words before a call have no other end."""
@@ -87,7 +89,8 @@ class LocalPlayer(OpenAIPlayer):
         self.loading = Loading(find_model(model), beside, context, threads, slots)
         """How the model is loaded."""
         file = self.loading.check()
-        check_choice("format", format or "text", ("template", "text"))
+        if format not in (None, *FORMATS):
+            raise InvalidArgumentError(f"format must be one of {', '.join(FORMATS)}, not {format!r}.")
         if format == "template" and not file.knows_tools:
             raise InvalidArgumentError(
                 f"The chat template of {file.path.name} has no tools; leave format out, or text."

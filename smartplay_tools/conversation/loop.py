@@ -202,8 +202,8 @@ def _attach(
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
     conversation = episode
-    if isinstance(episode, Episode):
-        conversation = new_conversation(episode, player.name, protocol, versions_of(player))
+    if isinstance(conversation, Episode):
+        conversation = new_conversation(conversation, player.name, protocol, versions_of(player))
     if isinstance(player, AttachedPlayer):
         player.attach(conversation)
     return conversation
