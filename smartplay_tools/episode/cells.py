@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.strategies.custom import load_strategy, name_on_record
+from smartplay_tools.context.strategies.custom import load_strategy, name_on_record, refused_with
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
@@ -53,6 +53,9 @@ def cell_config(
         raise InvalidArgumentError(
             'budget_line="on" adds a line to the results of tools, and the paper\'s protocol has none; leave it "off".'
         )
+    strategy = None if budget.strategy is None else load_strategy(budget.strategy)
+    if strategy is not None and (reason := refused_with(strategy.make, budget)):
+        raise InvalidArgumentError(reason)
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":
         _check_pictures(spec, kind, engine, options, rules)
@@ -70,7 +73,7 @@ def cell_config(
             budget=budget,
             tokenizer=counter.tokenizer.name,
             tokenizer_sha256=sha256_of(counter),
-            strategy_sha256=None if budget.strategy is None else load_strategy(budget.strategy).sha256,
+            strategy_sha256=None if strategy is None else strategy.sha256,
             player=player,
             player_options=dict(player_options or {}),
             **rules,
