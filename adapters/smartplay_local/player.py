@@ -37,11 +37,12 @@ def chosen_format(how: Loading) -> Format:
     """Return the format for a model: its template, if that has tools and the model calls one of them in a trial.
 
     llama.cpp binds a call to its schema, but lets the model write words before it, and some models write their calls
-    as words in another form than their template's.
+    as words in another form than their template's. The trial is a first prompt, without a call that could be repeated.
     """
     if not read_gguf(how.model).knows_tools:
         return "text"
-    return "template" if shared_server(how).calls(*sample(with_tools=True)) else "text"
+    messages, tools = sample(with_tools=True)
+    return "template" if shared_server(how).calls(messages[:2], tools) else "text"
 
 
 class LocalPlayer(OpenAIPlayer):
