@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from types import MappingProxyType
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
@@ -180,21 +179,18 @@ def check_observation(player: object, observation: ObservationForm) -> None:
         )
 
 
-NO_VERSIONS: Mapping[str, str] = MappingProxyType({})
-
-
 def player_versions(player: object) -> Mapping[str, str]:
     """Return what a player says of the programs and files that decide its replies, in its attribute `versions`."""
-    versions: Mapping[str, str] = getattr(player, "versions", NO_VERSIONS)
+    versions: Mapping[str, str] = getattr(player, "versions", {})
     return versions
 
 
 def new_conversation(
-    episode: Episode, player: str, protocol: ProtocolName, versions: Mapping[str, str] = NO_VERSIONS
+    episode: Episode, player: str, protocol: ProtocolName, versions: Mapping[str, str] | None = None
 ) -> AnyConversation:
     """Return a new conversation of an episode in a protocol; `versions` are the player's, for the record."""
     check_choice("protocol", protocol, get_args(ProtocolName))
-    episode.ledger.player_versions = versions
+    episode.ledger.player_versions = versions or {}
     if protocol == "tools":
         return Conversation(episode, player=player)
     from smartplay_tools.conversation.paper import PaperConversation
