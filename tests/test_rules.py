@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import fields
 
 import pytest
@@ -10,11 +12,21 @@ from typer.main import get_command
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
+from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, read_run_file
+from smartplay_tools.records import sent_prompts
+from smartplay_tools.types.messages import text_of
 
-HANOI, CRAFTER = "Hanoi3Disk-v0", "Crafter-v0"
-OWN = {"manual": "pinned", "batch": "first_act", "protocol": "paper", "observation": "both", "carry": "notes"}
+HANOI, CRAFTER, ROCK = "Hanoi3Disk-v0", "Crafter-v0", "RockPaperScissorBasic-v0"
+OWN = {
+    "manual": "pinned",
+    "batch": "first_act",
+    "protocol": "paper",
+    "observation": "both",
+    "budget_line": "on",
+    "carry": "notes",
+}
 """A value of every rule that a run can have; `chain` is a number that belongs to `carry`."""
 SHORT = sp.Budget(tool_calls=3)
 NOTING = sp.Budget(tool_calls=3, notes_tokens=50)
@@ -65,3 +77,48 @@ def test_what_is_no_rule_is_refused():
         sp.evaluate([HANOI], out="nowhere", colour="red")
     with pytest.raises(sp.InvalidArgumentError, match="`play` takes it"):
         sp.Episode(HANOI, seed=1, protocol="paper")
+
+
+@pytest.mark.parametrize(
+    "budget",
+    [sp.Budget(prompt_tokens=700, recall_tokens=60), sp.Budget(result_tokens=20, beyond_result="offload")],
+    ids=["capped", "offloaded"],
+)
+def test_the_budget_line_says_what_is_left_after_each_result(budget, tmp_path):
+    record = tmp_path / "one.jsonl"
+    with sp.Episode(ROCK, seed=3, budget=budget, budget_line="on", transcript=record) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    events = sp.read_transcript(record)
+    prompts = {event["turn"]: event["prompt"] for event in events if event["event"] == "usage"}
+    *calls, last = [event for event in events if event["event"] == "call"]
+    cap, words = budget.prompt_tokens, episode.counter.text
+    for call in calls:
+        if "manual" not in call["data"]:
+            result_alone, line = call["text"].rsplit("\n", 1)
+            of_cap = "" if cap is None else f" of {cap}"
+            assert line == f"[prompt: {prompts[call['turn']]}{of_cap} tokens; steps left: {50 - call['data']['step']}]"
+            assert words(result_alone) <= (budget.result_tokens if cap is None else math.inf), "cut before the line"
+            assert without_budget_line(call["text"]) == result_alone
+    assert "steps left" not in last["text"], "nothing is left to say once the game is over"
+    assert (result.steps, result.end_reason, result.illegal_actions) == (50, "rollout", 0), "a reader reads past it"
+    assert result.deviations["budget_line"] == {"paper": "off", "played": "on"}
+    assert sp.replay(record).identical
+    shown = [text_of(message) for sent in sent_prompts(events) for message in sent.prompt.messages]
+    assert any(text.endswith("steps left: 20]") for text in shown)
+
+
+def test_a_call_without_a_prompt_is_told_its_steps_and_recall_finds_results_without_lines():
+    with sp.Episode(ROCK, seed=3, budget_line="on", context="host") as episode:
+        assert episode.call("act", {"action": "Rock"}).text.endswith("\n[steps left: 49]")
+        assert "steps left" not in episode.call("read_manual").text, "the manual becomes part of the head"
+    budget = sp.Budget(prompt_tokens=700, recall_tokens=200, history=2)
+    with sp.Episode(ROCK, seed=3, budget=budget, budget_line="on") as episode:
+        talk = sp.Conversation(episode)
+        for name, given in [("act", {"action": "Rock"})] * 5 + [("recall", {"query": "1"})]:
+            talk.prompt()
+            call = {"id": "1", "type": "function", "function": {"name": name, "arguments": json.dumps(given)}}
+            [answer] = talk.receive({"role": "assistant", "content": None, "tool_calls": [call]})
+    assert answer.text.startswith('Step 1, after act("Rock"):\nYou chose Rock')
+    assert answer.text.count("steps left") == 1
+    with pytest.raises(sp.InvalidArgumentError, match="the paper's protocol has none"):
+        sp.evaluate([ROCK], ["random"], out="nowhere", trials=1, budget_line="on", protocol="paper")

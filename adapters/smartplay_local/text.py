@@ -1,9 +1,9 @@
-"""Prompts for models whose chat template knows no tools, and the grammar that their calls are bound to.
+"""Prompts for models whose chat template knows no tools, and what the calls of every model are bound to.
 
 Many small models were never shown a tool, and their template drops the schemas without a word. So the tools are part of
-the system message, a call is one JSON object in the text of a reply, and a result is a user message. While the model
-writes, llama.cpp allows only what continues to a call of one of the tools: no call is malformed unless a cap on the
-reply cuts it.
+the system message, a call is one JSON object in the text of a reply, and a result is a user message. A model whose
+template has tools is sent them there. While either model writes, llama.cpp allows only what continues to a call of one
+of the tools: no call is malformed unless a cap on the reply cuts it.
 """
 
 from __future__ import annotations
@@ -41,6 +41,21 @@ def as_text(messages: Iterable[Message], tools: Sequence[ToolSpec]) -> list[Mess
     return [_with_tools(written[0], tools), *written[1:]] if tools and written else written
 
 
+def sample(*, with_tools: bool) -> tuple[list[Message], list[dict[str, Any]]]:
+    """Return a short chat in the form of prompts, and its tools, with which a chat template can be tried."""
+    call: Any = {"id": "local0000", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
+    messages: list[Message] = [
+        {"role": "system", "content": "Play."},
+        {"role": "user", "content": "Begin."},
+        {"role": "assistant", "content": None, "tool_calls": [call]},
+        {"role": "tool", "content": "Nothing has happened.", "tool_call_id": "local0000"},
+    ]
+    tool = ToolSpec("observe", "Look.", {"type": "object", "properties": {}})
+    if with_tools:
+        return messages, [{"type": "function", "function": tool.to_json()}]
+    return as_text(messages, [tool]), []
+
+
 def _line(message: Message) -> tuple[Any, str]:
     role, text = message["role"], text_of(message)
     if role == "assistant":
@@ -67,7 +82,7 @@ def grammar_of(tools: Sequence[ToolSpec]) -> str:
     calls = [
         {
             "type": "object",
-            "properties": {"name": {"const": tool.name}, "arguments": _bounded(tool)},
+            "properties": {"name": {"const": tool.name}, "arguments": bounded(tool).parameters},
             "required": ["name", "arguments"],
             "additionalProperties": False,
         }
@@ -83,12 +98,13 @@ def grammar_of(tools: Sequence[ToolSpec]) -> str:
         raise InvalidArgumentError(f"The schemas of {names} cannot be made a grammar: {error}.") from error
 
 
-def _bounded(tool: ToolSpec) -> dict[str, Any]:
-    """The schema of a tool's arguments, of which all are required and every text has an end."""
+def bounded(tool: ToolSpec) -> ToolSpec:
+    """Return a tool of whose arguments all are required, and every text has an end."""
     longest = LONGEST_ACTION if tool.name == "act" else LONGEST_TEXT
     properties = {name: _with_end(schema, longest) for name, schema in _properties(tool).items()}
     required = list(tool.parameters.get("required") or properties)
-    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+    schema = {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+    return ToolSpec(tool.name, tool.description, schema)
 
 
 def _with_end(schema: Any, longest: int) -> Any:

@@ -31,6 +31,9 @@ from smartplay_tools.types import Budget, EpisodeResult, Player
 GAMES = {"BanditTwoArmedHighLowFixed-v0": 700, "RockPaperScissorBasic-v0": 800, "Hanoi3Disk-v0": 600}
 """Each game with a prompt cap that is too small for its whole conversation."""
 
+MODEL_SLACK = 0.5
+"""With a player of your choice: a model does not have to read the whole prompt again in every turn."""
+
 SHOWN_TURNS = 4
 """Turns of each game that are printed in full; the others would look the same."""
 
@@ -41,7 +44,9 @@ def demo(
     name: Annotated[
         str | None,
         typer.Option(
-            "--player", help="Play with this player instead, such as local: a real model.", show_default=False
+            "--player",
+            help="Play with this player instead, such as local:smollm2-135m-player: a real model.",
+            show_default=False,
         ),
     ] = None,
 ) -> None:
@@ -61,7 +66,7 @@ def demo(
             if player is not players[0]:
                 console.rule(f"the same games through {player.name}, a client and a local server", align="left")
             for game, cap in GAMES.items():
-                budget = Budget(prompt_tokens=cap)
+                budget = Budget(prompt_tokens=cap, slack=0 if name is None else MODEL_SLACK)
                 if player is players[0]:
                     console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
                 watch = _Watch(console if player is players[0] else None)

@@ -60,6 +60,7 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "batch": (_option(str, "all or first_act."), "all"),
     "protocol": (_option(str, "tools, or paper: free text, two questions a step."), "tools"),
     "observation": (_option(str, "text, picture or both."), "text"),
+    "budget_line": (_option(str, "on: the last line of each result says what is left of the budget; or off."), "off"),
     "carry": (_option(str | None, "What a trial takes over from the one before it: notes or memory."), None),
     "chain": (_option(int | None, "Trials of a chain, with --carry; all of a cell if not given."), None),
 }

@@ -6,7 +6,7 @@ Code that would block a running event loop, or start a second one in its thread,
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
@@ -179,9 +179,18 @@ def check_observation(player: object, observation: ObservationForm) -> None:
         )
 
 
-def new_conversation(episode: Episode, player: str, protocol: ProtocolName) -> AnyConversation:
-    """Return a new conversation of an episode in a protocol."""
+def player_versions(player: object) -> Mapping[str, str]:
+    """Return what a player says of the programs and files that decide its replies, in its attribute `versions`."""
+    versions: Mapping[str, str] = getattr(player, "versions", {})
+    return versions
+
+
+def new_conversation(
+    episode: Episode, player: str, protocol: ProtocolName, versions: Mapping[str, str] | None = None
+) -> AnyConversation:
+    """Return a new conversation of an episode in a protocol; `versions` are the player's, for the record."""
     check_choice("protocol", protocol, get_args(ProtocolName))
+    episode.ledger.player_versions = versions or {}
     if protocol == "tools":
         return Conversation(episode, player=player)
     from smartplay_tools.conversation.paper import PaperConversation
@@ -200,7 +209,9 @@ def _attach(
         )
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
-    conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode
+    conversation = episode
+    if isinstance(conversation, Episode):
+        conversation = new_conversation(conversation, player.name, protocol, player_versions(player))
     for each in (player,) if second is player else (player, second):
         if isinstance(each, AttachedPlayer):
             each.attach(conversation)

@@ -55,6 +55,8 @@ class ToolConversation(BaseConversation):
         strategies = episode.ledger.strategies
         self._has_strategies = bool(episode.budget.strategies)
         self._idle_in_a_row = 0
+        self._prompt_tokens: int | None = None
+        """The tokens of the prompt that the latest reply answers; None if it answers none."""
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
         facts = {"compacts": True} if strategies.compacts else {}
@@ -150,6 +152,7 @@ class ToolConversation(BaseConversation):
                 take(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
+            self._prompt_tokens = None if pending is None else pending.view.tokens
             if pending is not None:
                 self._ledger.strategies.answers(pending.view)
             self._results, self._edits = {}, {}
@@ -283,6 +286,7 @@ class ToolConversation(BaseConversation):
             refusal=refusal,
             is_foreign=is_foreign,
             key=key,
+            prompt_tokens=self._prompt_tokens,
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)

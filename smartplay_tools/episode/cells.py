@@ -49,6 +49,10 @@ def cell_config(
     which = {name: rules[name] for name in ("context", "protocol", "observation")}
     check_strategies(budget, spec, **which)
     check_carry(Rules(**rules), budget)
+    if rules["budget_line"] == "on" and rules["protocol"] == "paper":
+        raise InvalidArgumentError(
+            'budget_line="on" adds a line to the results of tools, and the paper\'s protocol has none; leave it "off".'
+        )
     strategy = None if budget.strategy is None else load_strategy(budget.strategy)
     if strategy is not None and (reason := refused_with(strategy.make, budget)):
         raise InvalidArgumentError(reason)

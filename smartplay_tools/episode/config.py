@@ -46,6 +46,7 @@ ManualMode = Literal["tool", "pinned", "none"]
 BatchPolicy = Literal["all", "first_act"]
 ContextOwner = Literal["window", "host"]
 ProtocolName = Literal["tools", "paper"]
+BudgetLine = Literal["off", "on"]
 
 
 def _plain(value: Any) -> Any:
@@ -77,7 +78,7 @@ class Setting(BaseModel):
 class Rules(Recorded):
     """The rules of an episode: how calls are played and what a prompt contains, the same in every game."""
 
-    later: ClassVar[Mapping[str, Any]] = {"carry": None, "chain": None}
+    later: ClassVar[Mapping[str, Any]] = {"budget_line": "off", "carry": None, "chain": None}
 
     manual: ManualMode = "tool"
     """"tool": the agent may read it; "pinned": it is part of every prompt; "none": it is withheld."""
@@ -89,6 +90,8 @@ class Rules(Recorded):
     """Tool calls, or the paper's free text."""
     observation: ObservationForm = "text"
     """What an observation is: "text"; "picture", one that the game makes of itself; "both"."""
+    budget_line: BudgetLine = "off"
+    """"on": the last line of each result says what is left of the budget; "off": results have no such line."""
     carry: CarriedStore | None = None
     """What a trial of a run takes over from the one before it in its chain: "notes", "memory"; None: nothing."""
     chain: Cap | None = None

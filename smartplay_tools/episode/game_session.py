@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
+from smartplay_tools.context.prompts.budget_line import with_budget_line
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.base import StrategyTool
@@ -124,6 +125,12 @@ class GameSession:
                 answer = self._play(parsed)
         self._end_if_calls_are_spent()
         return answer
+
+    def add_budget_line(self, answer: Answer, prompt_tokens: int | None) -> None:
+        """Add the line about the budget to an answer that is not the manual, which becomes part of the head."""
+        if "manual" not in answer.data:
+            cap, steps = self.budget.prompt_tokens, self.spec.rollout - self.steps
+            answer.text = with_budget_line(answer.text, self.words, tokens=prompt_tokens, cap=cap, steps=steps)
 
     def answer_foreign(self, name: str, arguments: Arguments, said: str | None) -> Answer:
         """Answer a call of the host's own tool that has no result; `said` is the host's text, None for this library's.

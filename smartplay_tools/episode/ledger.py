@@ -42,6 +42,8 @@ class Ledger:
         """The strategies for the past that the budget asks for."""
         self.writer = writer
         """Writes the transcript; None without one. A continued record gets another."""
+        self.player_versions: Mapping[str, str] = {}
+        """What the player says of the programs and files that decide its replies."""
         self.listeners: Sequence[Listener] = ()
         self.stats = EpisodeStats()
         self.stalls = Stalls()
@@ -108,12 +110,13 @@ class Ledger:
         host: Literal["edited", "refused"] | None = None,
         refusal: str | None = None,
         is_foreign: bool = False,
+        prompt_tokens: int | None = None,
     ) -> ToolResult:
         """Answer one call of a turn and record it; `complete_turn` follows the last one.
 
         `host` says what the host did to the call: changed its arguments, or refused it with the text `refusal`.
         `is_foreign` says that the call is one of the host's own tools, which did not run. `key` is the transport's
-        idempotency key (`recall`).
+        idempotency key (`recall`). `prompt_tokens` counts the prompt that the call answers, if this library made it.
         """
         with self.lock:
             self._step_is_unrecorded = True
@@ -124,6 +127,8 @@ class Ledger:
                 answer = self.session.say(refusal, "host")
             else:
                 answer = self.session.answer(name, arguments, may_act=may_act)
+                if self.config.budget_line == "on" and not self.done:
+                    self.session.add_budget_line(answer, prompt_tokens)
             result = ToolResult(answer.text, answer.is_error, self.done, answer.data, answer.picture)
             event = self._call_event(turn, position, name, arguments, answer)
             if host is not None:
@@ -210,8 +215,9 @@ class Ledger:
                 self.at_end()
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **versions_of(self.strategies.custom), **self.game.versions()}
+        """Return the versions of the programs that can change how this episode runs, is counted or is played."""
+        custom = versions_of(self.strategies.custom)
+        return {**versions(), **custom, **self.game.versions(), **self.player_versions}
 
     def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
         return {

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.context.prompts.wording import beginnings, in_any_version
 from smartplay_tools.types import PAGES_TOOL, Prompt
 from smartplay_tools.types.arguments import number_as_text
@@ -88,7 +89,7 @@ class Reading:
                 named = [at for at, c in enumerate(unanswered) if c.call_id == call_id and at not in answers]
                 waiting = named or [at for at in range(len(unanswered)) if at not in answers]
                 if waiting:
-                    answers[waiting[0]] = _unwrapped(text_of(message))
+                    answers[waiting[0]] = _answer(message)
         settle()
         pages = {each.page: each.text for each in seen if each.tool == PAGES_TOOL}
         return tuple(_whole(each, pages) if pages and each.tool in ("act", "observe") else each for each in seen)
@@ -102,8 +103,8 @@ class Reading:
 
     @cached_property
     def _latest_answer(self) -> str | None:
-        answers = [text_of(message) for message in self.prompt.messages if message["role"] == "tool"]
-        return _unwrapped(answers[-1]) if answers else None
+        answers = [message for message in self.prompt.messages if message["role"] == "tool"]
+        return _answer(answers[-1]) if answers else None
 
     @cached_property
     def observations(self) -> tuple[str, ...]:
@@ -175,6 +176,11 @@ def _whole(seen: Seen, pages: Mapping[str | None, str]) -> Seen:
     while (match := _page_line().search(text)) and (page := match[match.lastindex or 0]) in pages:
         text = text[: match.start()] + pages[page]
     return replace(seen, text=text)
+
+
+def _answer(message: Message) -> str:
+    """The text of a result: what the game's tool has answered."""
+    return without_budget_line(_unwrapped(text_of(message)))
 
 
 def _unwrapped(text: str) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -52,13 +52,14 @@ COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost")
 LATER = frozenset({"peak_prompt_tokens", "limited_prompts", "play_sha256", "observation", *FILES, *OPTIONAL})
 """The fields that rows of older versions do not have."""
 
-_OPTIONAL = {*Rules.later, *FILES, "scoring"}
-"""The fields that a row has only where there is something to say."""
+_UNSAID: Mapping[str, Any] = {**Rules.later, **dict.fromkeys((*FILES, "scoring"))}
+"""The fields that a row has only where there is something to say, each with the value that it leaves out."""
 
 
 def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
-    copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
+    facts = record.facts
+    copied = {name: facts[name] for name in COPIED if name not in _UNSAID or facts[name] != _UNSAID[name]}
     counted = {name: getattr(record, name) for name in COUNTED}
     shares = remembered(record)
     memory = {} if shares is None else {"memory": shares}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run` has an environment with it")
 
 from smartplay_local import LocalPlayer, LocalServer, measure
-from smartplay_local.engine import shared_server
+from smartplay_local.engine import Loading, Slots, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_openai import LocalEndpoint, chat_reply
@@ -30,7 +31,7 @@ needs_model = pytest.mark.skipif(not MODEL.is_here, reason="needs `smartplay-too
 
 @pytest.fixture(scope="module")
 def server() -> LocalServer:
-    return shared_server(find_model(), None, 1)
+    return shared_server(Loading(find_model(), threads=1))
 
 
 @needs_model
@@ -52,8 +53,60 @@ def test_it_plays_a_short_episode_whose_calls_are_well_formed(tmp_path):
     assert provider is not None
     assert provider.requests == result.turns
     assert provider.cached > 0, "the engine reads the beginning of a prompt once"
-    assert sp.read_transcript(record)[0]["config"]["player"] == "local:smollm2-135m"
+    start = sp.read_transcript(record)[0]
+    assert start["config"]["player"] == "local:smollm2-135m"
+    assert start["versions"]["format"] == "text", "the model's own template has no tools"
+    assert start["versions"]["model"] == f"sha256:{MODEL.sha256}"
+    assert result.versions.items() >= start["versions"].items()
     assert sp.replay(record).identical
+
+
+@needs_model
+async def test_the_taught_model_plays_two_episodes_at_once_each_from_its_own_cache():
+    budget = sp.Budget(prompt_tokens=1000, slack=0.5, tool_calls=4)
+    episodes = [sp.Episode(GAME, seed=seed, budget=budget) for seed in (1, 2)]
+    players = [LocalPlayer("smollm2-135m-player", threads=1, slots=2, context=2048) for _ in episodes]
+    results = await asyncio.gather(*map(sp.aplay, episodes, players))
+    for result in results:
+        assert (result.error, result.illegal_actions, result.malformed_calls) == (None, 0, 0)
+        assert result.steps >= 3, "it plays, where the model without its adapter reads and asks"
+        assert result.versions["adapter"].startswith("sha256:048a6b62")
+        assert result.tokens.provider.cached > result.tokens.provider.prompt / 2
+
+
+def test_an_episode_keeps_its_slot_until_others_need_it():
+    slots = Slots(2)
+    assert [slots.slot_of(episode) for episode in ("a", "b", "a", "c", "a", "b")] == [0, 1, 0, 1, 0, 1]
+
+
+TOOLS_TEMPLATE = """
+{% for t in tools %}{{ t | tojson }}{% endfor %}{% for m in messages %}<|im_start|>{{ m.role }}
+{{ m.content }}{% for c in m.tool_calls %}<tool_call>{{ c.function | tojson }}</tool_call>{% endfor %}<|im_end|>
+{% endfor %}{% if add_generation_prompt %}<|im_start|>assistant
+{% endif %}""".strip()
+
+
+def with_template(template: str, path: Path) -> Path:
+    """The model's file with another chat template, as long as its own."""
+    own = str(read_gguf(MODEL.path).facts["tokenizer.chat_template"]).encode()
+    written = template.encode()
+    path.write_bytes(
+        MODEL.path.read_bytes().replace(own, b"{#" + b" " * (len(own) - len(written) - 4) + b"#}" + written)
+    )
+    return path
+
+
+@needs_model
+def test_a_model_whose_template_has_tools_is_sent_them_there_if_it_calls_one_in_a_trial(tmp_path):
+    path = with_template(TOOLS_TEMPLATE, tmp_path / "tools.gguf")
+    assert LocalPlayer(str(path), threads=1, context=1024).format == "text", "this one was never shown a tool"
+    player = LocalPlayer(str(path), threads=1, context=1024, format="template")
+    with sp.Episode(GAME, seed=3) as episode:
+        body = player.request(sp.Conversation(episode).prompt())
+    assert (body["tool_choice"], body["max_tokens"]) == ("required", 2_000)
+    written = player.load().written(body["messages"], body["tools"])
+    assert '"maxLength": 64' in written
+    assert written.count('"name": ') == len(body["tools"]) == 3
 
 
 @needs_model
@@ -113,7 +166,7 @@ def test_the_engine_takes_every_prompt_whatever_its_model_has_said(server, strea
 
 @needs_model
 def test_speed_is_measured():
-    assert min(measure(MODEL.path, tokens=4).values()) > 0
+    assert min(measure(MODEL.name, tokens=4, turns=2).values()) > 0
 
 
 @needs_model
@@ -122,6 +175,11 @@ def test_speed_is_measured():
     [
         ({"context": 10_000}, "between 1 and 8,192"),
         ({"threads": 0}, "threads is at least 1"),
+        ({"slots": 0}, "slots is between 1 and 64"),
+        ({"format": "hermes"}, "format must be one of template, text"),
+        ({"format": "template"}, "has no tools; leave format out, or text"),
+        ({"adapter": str(MODEL.path)}, "is not a LoRA adapter in GGUF"),
+        ({"adapter": "nowhere.gguf"}, "There is no model file nowhere"),
         ({"base_url": "http://127.0.0.1"}, "takes no base_url"),
     ],
     ids=str,
@@ -139,14 +197,19 @@ def test_a_model_that_does_not_fit_is_refused_before_it_is_loaded(monkeypatch):
 
 
 @needs_model
-def test_a_file_that_the_engine_cannot_load_is_refused(tmp_path):
-    damaged = tmp_path / "damaged.gguf"
-    content = bytearray(MODEL.path.read_bytes())
-    at = content.index(b"token_embd.weight")
-    content[at : at + 5] = b"other"
-    damaged.write_bytes(content)
-    with pytest.raises(sp.InvalidArgumentError, match=r"llama\.cpp could not load damaged\.gguf"):
-        LocalServer(damaged, threads=1)
+@pytest.mark.parametrize("damaged", ["weights", "template", "adapter"])
+def test_a_file_that_the_engine_cannot_load_is_refused(damaged, tmp_path):
+    path, taught = tmp_path / "damaged.gguf", KNOWN_MODELS["smollm2-135m-player"].adapter_path
+    part = {"weights": b"token_embd.weight", "template": b"{% endfor %}", "adapter": b"blk.0.attn_q.weight.lora_a"}[
+        damaged
+    ]
+    whole = (taught if damaged == "adapter" else MODEL.path).read_bytes()
+    path.write_bytes(
+        whole.replace(part, part.replace(b"end", b"and").replace(b"embd", b"abcd").replace(b"_q", b"_x"), 1)
+    )
+    files = {"model": MODEL.path, "adapter": path} if damaged == "adapter" else {"model": path}
+    with pytest.raises(sp.InvalidArgumentError, match=r"llama\.cpp could not load .*may be damaged"):
+        LocalServer(**files, threads=1)
 
 
 def test_messages_become_text_that_any_template_can_write():

@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import text_of
@@ -70,7 +71,7 @@ class Documents:
                 step = item.observation_step
                 if step is not None and (not self.steps or step > self.steps[-1]):
                     assert item.position is not None
-                    call, observation = _call(turn, item.position), text_of(item.message)
+                    call, observation = _call(turn, item.position), without_budget_line(text_of(item.message))
                     self.add(step, self._after.format(call=call, observation=observation))
         self._turns = len(turns)
 

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.base import BaseConversation
-from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play
+from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play, player_versions
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
-from smartplay_tools.players import get_player, player_registry
+from smartplay_tools.players import ModelPlayer, get_player, player_registry
 from smartplay_tools.players.player_registry import SECOND, second_player, without_second
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
@@ -126,7 +126,7 @@ def _has_begun(previous: Path | None) -> bool:
 
 def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     """Return the conversation of an attempt that starts a new episode."""
-    return new_conversation(_episode(task), player.name, task.planned.cell.protocol)
+    return new_conversation(_episode(task), player.name, task.planned.cell.protocol, player_versions(player))
 
 
 def _episode(task: Task) -> Episode:
@@ -140,6 +140,7 @@ def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
     if not remembers_nothing(player):
         _ask_again(player, events)
     resumed = resume(events, transcript=task.record)
+    resumed.episode.ledger.player_versions = player_versions(player)
     conversation = resumed.conversation
     if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
         resumed.episode.close()
@@ -168,7 +169,9 @@ def _load_files(task: Task) -> None:
 
 def remembers_nothing(player: Player | AsyncPlayer) -> bool:
     """Return whether a player's replies depend on its prompts alone, as a model's do; a person is not asked twice."""
-    return any(getattr(player, name, False) for name in ("serves_many", "interactive"))
+    return isinstance(player, ModelPlayer) or any(
+        getattr(player, name, False) for name in ("serves_many", "interactive")
+    )
 
 
 def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:

@@ -36,7 +36,7 @@ from typing import Annotated, Any, Self, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smartplay_tools.episode.config import RULES, BatchPolicy, ManualMode, ProtocolName, read_rules
+from smartplay_tools.episode.config import RULES, BatchPolicy, BudgetLine, ManualMode, ProtocolName, read_rules
 from smartplay_tools.errors import InvalidArgumentError, similar
 from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.limits import Caps
@@ -112,6 +112,7 @@ class RunKeywords(TypedDict, total=False):
     batch: BatchPolicy
     protocol: ProtocolName
     observation: ObservationForm
+    budget_line: BudgetLine
     carry: CarriedStore | None
     chain: int | None
 

@@ -29,7 +29,7 @@ LATEST_TRIAL = 9_999
 OF_ONE_MACHINE = re.compile(r"[:/\\]")
 """Marks of a file's path, or of a name that leads to one."""
 
-OWN_RULES = ("manual", "batch", "protocol", "observation")
+OWN_RULES = ("manual", "batch", "protocol", "observation", "budget_line")
 """The rules that an episode can have without a run around it."""
 
 _OPTION = "option."

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
@@ -196,7 +197,8 @@ def _play_again(game: TextGame, tools: Tools, act: CallEvent, observation: Obser
     if observation == "picture":
         text = tools.words("picture_shown")
     # What was cut for the player says less than the hash.
-    if not act["cut"] and act["text"] not in (text, f"{text}\n{tools.words('game_is_over')}"):
+    shown = without_budget_line(act["text"])
+    if not act["cut"] and shown not in (text, f"{text}\n{tools.words('game_is_over')}"):
         raise _differently(f"Step {step} has a different text.")
     return action
 

@@ -1,0 +1,38 @@
+"""Which fields for the cache a request to OpenAI's interface may have.
+
+Players ask it for every request, so the rules of caches are read only where the server is OpenAI's.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+__all__ = ["CacheFields", "is_openai", "openai_cache_fields"]
+
+
+class CacheFields(NamedTuple):
+    """Which fields for the cache a request to OpenAI's interface may have."""
+
+    key: bool = False
+    """A key, the same for all requests of an episode."""
+    marks: bool = False
+    """Marks in the messages."""
+
+
+def is_openai(base_url: str) -> bool:
+    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
+
+    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
+    """
+    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
+
+
+def openai_cache_fields(model: str, base_url: str) -> CacheFields:
+    """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
+    if not is_openai(base_url):
+        return CacheFields()
+    from smartplay_tools.evaluation.costs.caches import cache_rules, rule_of
+
+    rule = rule_of(f"openai:{model}", {}, cache_rules())
+    return CacheFields(key=True, marks=rule is not None and rule.marks != "auto")
