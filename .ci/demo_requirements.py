@@ -1,8 +1,8 @@
 """Print what the environment of `make demo` holds, one requirement a line; arguments are further extras.
 
 That is what builds the package, what it needs itself, and the extras `openai` and `serve`, since the demo also plays
-through that client and a server; all as `pyproject.toml` has it. What only games outside the demo need is left out: it
-is most of the size.
+through that client and a server, with the templates of its pages; all as `pyproject.toml` has it. What only games
+outside the demo, figures and tables need is left out: it is most of the size.
 """
 
 from __future__ import annotations
@@ -12,8 +12,13 @@ import sys
 import tomllib
 from pathlib import Path
 
+EXTRAS = ("openai", "serve", "evaluation")
+
 NOT_IN_THE_DEMO = {
     "crafter": "pictures and the reference engine of Crafter",
+    "genai-prices": "prices of models",
+    "matplotlib": "figures",
+    "pyarrow": "tables as Parquet",
 }
 """What is left out, and what needs it."""
 
@@ -25,7 +30,7 @@ def demo_requirements(pyproject: Path, *extras: str) -> list[str]:
     wanted = [
         *described["build-system"]["requires"],
         *project["dependencies"],
-        *(line for extra in ("openai", "serve", *extras) for line in project["optional-dependencies"][extra]),
+        *(line for extra in (*EXTRAS, *extras) for line in project["optional-dependencies"][extra]),
     ]
     left_out = {*NOT_IN_THE_DEMO, project["name"]}
     return [requirement for requirement in wanted if _name(requirement) not in left_out]

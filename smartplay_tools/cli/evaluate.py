@@ -161,7 +161,8 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
             "refused": run.refused,
             "began_again": run.folder.beginnings(),
         }
-        facts |= {"paused": run.status.paused, "spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
+        facts |= {"paused": run.status.paused, "spending": run.spending.to_json()}
+        facts["warnings"] = unplayed(run.rows, run.folder.first_reply)
         facts |= {"checks": plain(list(gates))} if gates else {}
         print(json.dumps({**facts, **summary_json(summary)}, indent=2))
     else:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from smartplay_tools.cli import options
+from smartplay_tools.cli import options, program
 from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
@@ -117,11 +117,11 @@ def run_tables(
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:
     """Print the folders of runs, and commands for further steps."""
     words = shlex.join(map(str, folders))
-    commands = [] if everything else [f"smartplay-tools results {words} --all --explain"]
+    commands = [] if everything else [f"{program()} results {words} --all --explain"]
     if len(folders) > 1:
-        commands.append(f"smartplay-tools compare {words}")
+        commands.append(f"{program()} compare {words}")
     else:
-        commands.append(f"smartplay-tools report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
+        commands.append(f"{program()} report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
     console.print(Text(f"In {', '.join(map(str, folders))}. Next:", style="dim"), soft_wrap=True)
     for command in commands:
         typer.echo(f"  {command}")
@@ -147,7 +147,7 @@ def _facts(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
     now = run.snapshot
     counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
     figures = {"now": asdict(now.figures())} if now.is_live else {}
-    more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows)}
+    more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows, run.folder.first_reply)}
     facts = {"folder": str(run.folder.path), **counts, "failed_attempts": now.failed, **figures, **more}
     repeats = [repeats_json(each) for each in repeated(run.rows, succeeds)]
     return {**facts, **summary_json(run.summary), **({"repeats": repeats} if repeats else {})}
@@ -162,5 +162,5 @@ def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds
         print_running(console, now)
     for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds):
         print_table(console, table)
-    for line in (*spending_sentences(now.spending), *unplayed(run.rows)):
+    for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
         typer.echo(line)
