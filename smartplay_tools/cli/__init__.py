@@ -173,6 +173,8 @@ class _LateCommands(Mapping[str, Any]):
             alone.command(name, no_args_is_help=entry.needs_arguments)(target)
             command = get_command(alone)
         command.name = name
+        for each in (command, *getattr(command, "commands", {}).values()):
+            each.help = each.help and "\n\n".join(" ".join(part.split()) for part in each.help.split("\n\n"))
         return command
 
     def __iter__(self) -> Iterator[str]:

@@ -176,7 +176,7 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
     for sentence in () if quiet else spending_sentences(run.spending):
         say(sentence)
     if run.refused is not None:
-        say(f"{run.refused} Once that is corrected, the same command continues the run.")
+        say(f"{run.refused}. Once that is corrected, the same command continues the run.")
     elif run.stopped is not None:
         say(f"Stopped by {run.stopped}. The same command continues the run.")
     elif run.cap_reached:
