@@ -22,7 +22,6 @@ from __future__ import annotations
 import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Literal
 
 __all__ = [
     "DiskFullError",
@@ -195,12 +194,12 @@ def damage_named(what: object) -> Iterator[None]:
 
 
 @contextmanager
-def file_named(path: object, what: Literal["read", "written"]) -> Iterator[None]:
+def file_named(path: object) -> Iterator[None]:
     """Turn the system's error about a file into an `InvalidArgumentError` that names it."""
     try:
         yield
     except OSError as error:
-        raise InvalidArgumentError(f"{path} cannot be {what}: {error.strerror}.") from None
+        raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None
 
 
 @contextmanager

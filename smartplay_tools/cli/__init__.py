@@ -24,7 +24,9 @@ from typer.main import get_command, get_group
 from smartplay_tools.errors import FULL, SmartPlayError
 from smartplay_tools.registry import resolve
 
-OF_FILES = frozenset({*FULL, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR})
+OF_FILES = frozenset(
+    {*FULL, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
+)
 """Errors of a place where a user wants a file: read-only, full, missing, or a folder."""
 
 
@@ -220,9 +222,10 @@ class _Commands(TyperGroup):
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
-            if error.errno not in OF_FILES:
+            if error.errno not in (OF_FILES if error.filename else FULL):
                 raise
-            typer.echo(f"smartplay-tools: {error.filename or 'A file'} cannot be used: {error.strerror}.", err=True)
+            named = error.filename or "A file"
+            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}.", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:  # outside of the code that handles it
             typer.echo("Stopped by SIGINT.", err=True)

@@ -18,7 +18,6 @@ from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.progress import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.errors import file_named
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
@@ -139,8 +138,7 @@ def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None
     rows = [{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows]
     for path, write in ((csv, write_csv), (parquet, write_parquet)):
         if path is not None:
-            with file_named(path, "written"):
-                write(rows, path)
+            write(rows, path)
 
 
 def _facts(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:

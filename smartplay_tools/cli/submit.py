@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from smartplay_tools.cli import options, program
-from smartplay_tools.errors import InvalidArgumentError, file_named
+from smartplay_tools.errors import InvalidArgumentError
 
 app = typer.Typer(help="Submit a run to a leaderboard, or check a submission.", no_args_is_help=True)
 
@@ -112,8 +112,7 @@ def check(
     )
     text = json.dumps(report_json(checked), indent=2)
     if report is not None:
-        with file_named(report, "written"):
-            report.write_text(text + "\n", encoding="ascii", newline="\n")
+        report.write_text(text + "\n", encoding="ascii", newline="\n")
     typer.echo(text if as_json else report_text(checked), nl=as_json)
     if not checked.verified:
         raise typer.Exit(1)

@@ -70,7 +70,8 @@ function renderGame() {
   const { episode, turn } = shown;
   const step = shown.step ?? episode.facts[turn]?.step ?? 0;
   const drawn = draw(episode, step, page.textures);
-  $("game-step").textContent = `after step ${number(step)}, score ${number(episode.facts[turn]?.score ?? 0)}`;
+  const played = episode.turns[turn]?.items.find(({ call }) => call?.legal && call.step === step)?.call;
+  $("game-step").textContent = `after step ${number(step)}, score ${number(played?.score ?? episode.facts[turn]?.score ?? 0)}`;
   $("game").replaceChildren(
     ...(drawn.length ? drawn : [element("p", { class: "caption" }, "There is no picture of this game.")]),
   );
