@@ -107,7 +107,7 @@ def test_demo_plays_trims_and_verifies(tmp_path):
     assert len(list(tmp_path.glob("*.jsonl"))) == 6
     assert result.output.count("Hanoi3Disk-v0, rule, prompts <= 600") == 1, "nothing is printed twice"
     assert "The window left out up to" in result.output
-    assert "Now your model:" in result.output
+    assert "view --play any" in result.output
     if find_spec("jinja2") is not None:
         assert (tmp_path / "demo.html").exists()
 
