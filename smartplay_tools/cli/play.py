@@ -94,7 +94,7 @@ def play(
         _print(played.result, paid, as_json=as_json)
     has_failed = played.result.end_reason in FAILED  # the result says why
     if not has_failed:
-        for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: first[0]):
+        for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: "".join(first)):
             typer.echo(warning, err=True)
     if interrupted or has_failed:
         raise typer.Exit(INTERRUPTED if interrupted else 1)

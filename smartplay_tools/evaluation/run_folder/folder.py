@@ -238,8 +238,9 @@ class RunFolder:
         return {"key": record.key, "attempt": record.attempt, **ended, **facts}
 
     def first_reply(self, row: Row) -> str:
-        """Return the text of the first reply in a finished episode."""
-        replies = Record.read(self.transcript(row["key"])).sent_replies.values()
+        """Return the text of the first reply in a finished episode, "" if its record is not here."""
+        path = self.transcript(row["key"])
+        replies = Record.read(path).sent_replies.values() if path.exists() else ()
         return next(map(text_of, replies), "")
 
     def attempts(self) -> list[Path]:
