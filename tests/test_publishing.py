@@ -64,7 +64,12 @@ def test_the_demo_s_environment_holds_what_the_package_says_less_what_other_game
 
 @pytest.mark.slow
 def test_the_demo_plays_without_what_its_environment_leaves_out(tmp_path):
-    left_out = [*(name.replace("-", "_") for name in script("demo_requirements").NOT_IN_THE_DEMO), "imageio", "opensimplex", "ruamel"]
+    left_out = [
+        *(name.replace("-", "_") for name in script("demo_requirements").NOT_IN_THE_DEMO),
+        "imageio",
+        "opensimplex",
+        "ruamel",
+    ]
     command = [sys.executable, "-c", DEMO_WITHOUT, "demo", "--out", str(tmp_path), ",".join(left_out)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

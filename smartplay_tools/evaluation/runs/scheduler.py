@@ -327,14 +327,19 @@ class Scheduler:
             self._executor.stop.set()
         elif kind == ModelCallError.__name__ and player not in self._answered:
             self._silent.add(player)
-        elif player not in self._acted and self._failures_before[episode.key][player, kind] == (
-            before := self._failures[player, kind]
-        ):
-            self._failures[player, kind] = before + 1
-            if before + 1 == SAME_FAILURES:
-                self._silent.add(player)
-                name = player_of(episode.cell)
-                log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
+        elif player not in self._acted:
+            self._count_failure(episode, kind, error)
+
+    def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
+        """Count a failure, unless one of the same kind was counted while this attempt was played."""
+        player = self._who[episode.place]
+        if self._failures_before[episode.key][player, kind] < self._failures[player, kind]:
+            return
+        self._failures[player, kind] += 1
+        if self._failures[player, kind] == SAME_FAILURES:
+            self._silent.add(player)
+            name = player_of(episode.cell)
+            log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)

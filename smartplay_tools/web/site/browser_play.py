@@ -28,7 +28,7 @@ from smartplay_tools.players import get_player
 from smartplay_tools.records.accounts import shown_turns
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.transcript.events import concerns_summary
+from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types import Budget
 from smartplay_tools.web.site.browser_player import PICTURES, BrowserPlayer
 from smartplay_tools.web.site.challenge import Challenge
@@ -152,21 +152,16 @@ class BrowserPlay:
         `first` is the first of them that left the window: its number, what the game answered in it, and the turn whose
         prompt was the first without it.
         """
-        if self._row is None:
+        record = None if self._row is None else Record.read(self.folder.transcript(self._row["key"]))
+        views = [] if record is None else [view for view in record.views if not concerns_summary(view)]
+        if record is None or not views:
             return {"gone": 0, "turns": 0, "first": None}
-        record = Record.read(self.folder.transcript(self._row["key"]))
-        first, lost, turns = None, [], 0
-        for view in record.views:
-            if not concerns_summary(view):
-                shown = ["gone"] * view["dropped_turns"] if record.is_paper else shown_turns(record, view)
-                lost = [turn for turn, how in enumerate(shown) if how != "whole"]
-                turns = view["turn"]
-            if lost and first is None and not record.is_paper:
-                answers = " ".join(call["text"] for call in record.calls if call["turn"] == lost[0])
-                text = " ".join(answers.split())
-                cut = text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
-                first = {"turn": lost[0], "text": cut, "left": turns}
-        return {"gone": len(lost), "turns": turns, "first": first}
+        first = next((view for view in views if _lost(record, view)), None)
+        return {
+            "gone": len(_lost(record, views[-1])),
+            "turns": views[-1]["turn"],
+            "first": None if first is None or record.is_paper else _shown_first(record, first),
+        }
 
     def next(self) -> None:
         """Begin another episode, once one is over."""
@@ -285,6 +280,20 @@ class BrowserGames:
     def _make(self, game: str) -> None:
         out = self.folder if len(self.games) == 1 else self.folder / game
         self._runs[game] = BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
+
+
+def _lost(record: Record, view: ViewEvent) -> list[int]:
+    """The turns that a prompt did not show as they were."""
+    shown = ["gone"] * view["dropped_turns"] if record.is_paper else shown_turns(record, view)
+    return [turn for turn, how in enumerate(shown) if how != "whole"]
+
+
+def _shown_first(record: Record, view: ViewEvent) -> dict[str, Any]:
+    """The first turn that a prompt did not show: its number, what the game answered in it, and the prompt's turn."""
+    (turn, *_) = _lost(record, view)
+    text = " ".join(" ".join(call["text"] for call in record.calls if call["turn"] == turn).split())
+    cut = text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
+    return {"turn": turn, "text": cut, "left": view["turn"]}
 
 
 def _played(config: EpisodeConfig, name: str, seed: int) -> float:
