@@ -245,7 +245,7 @@ def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):
         page = Page(server.url, HANOI)
         chooser = page.request("GET", "/play")[1]
         links = re.findall(r'href="/play/([^"]+)"', chooser)
-    assert links == [BANDIT, BANDIT, HANOI, HANOI], "a picture and a name of each"
+        assert links == [BANDIT, BANDIT, HANOI, HANOI], "a picture and a name of each"
         assert chooser.count("<svg") == 2
         for game in (HANOI, BANDIT):
             page = Page(server.url, game)
