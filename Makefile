@@ -26,7 +26,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt .ci/install
 $(DEMO)/.ready: pyproject.toml .ci/demo_requirements.py
 	$(PYTHON) -c '$(NEW_ENOUGH)'
 	$(PYTHON) -m venv --without-pip $(DEMO)
-	$(PYTHON) -m pip --python $(DEMO)/bin/python install $(PIP_OPTIONS) --no-compile pip || $(PYTHON) -m venv $(DEMO)
+	$(PYTHON) -m pip --python $(DEMO)/bin/python install $(PIP_OPTIONS) --no-compile pip 2> /dev/null || $(PYTHON) -m venv $(DEMO)
 	$(PYTHON) .ci/demo_requirements.py > $(DEMO)/requirements.txt
 	$(DEMO)/bin/python -m pip install $(PIP_OPTIONS) --no-compile --requirement $(DEMO)/requirements.txt
 	$(DEMO)/bin/python -m pip install $(PIP_OPTIONS) --no-compile --no-deps --no-build-isolation --editable .
@@ -34,6 +34,7 @@ $(DEMO)/.ready: pyproject.toml .ci/demo_requirements.py
 
 demo: $(DEMO)/.ready  ## play real games through tool calls under a budget
 	$(DEMO)/bin/smartplay-tools demo
+	@echo "A real model of 135 million parameters on this machine, without a key (250 MB to download): make demo-model"
 
 # A real model, in an environment of its own: 98 MB of it, 150 MB of packages more than the demo's, and jinja2 for the
 # page at the end.

@@ -3,8 +3,8 @@
     python .ci/demo_requirements.py [EXTRA | EXTRA:PACKAGE]...     with further extras, or one package of an extra
 
 That is what builds the package, what it needs itself, and the extras `openai` and `serve`, since the demo also plays
-through that client and a server; all as `pyproject.toml` has it. What only games outside the demo need is left out: it
-is most of the size.
+through that client and a server, with the templates of its pages; all as `pyproject.toml` has it. What only games
+outside the demo, figures and tables need is left out: it is most of the size.
 """
 
 from __future__ import annotations
@@ -15,8 +15,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+EXTRAS = ("openai", "serve", "evaluation")
+
 NOT_IN_THE_DEMO = {
     "crafter": "pictures and the reference engine of Crafter",
+    "genai-prices": "prices of models",
+    "matplotlib": "figures",
+    "pyarrow": "tables as Parquet",
 }
 """What is left out, and what needs it."""
 
@@ -28,7 +33,7 @@ def demo_requirements(pyproject: Path, *extras: str) -> list[str]:
     wanted = [
         *described["build-system"]["requires"],
         *project["dependencies"],
-        *(line for extra in ("openai", "serve", *extras) for line in _of_extra(project, *extra.split(":"))),
+        *(line for extra in (*EXTRAS, *extras) for line in _of_extra(project, *extra.split(":"))),
     ]
     left_out = {*NOT_IN_THE_DEMO, project["name"]}
     return [requirement for requirement in wanted if _name(requirement) not in left_out]

@@ -23,7 +23,6 @@ from __future__ import annotations
 import errno
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Literal
 
 __all__ = [
     "ContextOverflowError",
@@ -54,8 +53,8 @@ class InvalidArgumentError(SmartPlayError, ValueError):
 class UnknownNameError(SmartPlayError, KeyError):
     """A name that is not registered."""
 
-    def __init__(self, kind: str, name: object, registered: Iterable[str]) -> None:
-        self.message = f"There is no {kind} {name!r}; {similar(name, registered)}"
+    def __init__(self, kind: str, name: object, registered: Iterable[str], remedy: str = "") -> None:
+        self.message = f"There is no {kind} {name!r}; {similar(name, registered)}{remedy}"
         super().__init__(self.message)
 
     def __str__(self) -> str:
@@ -75,7 +74,7 @@ class MissingExtraError(SmartPlayError, ImportError):
     """An optional dependency is missing."""
 
     def __init__(self, feature: str, extra: str) -> None:
-        super().__init__(f"{feature} needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+        super().__init__(f"{feature} needs an optional dependency: {install_command(extra)}")
 
 
 class PlayerLeftError(SmartPlayError):
@@ -102,6 +101,45 @@ class TranscriptError(SmartPlayError, ValueError):
     """A file is not a transcript, or cannot be written, read or replayed here."""
 
 
+def install_command(extra: str = "") -> str:
+    """Return the command that installs this package with one more extra, from where it was installed and as it was.
+
+    Without an extra, it installs the package again.
+    """
+    import json
+    import sys
+    import tomllib
+    from importlib.metadata import distribution
+    from importlib.util import find_spec
+    from pathlib import Path
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    # https://packaging.python.org/specifications/direct-url: without the file, it came from a package index.
+    origin = json.loads(distribution(PACKAGE).read_text("direct_url.json") or "{}")
+    receipt = Path(sys.prefix, "uv-receipt.toml")
+    extras = {extra} - {""}
+    if receipt.exists():
+        tool = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]
+        extras.update(*(each.get("extras", ()) for each in tool["requirements"] if each["name"] == PACKAGE))
+        command = "uv tool install --force"
+    else:
+        python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
+        command = f"{python} -m pip install" if find_spec("pip") else f"uv pip install --python {python}"
+        command += "" if extra else " --force-reinstall"
+    wanted, url = f"[{','.join(sorted(extras))}]" if extras else "", origin.get("url", "")
+    if "dir_info" in origin:
+        editable = "--editable " if origin["dir_info"].get("editable") else ""
+        return f'{command} {editable}"{url2pathname(urlsplit(url).path)}{wanted}"'
+    vcs = origin["vcs_info"]["vcs"] + "+" if "vcs_info" in origin else ""
+    return f'{command} "{PACKAGE}{wanted}{f" @ {vcs}{url}" if url else ""}"'
+
+
+PACKAGE = "smartplay-tools"
+
+MOST_LIKE = 3
+"""The most similar names that a message lists."""
+
 MOST_NAMES = 12
 """The most names that a message lists where none is similar: the first ones."""
 
@@ -117,7 +155,9 @@ def similar(name: object, registered: Iterable[str]) -> str:
     import difflib  # with regular expressions and heaps, for this function alone
 
     names = list(registered)
-    if near := difflib.get_close_matches(str(name), names, n=3, cutoff=0.5):
+    part = str(name).casefold()
+    parts = [each for each in names if part in each.casefold()][:MOST_LIKE] if part else []
+    if near := parts or difflib.get_close_matches(str(name), names, n=MOST_LIKE, cutoff=0.5):
         return f"did you mean {' or '.join(near)}?"
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"known: {', '.join(names[:MOST_NAMES])}{more}."
@@ -158,12 +198,12 @@ def damage_named(what: object) -> Iterator[None]:
 
 
 @contextmanager
-def file_named(path: object, what: Literal["read", "written"]) -> Iterator[None]:
+def file_named(path: object) -> Iterator[None]:
     """Turn the system's error about a file into an `InvalidArgumentError` that names it."""
     try:
         yield
     except OSError as error:
-        raise InvalidArgumentError(f"{path} cannot be {what}: {error.strerror}.") from None
+        raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None
 
 
 @contextmanager

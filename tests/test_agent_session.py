@@ -20,6 +20,11 @@ HANOI = "Hanoi3Disk-v0"
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 
 
+def test_an_id_in_the_place_of_an_episode_is_refused_in_words():
+    with pytest.raises(sp.InvalidArgumentError, match="str is not an episode"):
+        sp.AgentSession(HANOI)
+
+
 def act(action: str, call_id: str = "", name: str = "act"):
     return {"id": call_id, "function": {"name": name, "arguments": json.dumps({"action": action})}}
 

@@ -65,10 +65,15 @@ def test_play_takes_every_episode_option():
     ("words", "sentence"),
     [
         (["play", "Hanoi3Disc-v0"], "did you mean Hanoi3Disk-v0"),
+        (["play", "hanoi"], "did you mean Hanoi3Disk-v0 or Hanoi4Disk-v0?"),
+        (["play", "Chess"], "`smartplay-tools games` lists all."),
         (["play", HANOI, "--player", "rul"], "did you mean rule"),
         (["play", HANOI, "--slack", "2"], "--slack 2.0"),
         (["play", HANOI, "--history", "few"], "--history few"),
         (["play", HANOI, "--prompt-tokens", "60"], "cannot hold the head"),
+        (["play", HANOI, "--prompt-tokens", "1e3"], "it is a whole number such as 2,000, or none."),
+        (["play", HANOI, "--prompt-tokens", "0,060"], "cannot hold the head"),
+        (["play", HANOI, "--transcript", "none/a.jsonl"], "There is no folder none for a.jsonl."),
         (["play", HANOI, "--option", "colour"], "write it as KEY=VALUE"),
         (["play", HANOI, "--option", "colour=red"], "has no option colour"),
         (["play", HANOI, "--engine", "warp"], "has no engine 'warp'"),
@@ -107,7 +112,7 @@ def test_demo_plays_trims_and_verifies(tmp_path):
     assert len(list(tmp_path.glob("*.jsonl"))) == 6
     assert result.output.count("Hanoi3Disk-v0, rule, prompts <= 600") == 1, "nothing is printed twice"
     assert "The window left out up to" in result.output
-    assert "Now your model:" in result.output
+    assert "view --play any" in result.output
     if find_spec("jinja2") is not None:
         assert (tmp_path / "demo.html").exists()
 

@@ -15,6 +15,7 @@ from typer.main import get_command
 
 import smartplay_tools as sp
 from smartplay_tools import cli
+from smartplay_tools.errors import install_command
 from tests import core_alone
 
 PACKAGE = Path(sp.__file__).parent
@@ -198,11 +199,12 @@ class TestCommands:
         assert {end["command"][0] for end in ends} == set(cli.COMMANDS)
         needs = {}
         for end in ends:
-            name, _, hint = end["error"].partition("needs an optional dependency: pip install 'smartplay-tools[")
+            name, _, hint = end["error"].partition("needs an optional dependency: ")
             assert end["code"] == (2 if hint else 0), end
             if hint:
                 assert name.startswith("smartplay-tools: "), end
-                needs[" ".join(end["command"][:2])] = hint.strip().removesuffix("]'")
+                needs[" ".join(end["command"][:2])] = extra = hint.partition("[")[2].partition("]")[0]
+                assert hint.strip() == install_command(extra)
         assert needs == {
             "play Hanoi3Disk-v0": "view",
             "agent Hanoi3Disk-v0": "serve",
@@ -216,6 +218,37 @@ class TestCommands:
             "serve window": "serve",
             "serve local": "local",
         }
+
+    @pytest.mark.parametrize(
+        ("origin", "receipt", "command"),
+        [
+            (None, None, '-m pip install "smartplay-tools[view]"'),
+            ({"url": "file:///co", "dir_info": {}}, None, '-m pip install "/co[view]"'),
+            ({"url": "file:///a%20b", "dir_info": {"editable": True}}, None, '-m pip install --editable "/a b[view]"'),
+            (
+                {"url": "https://host/co", "vcs_info": {"vcs": "git"}},
+                None,
+                '-m pip install "smartplay-tools[view] @ git+https://host/co"',
+            ),
+            (
+                {"url": "file:///co", "dir_info": {}},
+                '[tool]\nrequirements = [{ name = "smartplay-tools", extras = ["openai"] }]',
+                'uv tool install --force "/co[openai,view]"',
+            ),
+        ],
+        ids=["index", "folder", "editable", "git", "uv tool"],
+    )
+    def test_a_hint_installs_the_package_from_where_it_came(self, tmp_path, monkeypatch, origin, receipt, command):
+        described = tmp_path / "smartplay_tools-1.dist-info"
+        described.mkdir()
+        (described / "METADATA").write_text("Name: smartplay-tools\n")
+        if origin is not None:
+            (described / "direct_url.json").write_text(json.dumps(origin))
+        if receipt is not None:
+            (tmp_path / "uv-receipt.toml").write_text(receipt)
+            monkeypatch.setattr(sys, "prefix", str(tmp_path))
+        monkeypatch.syspath_prepend(tmp_path)
+        assert install_command("view").removeprefix(f"{sys.executable} ") == command
 
     @pytest.mark.slow
     def test_the_list_of_games_is_what_it_was(self):

@@ -1,21 +1,33 @@
 """The command line, `smartplay-tools`: one module per group of commands, imported when its command is called.
 
 Exit codes: 0 is success; 1 is an episode or a check that failed; 2 is a command that cannot be carried out as given,
-with one sentence on standard error that says why.
+with one sentence on standard error that says why; 130 is a command that Ctrl-C has stopped.
 """
 
 from __future__ import annotations
 
+import codecs
 import copy
+import errno
+import io
+import json
+import shutil
+import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.errors import FULL, SmartPlayError
 from smartplay_tools.registry import resolve
+
+OF_FILES = frozenset(
+    {*FULL, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
+)
+"""Errors of a place where a user wants a file: read-only, full, missing, or a folder."""
 
 
 class _Entry(NamedTuple):
@@ -131,6 +143,25 @@ INTERRUPTED = 130
 """The exit code of a program that Ctrl-C has stopped."""
 
 
+def program() -> str:
+    """Return how this program is called: its name if a shell finds it by that, else the path by which it was called."""
+    called = Path(sys.argv[0])
+    if called.name == "__main__.py":
+        return f"{sys.executable} -m smartplay_tools"
+    found = shutil.which(called.name)
+    elsewhere = called.stem == "smartplay-tools" and (found is None or Path(found).resolve() != called.resolve())
+    return sys.argv[0] if elsewhere else "smartplay-tools"
+
+
+def _escaped(error: UnicodeError) -> tuple[str, int]:
+    """Characters that an encoding does not have, as JSON writes them in ASCII: so printed JSON stays valid."""
+    assert isinstance(error, UnicodeEncodeError)
+    return json.dumps(error.object[error.start : error.end])[1:-1], error.end
+
+
+codecs.register_error("smartplay_escape", _escaped)
+
+
 class _LateCommands(Mapping[str, Any]):
     """The commands by name; each is imported when it is looked up."""
 
@@ -144,6 +175,8 @@ class _LateCommands(Mapping[str, Any]):
             alone.command(name, no_args_is_help=entry.needs_arguments)(target)
             command = get_command(alone)
         command.name = name
+        for each in (command, *getattr(command, "commands", {}).values()):
+            each.help = each.help and "\n\n".join(" ".join(part.split()) for part in each.help.split("\n\n"))
         return command
 
     def __iter__(self) -> Iterator[str]:
@@ -159,6 +192,13 @@ class _Commands(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands: Any = _LateCommands()
+
+    def main(self, *arguments: Any, **settings: Any) -> Any:
+        """Run the command line; what a terminal or a file cannot encode (Windows writes cp1252) is escaped."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="smartplay_escape")
+        return super().main(*arguments, **settings)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in their order."""
@@ -180,6 +220,12 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
         except SmartPlayError as error:
             typer.echo(f"smartplay-tools: {error}", err=True)
+            raise typer.Exit(2) from error
+        except OSError as error:
+            if error.errno not in (OF_FILES if error.filename else FULL):
+                raise
+            named = error.filename or "A file"
+            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}.", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:  # outside of the code that handles it
             typer.echo("Stopped by SIGINT.", err=True)

@@ -17,6 +17,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from smartplay_tools.cli import program
 from smartplay_tools.cli.show import TurnPrinter, compact_table
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
@@ -75,7 +76,7 @@ def demo(
                 with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
                     result = loop.play(episode, player, on_turn=watch)
                 replayed = replay(path)
-                failures += replayed.differences[:1]
+                failures += replayed.differences[:1] if result.error is None else [f"{game}: {result.error}"]
                 table.add_row(*_row(result, cap, watch), "identical" if replayed.identical else "differs")
             tables.append(table)
         failures += [
@@ -109,10 +110,14 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     try:
         from smartplay_tools.evaluation.pages.report.page import write_report
 
-        typer.echo(f"Every turn, and what was in sight: {write_report(folder, folder / 'demo.html', title='The demo')}")
+        page = write_report(folder, folder / "demo.html", title="The demo").resolve().as_uri()
+        typer.echo(f"Every turn as a picture, and what was in sight: {page}")
+        typer.echo(f"Play yourself in the browser: {program()} view --play any")
     except MissingExtraError as error:
-        typer.echo(f"Records: {folder}. A page that replays them: {error}")
-    typer.echo("Now your model: smartplay-tools play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
+        typer.echo(f"The records are in {folder}.")
+        typer.echo(str(error))
+    typer.echo(f"Your model: {program()} play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
+    typer.echo("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
 
 
 def _record(folder: Path, game: str, player: Player) -> Path:

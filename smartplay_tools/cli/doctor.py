@@ -35,14 +35,12 @@ from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel,
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.context import tokens
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import PACKAGE, InvalidArgumentError, SmartPlayError, install_command
 from smartplay_tools.evaluation.quantities import megabytes
 from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
 from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
-
-PACKAGE = "smartplay-tools"
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: `all`, and those for developers."""
@@ -153,8 +151,7 @@ def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck
     """Compare the installed versions with these requirements, and import their modules in a separate process."""
     wrong = _missing(needed) or _broken([*_modules(needed), *_adapters(name)])
     if wrong:
-        package = f"{PACKAGE}[{name}]" if kind == "extra" else PACKAGE
-        return PartCheck(kind, name, False, f"{wrong}; pip install '{package}'")
+        return PartCheck(kind, name, False, f"{wrong}; {install_command(name if kind == 'extra' else '')}")
     return PartCheck(kind, name, True, ", ".join(f"{need.name} {_version(need)}" for need in needed))
 
 
@@ -178,7 +175,7 @@ def check_games() -> PartCheck:
                 game.reset(seed=0)
                 game.step(0)
         except Exception as error:  # any error is a result of the check
-            detail = f"{spec.id}: {type(error).__name__}: {error}; pip install --force-reinstall {PACKAGE}"
+            detail = f"{spec.id}: {type(error).__name__}: {error}; {install_command()}"
             return PartCheck("core", "games", False, detail)
     return PartCheck("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
 

@@ -6,6 +6,7 @@ the values as one `EpisodeOptions`. A new rule or a new field of the budget is o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -18,23 +19,26 @@ from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES, WORDS, Budget
 
+PAST = "Strategies: what happens to turns that no longer fit"
+"""The panel of the options of strategies."""
+
 GRID = "The grid: lists separated by commas"
 """The panel of the options that are lists of values."""
 
 
 def _number(value: str) -> int | str | None:
-    """A number, None for "none", or another word, which the budget validates."""
+    """A number such as 2000 or 2,000, None for "none", or another word, which the budget validates."""
     if value == "none":
         return None
-    return int(value) if value.lstrip("-").isdigit() else value
+    return int(value.replace(",", "")) if re.fullmatch(r"-?(\d+|\d{1,3}(,\d{3})+)", value) else value
 
 
-def _limit(text: str, metavar: str = "N") -> Any:
-    return _option(Any, text, parser=_number, metavar=metavar)
+def _limit(text: str, metavar: str = "N", **how: Any) -> Any:
+    return _option(Any, text, parser=_number, metavar=metavar, **how)
 
 
-def _option(kind: Any, text: str, **how: Any) -> Any:
-    return Annotated[kind, typer.Option(help=text, rich_help_panel="Episode options", **how)]
+def _option(kind: Any, text: str, panel: str = "Episode options", **how: Any) -> Any:
+    return Annotated[kind, typer.Option(help=text, rich_help_panel=panel, **how)]
 
 
 BUDGET: Mapping[str, tuple[Any, Any]] = {
@@ -47,9 +51,9 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "stalled_turns": (_limit("Cap on turns in a row that play no step and show nothing new, or none."), "10"),
     "slack": (_option(float, "Share of the window that is dropped at once when it is full."), 0.0),
     **{
-        kind.name: (_limit(kind.option_help, "NAME" if kind.name in WORDS else "N"), "none")
+        kind.name: (_limit(kind.option_help, "NAME" if kind.name in WORDS else "N", panel=PAST), "none")
         if STRATEGIES[kind.name] is None
-        else (_option(str, kind.option_help), STRATEGIES[kind.name])
+        else (_option(str, kind.option_help, panel=PAST), STRATEGIES[kind.name])
         for kind in KINDS.values()
     },
 }
@@ -157,8 +161,9 @@ def read_budget(**fields: Any) -> Budget:
         first = error.errors()[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")
         words = [word for word in ("game", "auto", "none") if f"{word}" in _words(str(first["loc"][0]))]
-        others = f" {' or '.join(words)} {'is' if len(words) == 1 else 'are'} allowed, too." if words else ""
-        raise InvalidArgumentError(f"{option} {first['input']}: {first['msg']}.{others}") from None
+        what = "it is a whole number such as 2,000" if first["type"].startswith("int_") else first["msg"]
+        others = f", or one of the words {', '.join(words)}" if len(words) > 1 else "".join(f", or {w}" for w in words)
+        raise InvalidArgumentError(f"{option} {first['input']}: {what}{others}.") from None
 
 
 def _words(name: str) -> str:

@@ -14,7 +14,7 @@ from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import RULES, EpisodeOptions, read_budget, with_episode_options
 from smartplay_tools.cli.results import print_next, run_tables
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.errors import InvalidArgumentError, file_named
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.stopping import (
@@ -93,8 +93,7 @@ def evaluate(
         if kept is not None and margin is not None:
             judged += baseline_gates(done.rows, kept, Margin.parse(margin))
         if junit is not None:
-            with file_named(junit, "written"):
-                junit.write_text(as_junit(judged, str(run.out)), encoding="utf-8", newline="\n")
+            junit.write_text(as_junit(judged, str(run.out)), encoding="utf-8", newline="\n")
         print_run(done, judged, as_json=run.as_json)
 
 
@@ -161,7 +160,8 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
             "refused": run.refused,
             "began_again": run.folder.beginnings(),
         }
-        facts |= {"paused": run.status.paused, "spending": run.spending.to_json(), "warnings": unplayed(run.rows)}
+        facts |= {"paused": run.status.paused, "spending": run.spending.to_json()}
+        facts["warnings"] = unplayed(run.rows, run.folder.first_reply)
         facts |= {"checks": plain(list(gates))} if gates else {}
         print(json.dumps({**facts, **summary_json(summary)}, indent=2))
     else:

@@ -71,7 +71,19 @@ Caches = Annotated[
     typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
 ]
 CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with further rules of caches.")]
-TranscriptFile = Annotated[Path | None, typer.Option("--transcript", help="Write the record to this new file.")]
+
+
+def _in_a_folder(path: Path | None) -> Path | None:
+    """A new file in a folder that exists: a mistyped path makes no folders."""
+    if path is not None and not path.parent.is_dir():
+        raise InvalidArgumentError(f"There is no folder {path.parent} for {path.name}.")
+    return path
+
+
+TranscriptFile = Annotated[
+    Path | None,
+    typer.Option("--transcript", help="Write the record to this new file.", callback=_in_a_folder),
+]
 
 
 def import_game(game: str | None) -> None:

@@ -33,6 +33,7 @@ from smartplay_tools.players.player_registry import second_player, without_secon
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
+from smartplay_tools.types.messages import text_of
 
 FAILED = ("player_error", "game_error", "strategy_error")
 
@@ -76,6 +77,7 @@ def play(
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
     printer = None if silent else TurnPrinter(Console())
+    first: list[str] = []
     with ExitStack() as stack:
         record, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
         new_episode = Episode(
@@ -94,12 +96,14 @@ def play(
                     webbrowser.open(page)
             if isinstance(second, AbstractContextManager):
                 stack.enter_context(second)
-            interrupted = _run(played, who, protocol, second, printer, pace)
+            interrupted = _run(played, who, protocol, second, printer, pace, first)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)
-    for warning in warnings(played.result.model_dump() | {"player": player}):
-        typer.echo(warning, err=True)
-    if interrupted or played.result.end_reason in FAILED:
+    has_failed = played.result.end_reason in FAILED  # the result says why
+    if not has_failed:
+        for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: "".join(first)):
+            typer.echo(warning, err=True)
+    if interrupted or has_failed:
         raise typer.Exit(INTERRUPTED if interrupted else 1)
 
 
@@ -128,10 +132,23 @@ def _charged(result: EpisodeResult) -> Usage:
     return provider if provider is not None and provider.prompt else Usage(prompt=tokens.prompt, reply=tokens.reply)
 
 
-def _run(episode: Episode, player: Any, protocol: Any, second: Any, printer: TurnPrinter | None, pace: float) -> bool:
-    """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts."""
+def _run(
+    episode: Episode,
+    player: Any,
+    protocol: Any,
+    second: Any,
+    printer: TurnPrinter | None,
+    pace: float,
+    first: list[str],
+) -> bool:
+    """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts.
+
+    The text of the first reply is put into `first`.
+    """
 
     def after_a_turn(conversation: BaseConversation) -> None:
+        if not first and conversation.latest_turn is not None:
+            first.append(text_of(conversation.latest_turn.assistant))
         if printer is not None:
             printer(conversation)
         time.sleep(pace)

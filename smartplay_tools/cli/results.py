@@ -12,13 +12,12 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from smartplay_tools.cli import options
+from smartplay_tools.cli import options, program
 from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.progress import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
-from smartplay_tools.errors import file_named
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
@@ -123,11 +122,11 @@ def run_tables(
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:
     """Print the folders of runs, and commands for further steps."""
     words = shlex.join(map(str, folders))
-    commands = [] if everything else [f"smartplay-tools results {words} --all --explain"]
+    commands = [] if everything else [f"{program()} results {words} --all --explain"]
     if len(folders) > 1:
-        commands.append(f"smartplay-tools compare {words}")
+        commands.append(f"{program()} compare {words}")
     else:
-        commands.append(f"smartplay-tools report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
+        commands.append(f"{program()} report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
     console.print(Text(f"In {', '.join(map(str, folders))}. Next:", style="dim"), soft_wrap=True)
     for command in commands:
         typer.echo(f"  {command}")
@@ -145,15 +144,14 @@ def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None
     rows = [{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows]
     for path, write in ((csv, write_csv), (parquet, write_parquet)):
         if path is not None:
-            with file_named(path, "written"):
-                write(rows, path)
+            write(rows, path)
 
 
 def _facts(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
     now = run.snapshot
     counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
     figures = {"now": asdict(now.figures())} if now.is_live else {}
-    more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows)}
+    more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows, run.folder.first_reply)}
     facts = {"folder": str(run.folder.path), **counts, "failed_attempts": now.failed, **figures, **more}
     repeats = [repeats_json(each) for each in repeated(run.rows, succeeds)]
     return {**facts, **summary_json(run.summary), **({"repeats": repeats} if repeats else {})}
@@ -168,5 +166,5 @@ def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds
         print_running(console, now)
     for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds):
         print_table(console, table)
-    for line in (*spending_sentences(now.spending), *unplayed(run.rows)):
+    for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
         typer.echo(line)

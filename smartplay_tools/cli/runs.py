@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from rich.console import Console
 
-from smartplay_tools.cli import options
+from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
@@ -176,7 +176,7 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
     for sentence in () if quiet else spending_sentences(run.spending):
         say(sentence)
     if run.refused is not None:
-        say(f"{run.refused} Correct the key, the model's name or --base-url; the same command then continues the run.")
+        say(f"{run.refused}. Once that is corrected, the same command continues the run.")
     elif run.stopped is not None:
         say(f"Stopped by {run.stopped}. The same command continues the run.")
     elif run.cap_reached:
@@ -191,11 +191,11 @@ def conclude(run: Run, *, quiet: bool = False) -> None:
         say(f"{episodes} again instead of going on, and what was spent before is counted: {reasons}.")
     if run.waiting:
         say(f"{run.waiting} of them wait for the trial before them in their chain, which has no result yet.")
-    warnings = unplayed(run.rows)
+    warnings = unplayed(run.rows, run.folder.first_reply)
     for warning in warnings:
         say(warning)
     if warnings or not run.complete:
-        raise typer.Exit(1)
+        raise typer.Exit(INTERRUPTED if run.stopped == "SIGINT" else 1)
 
 
 def prices(pairs: list[str] | None) -> dict[str, Price]:

@@ -49,8 +49,9 @@ class TurnPrinter:
                 f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True
             )
         for item in turn.items:
+            bar = "|" if self._console.options.ascii_only else "│"
             for line in text_of(item.message).splitlines():
-                self._console.print(f"  [dim]│[/] {escape(line)}", highlight=False, soft_wrap=True)
+                self._console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True)
 
 
 def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:

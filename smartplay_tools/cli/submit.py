@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from smartplay_tools.cli import options
-from smartplay_tools.errors import InvalidArgumentError, file_named
+from smartplay_tools.cli import options, program
+from smartplay_tools.errors import InvalidArgumentError
 
 app = typer.Typer(help="Submit a run to a leaderboard, or check a submission.", no_args_is_help=True)
 
@@ -57,7 +57,7 @@ def prepare(
     submission = prepare_submission(run, out, facts, player=player)
     episodes = sum(result.episodes for result in submission.results)
     typer.echo(f"{out} ({out.stat().st_size / 1e6:.1f} MB): {episodes} episodes of {submission.model_name}. Next:")
-    typer.echo(f"  smartplay-tools submit check {shlex.quote(str(out))}")
+    typer.echo(f"  {program()} submit check {shlex.quote(str(out))}")
 
 
 def _read_facts(path: Path | None) -> dict[str, Any]:
@@ -112,8 +112,7 @@ def check(
     )
     text = json.dumps(report_json(checked), indent=2)
     if report is not None:
-        with file_named(report, "written"):
-            report.write_text(text + "\n", encoding="ascii", newline="\n")
+        report.write_text(text + "\n", encoding="ascii", newline="\n")
     typer.echo(text if as_json else report_text(checked), nl=as_json)
     if not checked.verified:
         raise typer.Exit(1)
@@ -142,7 +141,7 @@ def seed(
         typer.echo(json.dumps(issued.model_dump()))
         return
     typer.echo(f"{issued.seed} is issued to {issued.name}, and added to {seeds}. The run:")
-    typer.echo(f"  smartplay-tools eval --suite {suite or 'SUITE'} --seed {issued.seed} --players PLAYER --out RUN")
+    typer.echo(f"  {program()} eval --suite {suite or 'SUITE'} --seed {issued.seed} --players PLAYER --out RUN")
 
 
 def board(

@@ -15,6 +15,7 @@ from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
+from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
@@ -82,7 +83,7 @@ def _print_files(folder: Path, written: Sequence[Path]) -> None:
     names = ", ".join(sorted({str(path.relative_to(folder).with_suffix("")) for path in written}))
     typer.echo(f"In {folder}: {names}.")
     if not any(path.suffix == ".parquet" for path in written):
-        typer.echo("For Parquet and figures: pip install 'smartplay-tools[evaluation]'.")
+        typer.echo(f"For Parquet and figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-from smartplay_tools.conversation.base import CheckedReply
+from smartplay_tools.conversation.base import CheckedReply, check_episode
 from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
@@ -46,6 +46,7 @@ class AgentSession(ToolConversation):
         summaries: bool = False,
         pictures: bool = False,
     ) -> None:
+        check_episode(episode)
         if not pictures:
             episode.refuse_pictures("This host", has_option=True)
         if (asking := episode.ledger.strategies.asking) is not None and not summaries:

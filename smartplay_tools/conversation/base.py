@@ -23,7 +23,7 @@ from smartplay_tools.context.view import View
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError
+from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError, name_of
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
 from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
@@ -109,6 +109,14 @@ class _NamedPictures(Mapping[str, Picture]):
 
     def __len__(self) -> int:
         return len(self._named)
+
+
+def check_episode(episode: object) -> None:
+    """Raise an `InvalidArgumentError` unless an object is an episode."""
+    if not isinstance(episode, Episode):
+        raise InvalidArgumentError(
+            f'{name_of(episode)} is not an episode; pass one, as in Episode("Hanoi3Disk-v0", seed=1).'
+        )
 
 
 class BaseConversation(ABC):

@@ -18,6 +18,7 @@ from typing import Any, Generic, TypeVar
 
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.agent_session import AgentSession
+from smartplay_tools.conversation.base import check_episode
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolResult, ToolSpec
@@ -51,6 +52,7 @@ class HostChat:
         """The session; None before the first prompt."""
         self.episode = episode.episode if isinstance(episode, AgentSession) else episode
         self._player, self._pictures = player, pictures
+        check_episode(self.episode)
         words = self.episode.words
         self._not_run, self._no_result = words(not_run), words(no_result or not_run)
         if not pictures:

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
-from smartplay_tools.conversation.base import BaseConversation, CheckedReply
+from smartplay_tools.conversation.base import BaseConversation, CheckedReply, check_episode
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, check_choice, name_of
@@ -203,10 +203,8 @@ def _attach(
 ) -> AnyConversation:
     check_player(player)
     check_player(second)
-    if not isinstance(episode, Episode | BaseConversation):
-        raise InvalidArgumentError(
-            f'{name_of(episode)} is not an episode; pass one, as in Episode("Hanoi3Disk-v0", seed=1).'
-        )
+    if not isinstance(episode, BaseConversation):
+        check_episode(episode)
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
     conversation = episode

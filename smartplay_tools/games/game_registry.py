@@ -208,7 +208,7 @@ class Games(Mapping[str, GameSpec]):
                     raise PackageNotImportedError(declared)
                 if declared.name == game:
                     return self.register(_load(declared))
-            raise UnknownNameError("game", game, self)
+            raise UnknownNameError("game", game, self, " The command `smartplay-tools games` lists all.")
         return self._packed[game]
 
     def __iter__(self) -> Iterator[str]:

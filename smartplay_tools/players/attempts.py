@@ -41,10 +41,22 @@ class ModelCallError(SmartPlayError):
     def __init__(self, usage: Usage, error: Exception) -> None:
         times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
         reason = str(error).rstrip(".")
-        if (url := _asked(error)) and status_of(error) is None and url not in reason:
+        if (url := _asked(error)) and url not in reason:
             reason = f"{reason} ({url})"
-        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}")
+        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}{_remedy(error)}")
         self.usage = usage
+
+
+def _remedy(error: Exception) -> str:
+    """What a user can do about an error, after the sentence that reports it."""
+    status, code = status_of(error), getattr(error, "code", None)
+    if code == "insufficient_quota" or status == 402:
+        return ". The account behind the key has nothing left to spend"
+    if code == "invalid_api_key" or status in (401, 403):
+        return ". Check the key, which is read from a variable such as OPENAI_API_KEY"
+    if code == "model_not_found" or status == 404:
+        return ". Check the model's name and --base-url, which ends in /v1 as a rule"
+    return ". Is the server running at this address?" if type(error).__name__ == "APIConnectionError" else ""
 
 
 class ModelRefusedError(ModelCallError):

@@ -42,12 +42,12 @@ def answers_in_words(prompt: Prompt) -> Reply | None:
 
 
 class ScriptedPlayer:
-    """Replies with the given messages in order, and stores the prompts that it received in `prompts`."""
+    """Gives replies, or the replies of messages, in order, and stores the prompts that it received in `prompts`."""
 
     name = "scripted"
     observations = ("text", "picture", "both")
 
-    def __init__(self, messages: Iterable[Message], usage: Usage | None = None) -> None:
+    def __init__(self, messages: Iterable[Message | Reply], usage: Usage | None = None) -> None:
         self._messages = iter(messages)
         self._usage = usage
         self.prompts: list[Prompt] = []
@@ -55,7 +55,8 @@ class ScriptedPlayer:
     def reply(self, prompt: Prompt) -> Reply:
         """Return the next message as a reply; raise StopIteration when there is no further message."""
         self.prompts.append(prompt)
-        return Reply(next(self._messages), self._usage)
+        given = next(self._messages)
+        return given if isinstance(given, Reply) else Reply(given, self._usage)
 
 
 DOING_NOTHING = "Noop"

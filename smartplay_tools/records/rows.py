@@ -11,10 +11,11 @@ is not a result: it is in no mean, and the episode is continued or played again.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter
 
@@ -201,24 +202,60 @@ MORE_TOKENS = "raise --reply-tokens, or the server's own cap; a model that reaso
 """The remedy for replies that are cut at their length."""
 
 
-def unplayed(rows: Iterable[Row]) -> list[str]:
+WRITTEN_CALLS: Mapping[str, re.Pattern[str]] = {
+    "hermes": re.compile(r"<tool_call>"),
+    "mistral": re.compile(r"\[TOOL_CALLS\]"),
+    "llama": re.compile(r"<\|python_tag\|>|^\s*\{\s*\"name\"\s*:\s*\"(act|observe|read_manual)\""),
+}
+"""How the formats begin in which models write calls as text."""
+
+
+def without_calls(text: str) -> str:
+    """Return what is wrong with a reply that calls no tool, and the remedy: the end of a sentence about its model."""
+    for name, pattern in WRITTEN_CALLS.items():
+        if pattern.search(text):
+            return (
+                "writes its calls as text, which its server does not read: start vLLM with --enable-auto-tool-choice "
+                f"and --tool-call-parser {name}, or play with --parse-calls {name}"
+            )
+    return (
+        "has called no tool: start a vLLM server with --enable-auto-tool-choice and --tool-call-parser, or ask for "
+        "calls with --tool-choice required; a model without tools can play with --protocol paper"
+    )
+
+
+FirstReply: TypeAlias = Callable[[Row], str]
+"""Returns the text of the first reply of a row's episode."""
+
+
+def unread(row: Row) -> str:
+    """Return no text, where the records of rows are not at hand."""
+    return ""
+
+
+def unplayed(rows: Iterable[Row], first_reply: FirstReply = unread) -> list[str]:
     """Return a sentence for every player, game and cause with episodes that ended without a single action.
 
-    Such an episode is a result, but says nothing about how well its player plays.
+    Such an episode is a result, but says nothing about how well its player plays. Of each player and game, the reply
+    of one episode is looked at.
     """
     counts: Counter[tuple[str, str, str]] = Counter()
+    texts: dict[tuple[str, str], str] = {}
     for row in rows:
         if is_unplayed(row):
-            counts[row["player"], row["game"], _cause(row)] += 1
+            of = row["player"], row["game"]
+            if row["turns"] and of not in texts:
+                texts[of] = first_reply(row)
+            counts[*of, _cause(row, texts.get(of, ""))] += 1
     return [
         f"{count} {'episode' if count == 1 else 'episodes'} of {player} at {game} ended without any action: {cause}."
         for (player, game, cause), count in counts.items()
     ]
 
 
-def warnings(row: Row) -> list[str]:
+def warnings(row: Row, first_reply: FirstReply = unread) -> list[str]:
     """Return a sentence for each problem of an episode that comes from its settings, not from its player."""
-    sentences, tokens = unplayed([row]), row["tokens"]
+    sentences, tokens = unplayed([row], first_reply), row["tokens"]
     if tokens["overruns"]:
         sentences.append(
             f"{tokens['overruns']} of {row['turns']} replies were longer than --reply-tokens allows, with their "
@@ -237,20 +274,17 @@ def is_unplayed(row: Row) -> bool:
     return bool(row["steps"] == 0 and row["end_reason"] != "prompt_tokens")
 
 
-def _cause(row: Row) -> str:
+def _cause(row: Row, text: str) -> str:
     if row["turns"] and 2 * (row["tokens"]["provider"] or {}).get("cut", 0) > row["turns"]:
         return f"its replies were cut at their length before they called a tool; {MORE_TOKENS}"
     for name, words in UNUSUAL_ENDS.items():
         if row["turns"] and 2 * (row["tokens"]["provider"] or {}).get(name, 0) > row["turns"]:
             return f"its replies were {words}"
     if row["turns"] and row["idle_replies"] == row["turns"]:
-        return (
-            "its replies contain no tool calls, so the server may pass them on as text (vLLM needs "
-            "--enable-auto-tool-choice and --tool-call-parser), or the model has none (--protocol paper asks for text)"
-        )
+        return f"it {without_calls(text)}"
     if row["malformed_calls"] or row["illegal_actions"]:
-        return "all its calls were malformed or named no legal action; its records show them"
-    return f"they ended as {row['end_reason']} before; its records show why"
+        return "all its calls were malformed or named no legal action"
+    return f"the end is {row['end_reason'].replace('_', ' ')}"
 
 
 T = TypeVar("T")

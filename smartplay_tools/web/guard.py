@@ -119,7 +119,8 @@ def check_address(host: str, token: str | None, hosts: Sequence[str]) -> None:
     """Refuse an address that other machines reach without a token and the names by which they reach it."""
     if not is_loopback(host) and not (token and hosts):
         raise InvalidArgumentError(
-            f"Other machines can reach {host}: give a token, and the host names under which it is reached."
+            f"Other machines can reach {host}: give a token (--api-key) and the host names under which it is "
+            "reached (--allow-host)."
         )
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.errors import install_command
 from smartplay_tools.transcript.file import comparable
 from smartplay_tools.types.messages import reasoning_of, text_of
 
@@ -283,7 +284,7 @@ def test_a_model_plays_without_a_web_server():
     ],
 )
 def test_a_missing_extra_is_one_sentence(missing, code, extra):
-    assert without(missing, code).endswith(f"needs an optional dependency: pip install 'smartplay-tools[{extra}]'")
+    assert without(missing, code).endswith(f"needs an optional dependency: {install_command(extra)}")
 
 
 @pytest.mark.slow

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +55,11 @@ def test_an_agent_that_stops_has_ended_its_episode(tmp_path: Path) -> None:
     assert [(row["end_reason"], row["detail"]) for row in run.rows] == [("host", "The agent has ended.")] * 2
 
 
-def test_an_agent_that_fails_has_no_result_and_its_error_is_kept(tmp_path: Path) -> None:
+def test_an_agent_that_always_fails_is_tried_three_times_and_its_error_is_said_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     def raises(episode: sp.Episode) -> None:
-        raise ValueError("no key")
+        json.loads("no key")
 
     def does_nothing(episode: sp.Episode) -> None:
         pass
@@ -64,10 +68,18 @@ def test_an_agent_that_fails_has_no_result_and_its_error_is_kept(tmp_path: Path)
         episode.call("observe")
         episode.close()
 
-    run = evaluate(tmp_path, trials=1, raises=raises, nothing=does_nothing, closes=closes)
+    run = evaluate(tmp_path, trials=20, raises=raises, nothing=does_nothing, closes=closes)
     assert run.rows == []
+    line = raises.__code__.co_firstlineno + 1
+    error = f"JSONDecodeError: Expecting value: line 1 column 1 (char 0) (test_agents.py, line {line})"
+    assert [words for words in caplog.messages if words.startswith("raises ")] == [
+        f"raises failed at {HANOI}: {error}",
+        f"raises plays no more: it failed 3 times before any action. {error}",
+    ]
+    assert Counter(failure["error"] for failure in run.failures)[error] == 3
+    assert repr(run).startswith("<Run: 0 of 60 episodes finished, 9 failed attempts, the last: ")
     assert {(row["player"], row["error"]) for row in run.failures} == {
-        ("raises", "ValueError: no key"),
+        ("raises", error),
         ("nothing", "AgentFailedError: The agent has ended. It has not asked its model."),
         ("closes", "AgentFailedError: The agent has closed its episode; leave that to the run."),
     }
@@ -82,6 +94,7 @@ def test_many_agents_play_at_once(tmp_path: Path) -> None:
     together: list[int] = []
 
     def waits(episode: sp.Episode) -> None:
+        episode.call("act", {"action": sp.GAMES[HANOI].load().actions[0]})  # the others begin once the first has played
         together.append(1)
         until = time.monotonic() + 30
         while len(together) < 12 and time.monotonic() < until:

@@ -86,7 +86,7 @@ def test_a_missing_v1_is_named():
     with serving(lambda body, number: refusal(404, "not_found", "Not Found")) as (url, _):
         code, output, _ = run("check", "--players", MODEL, "--base-url", url.removesuffix("/v1"))
     assert code == 1
-    assert "does not end in /v1" in output
+    assert "Check the model's name and --base-url, which ends in /v1 as a rule" in output
 
 
 # A run begins with one episode, until it has played an action.

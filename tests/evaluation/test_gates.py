@@ -55,4 +55,4 @@ def test_what_is_asked_wrongly_is_one_sentence(run, tmp_path):
     assert "--baseline needs --margin" in run("x", "--baseline", str(tmp_path)).output
     assert "is not a condition" in run("x", "--fail-if", "bad").output
     unwritten = run("x", "--junit", str(tmp_path))
-    assert (unwritten.exit_code, f"{tmp_path} cannot be written" in unwritten.output) == (2, True)
+    assert (unwritten.exit_code, f"{tmp_path} cannot be read or written" in unwritten.output) == (2, True)

@@ -141,6 +141,6 @@ def test_ctrl_c_before_the_first_episode_is_one_sentence(tmp_path):
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGINT)
         printed, _ = process.communicate(timeout=120)
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert "Traceback" not in printed
     assert "Stopped by SIGINT. The same command continues the run." in printed

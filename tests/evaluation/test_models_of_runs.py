@@ -46,7 +46,7 @@ def test_a_refusal_for_good_stops_the_run_after_one_attempt(tmp_path, status, co
     assert len(RunFolder(tmp_path).failures()) == 1
     (sentence,) = [line for line in stderr.splitlines() if line.startswith(MODEL)]
     assert text in sentence
-    assert "the same command then continues the run" in sentence
+    assert "Once that is corrected, the same command continues the run." in sentence
 
 
 def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
@@ -82,9 +82,10 @@ def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path
         code, _, stderr = play(tmp_path, url, "--trials", 2)
     assert code == 1
     assert f"2 episodes of {MODEL} at {BANDIT} ended without any action" in stderr
-    assert "--tool-call-parser" in stderr
+    assert "it writes its calls as text" in stderr
+    assert "--parse-calls hermes" in stderr
     shown = run("results", tmp_path)[1]
-    assert "--tool-call-parser" in shown
+    assert "--parse-calls hermes" in shown
     assert f"{MODEL}!" in shown, "it is marked in the table"
     assert "!: 2 without any action" in shown
     page = tmp_path / "page.html"

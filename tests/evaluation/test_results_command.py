@@ -157,11 +157,23 @@ def test_a_shard_is_as_long_as_its_part(tmp_path):
     assert f"{part.planned} of {part.planned} episodes finished" in run(tmp_path).output
 
 
-def test_a_table_that_cannot_be_written_is_one_sentence(tmp_path):
-    evaluate([GAMES[0]], ("random",), out=tmp_path, trials=1, executor="inline")
-    done = run(tmp_path, "--csv", tmp_path / "none" / "x.csv")
-    assert done.exit_code == 2
-    assert "x.csv cannot be written: No such file or directory." in done.output
+def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
+    """Whichever command writes it: nothing can be written below a file."""
+    whole = evaluate([GAMES[0]], ("random",), out=tmp_path / "run", trials=1, executor="inline")
+    place = tmp_path / "file" / "x.out"
+    place.parent.touch()
+    record = whole.transcript(whole.rows[0]["key"])
+    commands = (
+        ("results", whole.folder.path, "--csv", place),
+        ("export", whole.folder.path, "--format", "atif", "--out", place),
+        ("share", record, "--out", place.with_suffix(".html")),
+    )
+    for command in commands:
+        done = CliRunner().invoke(app, list(map(str, command)))
+        assert done.exit_code == 2, done.output
+        assert re.fullmatch(r"smartplay-tools: \S+file\S* cannot be read or written: \w+ .*\.\n", done.output), (
+            done.output
+        )
 
 
 @pytest.mark.parametrize(

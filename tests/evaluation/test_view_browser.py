@@ -327,6 +327,9 @@ def test_arrows_and_letters_play_the_actions_that_show_them(show, tmp_path):
         letter = page.locator("#actions button", has_text="Make Wood Pickaxe").locator("kbd").inner_text()
         page.keyboard.press(letter)
         page.locator("#beside table .you").wait_for(timeout=60_000)
+        page.frame_locator("#shown").locator("#player:not([hidden])").wait_for(timeout=60_000)
+        assert page.locator("#score").inner_text() == "Score 0"
+        assert page.evaluate("[scrollY, document.activeElement.tagName]") == [0, "BODY"], "the replay takes no focus"
         page.close()  # it asks its server until then
         (record,) = games.run_of("Crafter-v0").folder.records()
     calls = [event["arguments"] for event in sp.read_transcript(record) if event["event"] == "call"]

@@ -231,12 +231,12 @@ def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
     over = page.answer(tool="act", action="2")
     assert over["state"] == "over"
     scores = json.loads(page.request("GET", f"{page.api}/beside")[1])
-    assert {"rule", "random", "GPT-4-0613"} <= scores["scores"].keys()
+    assert {"rule", "random, mean of 20", "GPT-4-0613"} <= scores["scores"].keys()
     (row,) = RunFolder(play.folder.path).rows()
     with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as episode:
         rule = sp.play(episode, sp.get_player("rule", seed=row["seed"]))
     assert scores["scores"]["rule"] == rule.normalized_score
-    assert (scores["gone"], scores["turns"]) == (0, 1)
+    assert (scores["gone"], scores["turns"], scores["first"]) == (0, 1, None)
 
 
 def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):
@@ -244,7 +244,8 @@ def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):
     with games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
         page = Page(server.url, HANOI)
         chooser = page.request("GET", "/play")[1]
-        assert re.findall(r'href="/play/([^"]+)"', chooser) == [BANDIT, HANOI]
+        links = re.findall(r'href="/play/([^"]+)"', chooser)
+        assert links == [BANDIT, BANDIT, HANOI, HANOI], "a picture and a name of each"
         assert chooser.count("<svg") == 2
         for game in (HANOI, BANDIT):
             page = Page(server.url, game)

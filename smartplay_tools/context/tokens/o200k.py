@@ -15,7 +15,7 @@ import zlib
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.errors import SmartPlayError, install_command
 
 if TYPE_CHECKING:
     import tiktoken
@@ -70,9 +70,7 @@ def tokens() -> tuple[bytes, ...]:
     except zlib.error:
         unpacked = b""
     if hashlib.sha256(unpacked).hexdigest() != UNPACKED_SHA256:
-        raise SmartPlayError(
-            "The vocabulary of o200k_base is damaged: pip install --force-reinstall --no-deps smartplay-tools"
-        )
+        raise SmartPlayError(f"The vocabulary of o200k_base is damaged: {install_command()}")
     # One format such as "1s3s2s..." cuts all tokens at once.
     pieces = [f"{length}s" for length in range(256)]
     layout = struct.Struct("".join(map(pieces.__getitem__, unpacked[:TOKENS])))

@@ -36,6 +36,8 @@ from smartplay_tools.evaluation.analysis.pairs import (
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
+__all__ = ["Comparison", "Overall", "Pairing", "Side", "compare"]
+
 MATCHED = (*Budget.model_fields, *RULES)
 """The fields in which sides can be matched."""
 

@@ -45,6 +45,7 @@ from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, read_rows, row_fault
 from smartplay_tools.transcript.lines import parse_json
+from smartplay_tools.types.messages import text_of
 
 __all__ = ["RunFolder", "Until", "trial_seed"]
 
@@ -235,6 +236,12 @@ class RunFolder:
         facts = {name: getattr(record.config, name) if record.start else None for name in ("game", "player", "seed")}
         ended = {"end_reason": record.end_reason, "error": record.error}
         return {"key": record.key, "attempt": record.attempt, **ended, **facts}
+
+    def first_reply(self, row: Row) -> str:
+        """Return the text of the first reply in a finished episode, "" if its record is not here."""
+        path = self.transcript(row["key"])
+        replies = Record.read(path).sent_replies.values() if path.exists() else ()
+        return next(map(text_of, replies), "")
 
     def attempts(self) -> list[Path]:
         """Return the records of attempts without a result, by key and then in their order."""

@@ -8,6 +8,7 @@ attempt. The return value has times, and why the episode began again, which are 
 from __future__ import annotations
 
 import asyncio
+import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -348,7 +349,17 @@ def _on_record(task: Task) -> Iterator[None]:
     except asyncio.CancelledError as error:
         _append(task.record, error, UNANSWERED)
     except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
-        _append(task.record, error, f"{type(error).__name__}: {error}", traceback.format_exc())
+        _append(task.record, error, f"{type(error).__name__}: {error}{_place(error)}", traceback.format_exc())
+
+
+def _place(error: BaseException) -> str:
+    """Where an error occurred in a user's own code: the innermost line that is in no library, in words."""
+    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
+        module, file = frame.f_globals.get("__name__", "").partition(".")[0], Path(frame.f_code.co_filename)
+        is_ours = module.startswith("smartplay_") or module in sys.stdlib_module_names
+        if not is_ours and {"site-packages", "dist-packages"}.isdisjoint(file.parts):
+            return f" ({file.name}, line {line})"
+    return ""
 
 
 def _append(record: Path, error: BaseException, *words: str) -> None:

@@ -10,10 +10,8 @@ What keeps a reply from being played, in one sentence with its remedy: the texts
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from urllib.parse import urlsplit
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
@@ -21,16 +19,9 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.players import ModelPlayer, get_player, is_model
 from smartplay_tools.records.prices import Price, find_price
-from smartplay_tools.records.rows import MORE_TOKENS
+from smartplay_tools.records.rows import MORE_TOKENS, without_calls
 from smartplay_tools.types import Budget, Reply, Usage
 from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of
-
-LOOKS_LIKE: Mapping[str, re.Pattern[str]] = {
-    "hermes": re.compile(r"<tool_call>"),
-    "mistral": re.compile(r"\[TOOL_CALLS\]"),
-    "llama": re.compile(r"<\|python_tag\|>|^\s*\{\s*\"name\"\s*:\s*\"(act|observe|read_manual)\""),
-}
-"""How the formats begin in which models write calls as text."""
 
 
 def fault_of(reply: Reply, conversation: Conversation, cap: int) -> str | None:
@@ -45,21 +36,12 @@ def _without_calls(reply: Reply, cap: int) -> str:
     if reply.usage is not None and reply.usage.cut:
         thought = ", in its reasoning" if reasoning or "<think>" in text else ""
         return f"was cut at its length of {cap} tokens before it called a tool{thought}; {MORE_TOKENS}."
-    for name, pattern in LOOKS_LIKE.items():
-        if pattern.search(text):
-            return (
-                f"writes its calls as text, which its server does not read: start vLLM with --enable-auto-tool-choice "
-                f"and --tool-call-parser {name}, or play with --parse-calls {name}."
-            )
     if reasoning and not text.strip():
         return (
             f"has reasoned ({len(reasoning)} characters of reasoning_content) and then said nothing: raise "
             "--reply-tokens, or look at the reasoning parser of its server."
         )
-    return (
-        "has called no tool: start a vLLM server with --enable-auto-tool-choice and --tool-call-parser, or ask for "
-        "calls with --tool-choice required; a model without tools can play with --protocol paper."
-    )
+    return f"{without_calls(text)}."
 
 
 def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
@@ -206,7 +188,7 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
             try:
                 replies.append(player.reply(prompt))
             except SmartPlayError as error:
-                return Probe(config.name, reachable=False, error=str(error) + _address(config, str(error)))
+                return Probe(config.name, reachable=False, error=str(error))
             conversation.receive(replies[-1].message, replies[-1].usage)
             fault = fault_of(replies[-1], conversation, MOST_TOKENS)
             was_played = was_played or fault is None
@@ -216,14 +198,6 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
         reasoned = sum(episode.counter.tokenizer.count(reasoning_of(reply.message)) for reply in replies)
     judged = _judged(config.name, replies, reasoned, price)
     return replace(judged, played=was_played, acted=acted, faults=tuple(faults))
-
-
-def _address(config: PlayerConfig, error: str) -> str:
-    """A hint about an address without `/v1`, if that may be the cause of a refusal."""
-    url = config.options.get("base_url")
-    if not isinstance(url, str) or "404" not in error or urlsplit(url).path.rstrip("/"):
-        return ""
-    return f" The base URL {url} does not end in /v1, as most do."
 
 
 def _judged(name: str, replies: Sequence[Reply], reasoned: int, price: Price | None) -> Probe:

@@ -16,6 +16,7 @@ from pathlib import Path
 from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.agents import FunctionAgent
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
@@ -37,8 +38,8 @@ class Roster:
     players: Mapping[str, PlayerConfig]
     episodes: Mapping[str, Sequence[PlannedEpisode]]
     """The episodes of the part, by the name of the executor that suits their player; models come first."""
-    remote: Set[str]
-    """The players behind a network."""
+    tried: Set[str]
+    """The players of which one episode is tried first: models and agent functions."""
     prices: Mapping[str, Price]
     """The prices that the user gives, by the player's name."""
 
@@ -49,8 +50,8 @@ def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) 
     part = plan if options.shard is None else plan.shard(*options.shard)
     check_prices(options.prices or (), (config.name for config in configs.values()))
     prices = {**given_prices(configs.values()), **(options.prices or {})}
-    episodes, remote = _by_executor(part, configs, options.executor)
-    return Roster(part, configs, episodes, remote, prices)
+    episodes, tried = _by_executor(part, configs, options.executor)
+    return Roster(part, configs, episodes, tried, prices)
 
 
 def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:
@@ -67,22 +68,24 @@ def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfi
 def _by_executor(
     plan: Plan, configs: Mapping[str, PlayerConfig], asked: str | None
 ) -> tuple[dict[str, list[PlannedEpisode]], set[str]]:
-    """Return the episodes by the executor that suits their player, and the players behind a network."""
+    """Return the episodes by the executor that suits their player, and the players that are tried first."""
     suits: dict[str, str] = {}
     made_for: dict[str, Player | AsyncPlayer] = {}
-    remote: set[str] = set()
+    tried: set[str] = set()
     episodes_of: dict[str, list[PlannedEpisode]] = {"async": []}
     for episode in plan.episodes:
         cell, key = episode.cell, player_key(episode.cell)
-        if configs[key].agent is not None:
+        if (agent := configs[key].agent) is not None:
             suits[key] = "async"
+            if isinstance(agent, FunctionAgent):
+                tried.add(key)
         elif key not in suits:
             task = Task(episode, configs[key], Path())
             made = made_for[key] = make_player(task)
             check_player(made)
             suits[key] = asked or _suitable(made)
             if isinstance(made, ModelPlayer):
-                remote.add(key)
+                tried.add(key)
                 made.check_ready()
             if suits[key] in ELSEWHERE and (why := why_only_here(task)) is not None:
                 if asked is not None:
@@ -91,7 +94,7 @@ def _by_executor(
         if key in made_for:
             check_observation(made_for[key], cell.observation)
         episodes_of.setdefault(_for_game(cell, suits[key], asked), []).append(episode)
-    return {name: episodes for name, episodes in episodes_of.items() if episodes}, remote
+    return {name: episodes for name, episodes in episodes_of.items() if episodes}, tried
 
 
 def _for_game(cell: CellConfig, suits: str, asked: str | None) -> str:

@@ -101,6 +101,12 @@ class InNotebook:
 
         return replay_widget(self.rows, self.transcript, episode, height)
 
+    def __repr__(self) -> str:
+        failed = self.failures
+        latest = failed[-1]["error"] or failed[-1]["end_reason"] if failed else ""
+        attempts = f", {len(failed)} failed attempts, the last: {' '.join(latest.split())[:200]}" if failed else ""
+        return f"<{type(self).__name__}: {len(self.rows)} of {self.planned} episodes finished{attempts}>"
+
     def _repr_html_(self) -> str:
         from smartplay_tools.evaluation.pages.notebook import run_as_html
 

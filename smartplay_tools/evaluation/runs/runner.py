@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Unpack
 from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
-from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
@@ -25,7 +25,7 @@ from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, InNotebook, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import OnProgress, Scheduler, Setup
+from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, Scheduler, Setup, log
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run(InNotebook):
     """A run, as returned by `evaluate`."""
 
@@ -160,8 +160,9 @@ def run_plan(
         comparisons = _comparisons(manifest)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        setup = Setup(roster.players, manifest.prices, caps, roster.remote, repriced, comparisons)
-        tracking = Tracking(options.track, folder.path.name, manifest, options.on_progress)
+        setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced, comparisons)
+        heard = options.on_progress or (_FirstFailures() if display is None else None)
+        tracking = Tracking(options.track, folder.path.name, manifest, heard)
         scheduler = Scheduler(folder, part, setup, tracking.heard)
         with following(folder, show):
             try:
@@ -188,6 +189,21 @@ def run_plan(
         scheduler.refused,
         scheduler.waiting,
     )
+
+
+class _FirstFailures:
+    """Logs the first failure of each player with each kind of error, where nothing else shows how a run goes."""
+
+    def __init__(self) -> None:
+        self._seen: set[tuple[str, str]] = set()
+
+    def __call__(self, progress: RunProgress) -> None:
+        if progress.episode is None or progress.error is None:
+            return
+        cell, reason = progress.episode.cell, reason_of(progress.error)
+        if (player_of(cell), reason) not in self._seen:
+            self._seen.add((player_of(cell), reason))
+            log.warning("%s failed at %s: %s", player_of(cell), cell.game, progress.error)
 
 
 @contextmanager

@@ -5,9 +5,10 @@ its record is then moved to its final place, and its row is added.
 
 An episode may have to wait for four reasons. Its chain: a trial that takes something over (`Rules.carry`) begins when
 the trial before it has a result. Caps of the run: it begins only if its expected use fits under the caps
-together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model that has not
-played an action yet in this run: one episode begins, and the others wait for its first step, so that a wrong key, or a
-server that does not pass tool calls on, costs one episode instead of a hundred.
+together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model, or
+a function that is an agent, that has not played an action yet in this run: one episode begins, and the others wait for
+its first step, so that a wrong key, a mistake in the function, or a server that does not pass tool calls on, costs one
+episode instead of a hundred.
 """
 
 from __future__ import annotations
@@ -43,6 +44,12 @@ log = logging.getLogger("smartplay_tools.evaluation")
 RETRIES = 3
 """How often a failed episode is retried in one run."""
 
+SAME_FAILURES = 3
+"""A player that fails so often with one kind of error, and has never played an action in this run, plays no more in it.
+
+Attempts that fail side by side count once, since they may have one cause that passes.
+"""
+
 
 @dataclass(frozen=True)
 class RunProgress:
@@ -72,8 +79,8 @@ class Setup:
     """By `player_key`."""
     prices: Mapping[str, Price] = field(default_factory=dict)
     caps: Caps = field(default_factory=Caps)
-    remote: Collection[str] = ()
-    """Players behind a network, by `player_key`."""
+    tried: Collection[str] = ()
+    """Players of which one episode is tried first, by `player_key`."""
     repriced: Collection[str] = ()
     """Players whose price has changed since the run was played before."""
     comparisons: Comparisons | None = None
@@ -94,6 +101,8 @@ class Scheduler:
         self._answered: set[str] = set()
         self._acted: set[str] = set()
         self._silent: set[str] = set()
+        self._failures: Counter[tuple[str, str]] = Counter()
+        self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
         self._reasons: set[str] = set()
         self._capped = False
@@ -159,7 +168,9 @@ class Scheduler:
             if player in self._silent or not self._is_needed(episode) or self._waits(episode):
                 continue
             room = self._setup.players[player].concurrency
-            if (room is not None and busy[player] >= room) or (busy[player] and not self._has_acted(player)):
+            if room is not None and busy[player] >= room:
+                continue
+            if busy[player] and (self._is_failing(player) or not self._has_acted(player)):
                 continue
             if not self._fits(episode):
                 self._capped = not self._running
@@ -209,18 +220,18 @@ class Scheduler:
         return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
 
     def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
-        """Move one episode of every model that has not played an action yet to the front."""
+        """Move one episode of every player that is tried first, and has not played an action yet, to the front."""
         first: dict[str, PlannedEpisode] = {}
         for episode in episodes:
             player = self._who[episode.place]
-            if player in self._setup.remote and player not in self._acted:
+            if player in self._setup.tried and player not in self._acted:
                 first.setdefault(player, episode)
         keys = {episode.key for episode in first.values()}
         return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
-        if player not in self._setup.remote or player in self._acted:
+        if player not in self._setup.tried or player in self._acted:
             return True
         for path in (task.record for task in self._running.values() if self._who[task.planned.place] == player):
             followed = self._awaited.get(path)
@@ -228,6 +239,10 @@ class Scheduler:
             if self._awaited[path].steps:
                 self._acted.add(player)
         return player in self._acted
+
+    def _is_failing(self, player: str) -> bool:
+        """Whether a player has failed in this run and never played an action."""
+        return player not in self._acted and any(player == failed for failed, _ in self._failures)
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
@@ -250,6 +265,7 @@ class Scheduler:
         price, files = self._setup.prices.get(player_of(cell)), (game_file(cell), strategy_file(cell))
         task = Task(episode, config, record, previous, price, carried, *files)
         self._running[episode.key] = task
+        self._failures_before[episode.key] = self._failures.copy()
         return task
 
     def _archive(self, task: Task) -> Record:
@@ -303,7 +319,7 @@ class Scheduler:
             log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
 
     def _judge(self, episode: PlannedEpisode, error: str) -> None:
-        """End the run if a server refuses every request, or give up a player that has never answered."""
+        """End the run if a server refuses every request; give up a player that never answers, or always fails."""
         assert self._executor is not None
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
@@ -312,6 +328,19 @@ class Scheduler:
             self._executor.stop.set()
         elif kind == ModelCallError.__name__ and player not in self._answered:
             self._silent.add(player)
+        elif player not in self._acted:
+            self._count_failure(episode, kind, error)
+
+    def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
+        """Count a failure, unless one of the same kind was counted while this attempt was played."""
+        player = self._who[episode.place]
+        if self._failures_before[episode.key][player, kind] < self._failures[player, kind]:
+            return
+        self._failures[player, kind] += 1
+        if self._failures[player, kind] == SAME_FAILURES:
+            self._silent.add(player)
+            name = player_of(episode.cell)
+            log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)

@@ -48,7 +48,7 @@ AXES = (*Budget.model_fields, *RULE_AXES)
 """What a sweep can vary."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sweep(InNotebook):
     """A sweep, as returned by `sweep`."""
 

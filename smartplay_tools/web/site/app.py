@@ -309,7 +309,7 @@ class ViewServer(Server):
         is_open = not is_loopback(host)
         if is_open and not hosts:
             raise InvalidArgumentError(
-                f"Other machines can reach {host}: give the host names under which it is reached."
+                f"Other machines can reach {host}: give the host names under which it is reached (--allow-host)."
             )
         if is_open and token is None:
             token = secrets.token_urlsafe(24)

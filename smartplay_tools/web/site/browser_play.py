@@ -25,14 +25,20 @@ from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player
+from smartplay_tools.records.accounts import shown_turns
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
+from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types import Budget
 from smartplay_tools.web.site.browser_player import PICTURES, BrowserPlayer
 from smartplay_tools.web.site.challenge import Challenge
 
-BESIDE = ("rule", "random")
+RANDOM_EPISODES = 20
+BESIDE = ("rule", f"random, mean of {RANDOM_EPISODES}")
 """The players whose scores are shown beside a person's."""
+
+SHOWN_CHARACTERS = 160
+"""The most characters that are shown of a turn that has left the window."""
 
 LONGEST_BESIDE = 300
 """Steps of the longest game that they play while a person waits."""
@@ -116,7 +122,7 @@ class BrowserPlay:
     def beside(self) -> dict[str, float | None]:
         """Return what `rule` and `random` score in the world of the latest episode, under the same budget and rules.
 
-        None stands for a game that is too long to be played meanwhile.
+        The score of `random` is the mean of 20 episodes. None stands for a game that takes too long.
         """
         row, beat = self._row, self._to_beat()
         if row is None:
@@ -128,7 +134,10 @@ class BrowserPlay:
             return {**dict.fromkeys(BESIDE), **challenger}
         options = {name: value for name, value in cell.options.items() if name != "render_mode"}
         cell = cell.model_copy(update={"options": options})
-        return {**{name: _played(cell.with_seed(row["seed"]), name) for name in BESIDE}, **challenger}
+        config = cell.with_seed(row["seed"])
+        random = [_played(config, "random", seed) for seed in range(RANDOM_EPISODES)]
+        scores = (_played(config, "rule", config.seed), sum(random) / RANDOM_EPISODES)
+        return {**dict(zip(BESIDE, scores, strict=True)), **challenger}
 
     def challenges(self) -> str:
         """Return the query of a link that challenges somebody to the latest episode, which is over."""
@@ -137,11 +146,22 @@ class BrowserPlay:
             raise InvalidArgumentError("No episode is over yet.")
         return Challenge(self._cell, self._seed, row["trial"], row["score"]).query()
 
-    def gone(self) -> tuple[int, int]:
-        """Return how many turns the last prompt of the latest episode did not show, of how many before it."""
-        row = self._row
-        views = [] if row is None else Record.read(self.folder.transcript(row["key"])).views
-        return (views[-1]["dropped_turns"], views[-1]["turn"]) if views else (0, 0)
+    def gone(self) -> dict[str, Any]:
+        """Return how many turns the last prompt of the latest episode did not show as they were, of how many before it.
+
+        `first` is the first of them that left the window: its number, what the game answered in it, and the turn whose
+        prompt was the first without it.
+        """
+        record = None if self._row is None else Record.read(self.folder.transcript(self._row["key"]))
+        views = [] if record is None else [view for view in record.views if not concerns_summary(view)]
+        if record is None or not views:
+            return {"gone": 0, "turns": 0, "first": None}
+        first = next((view for view in views if _lost(record, view)), None)
+        return {
+            "gone": len(_lost(record, views[-1])),
+            "turns": views[-1]["turn"],
+            "first": None if first is None or record.is_paper else _shown_first(record, first),
+        }
 
     def next(self) -> None:
         """Begin another episode, once one is over."""
@@ -262,10 +282,24 @@ class BrowserGames:
         self._runs[game] = BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
 
 
-def _played(config: EpisodeConfig, name: str) -> float | None:
+def _lost(record: Record, view: ViewEvent) -> list[int]:
+    """The turns that a prompt did not show as they were."""
+    shown = ["gone"] * view["dropped_turns"] if record.is_paper else shown_turns(record, view)
+    return [turn for turn, how in enumerate(shown) if how != "whole"]
+
+
+def _shown_first(record: Record, view: ViewEvent) -> dict[str, Any]:
+    """The first turn that a prompt did not show: its number, what the game answered in it, and the prompt's turn."""
+    (turn, *_) = _lost(record, view)
+    text = " ".join(" ".join(call["text"] for call in record.calls if call["turn"] == turn).split())
+    cut = text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
+    return {"turn": turn, "text": cut, "left": view["turn"]}
+
+
+def _played(config: EpisodeConfig, name: str, seed: int) -> float:
     """The normalised score of a built-in player in an episode, or its score where the game has no human score."""
     with Episode.from_config(config) as episode:
-        result = play(episode, get_player(name, seed=config.seed), protocol=config.protocol)
+        result = play(episode, get_player(name, seed=seed), protocol=config.protocol)
     return result.score if result.normalized_score is None else result.normalized_score
 
 

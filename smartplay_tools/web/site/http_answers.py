@@ -13,10 +13,10 @@ from smartplay_tools.evaluation.pages import environment as template_environment
 
 STATIC = {
     **dict.fromkeys(
-        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "challenge.js", "waiting.js", "view.css"),
+        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "waiting.js", "view.css"),
         "smartplay_tools.web.site",
     ),
-    **dict.fromkeys(("basics.js", "page.css"), "smartplay_tools.evaluation.pages.report"),
+    **dict.fromkeys(("basics.js", "snapshot.js", "page.css"), "smartplay_tools.evaluation.pages.report"),
 }
 """What the pages load, and where it is."""
 

@@ -27,8 +27,9 @@ from smartplay_tools.episode.config import RULES, CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.games.minecraft.engines import PAPER_GOALS
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
-from smartplay_tools.games.specs import GAMES
+from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web.site.browser_player import BrowserPlayer, PassedError
 from smartplay_tools.web.site.http_answers import HEADERS, missing, page_now
@@ -76,8 +77,8 @@ class PlayedRun(Protocol):
         """Return the query of a link that challenges somebody to the latest episode."""
         ...
 
-    def gone(self) -> tuple[int, int]:
-        """Return how many turns the latest prompt did not show, of how many."""
+    def gone(self) -> dict[str, Any]:
+        """Return how many turns the latest prompt did not show, of how many, and the first that had left."""
         ...
 
 
@@ -182,7 +183,11 @@ class _Playing:
         """Answer with the page of a game."""
         several = len(self._play.games) > 1 or bool(self._play.taken)
         name = request.path_params["game"]
-        return page_now("play.html.j2", game=run.game, name=name, key=self._key, several=several)
+        spec = get_spec(run.game)
+        _, aim = FAMILIES.get(spec.family, ("", ""))
+        if spec.family == "minecraft":
+            aim = f"Find this biome: {PAPER_GOALS[spec.kwargs['task']].name}."
+        return page_now("play.html.j2", game=run.game, aim=aim, name=name, key=self._key, several=several)
 
     async def state(self, request: Request, run: PlayedRun) -> Response:
         """Answer with what is to be shown, when it has changed."""
@@ -198,8 +203,7 @@ class _Playing:
         ours = await run_in_threadpool(run.beside)
         paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
         scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
-        gone, turns = await run_in_threadpool(run.gone)
-        answer: dict[str, Any] = {"scores": scores, "gone": gone, "turns": turns}
+        answer: dict[str, Any] = {"scores": scores, **await run_in_threadpool(run.gone)}
         try:
             answer["challenge"] = f"{CHALLENGE}?{run.challenges()}"
         except SmartPlayError as error:

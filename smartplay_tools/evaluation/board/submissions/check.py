@@ -200,7 +200,7 @@ def checking(
     """
     path, limits = Path(bundle), limits or Limits()
     issued = None if seeds is None else read_seeds(seeds)
-    with file_named(path, "read"), path.open("rb") as file:
+    with file_named(path), path.open("rb") as file:
         checked = Checked(path.name, hashlib.file_digest(file, "sha256").hexdigest())
     try:
         with unpacked(path, limits) as folder:

@@ -103,54 +103,49 @@ function showPrompt(asked) {
   $("messages").scrollTop = $("messages").scrollHeight;
 }
 
-function fact(name, what) {
-  return element("div", { class: "chip" }, element("dt", {}, name), element("dd", {}, what));
-}
-
 function showEnd(over) {
-  const share = over.normalized_score === null ? "" : ` (${percent(over.normalized_score)} of a human's)`;
-  const facts = [
-    fact("score", `${number(over.score)}${share}`),
-    fact("steps", number(over.steps)),
-    fact("end", over.end_reason.replaceAll("_", " ")),
-  ];
-  if (over.pictures) facts.push(fact("pictures", "shown when asked for"));
-  $("result").replaceChildren(...facts);
+  const share = over.normalized_score === null ? "" : `${percent(over.normalized_score)} of a human’s score. `;
+  const pictures = over.pictures ? " Pictures were shown when asked for." : "";
+  $("score").textContent = `Score ${number(over.score)}`;
+  $("result").textContent = `${share}${plural(over.steps, "step")}; the end: ${over.end_reason.replaceAll("_", " ")}.${pictures}`;
   $("replay").setAttribute("href", over.replay);
   $("shown").setAttribute("src", `${over.replay}#turn=1e9&bare`);
   showBeside(over);
 }
 
-// The score on a line beside those of the paper's people and models, and of players of ours in the same world.
+// Where a turn went that the window has lost: what it showed, and when it was gone.
+function lost({ gone, turns, first }) {
+  if (!gone) return "At your last move, all that you had done was still in your window.";
+  const example = first && `Turn ${first.turn} showed “${first.text}”; at turn ${first.left} it had left your window. `;
+  return `${example ?? ""}At your last move, ${plural(gone, "turn")} of ${number(turns)} had left it.`;
+}
+
+// The score beside those of the paper's people and models, and of players of ours in the same world.
 async function showBeside(over) {
   const found = await fetch(`${PLAYED}/beside`);
   if (!found.ok) return;
-  const { scores, challenge, unshared, gone, turns } = await found.json();
-  if (unshared) $("challenge").replaceChildren(element("p", { class: "small" }, unshared));
-  else showChallenge(location.origin + challenge);
-  $("gone").textContent = gone
-    ? `When you made your last move, ${plural(gone, "turn")} of ${number(turns)} had left your window.`
-    : "When you made your last move, all that you had done was still in your window.";
-  const own = over.normalized_score ?? over.score;
-  const all = [...Object.entries(scores), ["you", own]].sort(([, a], [, b]) => b - a);
-  const [low, high] = [Math.min(0, ...all.map(([, score]) => score)), Math.max(1, ...all.map(([, score]) => score))];
+  const beside = await found.json();
+  const command = `smartplay-tools view --play "${location.origin}${beside.challenge}" --open`;
+  const links = [["A link that replays it", location.origin + over.replay]];
+  if (!beside.unshared) links.push(["Challenge somebody: a link to the same game, world and window", location.origin + beside.challenge], ["The same as a command", command]);
+  $("links").replaceChildren(...links.map(linkToCopy), beside.unshared ? element("p", { class: "small" }, beside.unshared) : "");
+  $("gone").textContent = lost(beside);
+  const isShare = over.normalized_score !== null;
+  const all = [...Object.entries(beside.scores), ["you", isShare ? over.normalized_score : over.score]].sort(([, a], [, b]) => b - a);
+  const [low, high] = [Math.min(0, all.at(-1)[1]), Math.max(1, all[0][1])];
   const rows = all.map(([name, score]) => {
-    // In per cent, so that a dot keeps its size on every screen.
-    const x = `${2 + (96 * (score - low)) / (high - low)}%`;
-    const dot = shape("circle", { class: name === "you" ? "ours" : "model", cx: x, cy: 8, r: name === "you" ? 6 : 4 });
-    const line = picture(300, 16, `${name}: ${number(score)}`, shape("line", { class: "axis", x1: "2%", x2: "98%", y1: 8, y2: 8 }), dot);
-    line.removeAttribute("viewBox");
-    line.setAttribute("class", "strip");
-    return element("tr", { class: name === "you" ? "you" : "" }, element("th", { scope: "row" }, name), element("td", {}, line), element("td", { class: "number" }, over.normalized_score === null ? number(score) : percent(score)));
+    const bar = element("meter", { min: low, max: high, value: score, "aria-label": name });
+    const shown = isShare ? percent(score) : number(score);
+    return element("tr", { class: name === "you" ? "you" : "" }, element("th", { scope: "row" }, name), element("td", {}, bar), element("td", { class: "number" }, shown));
   });
-  const head = element("caption", {}, over.normalized_score === null ? "Scores." : "Shares of a human’s score. rule and random played the same world; the others are the paper’s.");
-  $("beside").replaceChildren(element("table", {}, head, element("tbody", {}, ...rows)));
+  const words = isShare ? "Shares of a human’s score. rule and random played this world; the others are the paper’s." : "Scores. rule and random played this world; the others are the paper’s.";
+  $("beside").replaceChildren(element("table", {}, element("caption", {}, words), element("tbody", {}, ...rows)));
 }
 
-// The link is percent-encoded, so that it can stand between quotation marks in every shell.
-function showChallenge(link) {
-  $("challenge-link").value = link;
-  $("challenge-command").value = `smartplay-tools view --play "${link}" --open`;
+// Links are percent-encoded, so that they can stand between quotation marks in every shell.
+function linkToCopy([name, text]) {
+  const field = element("label", {}, element("span", {}, name), element("input", { type: "text", value: text, readonly: true }));
+  return element("p", { class: "challenge" }, field, element("button", { type: "button", onclick: ({ target }) => copy(target, text) }, "copy"));
 }
 
 function showBeat(beat, over) {
@@ -247,11 +242,11 @@ $("observe").addEventListener("click", () => answer({ tool: "observe" }));
 $("manual").addEventListener("click", () => answer({ tool: "read_manual" }));
 $("take-notes").addEventListener("click", () => answer({ tool: "take_notes", text: $("note").value }));
 $("picture").addEventListener("click", showPicture);
-for (const id of ["challenge-link", "challenge-command"]) {
-  $(`copy-${id}`).addEventListener("click", async () => {
-    await navigator.clipboard.writeText($(id).value).catch(() => $(id).select());
-    $(`copy-${id}`).textContent = "copied";
-  });
-}
+$("copy-poster").addEventListener("click", () => copyPicture($("copy-poster"), () => painted([["title"], ["poster"]], $("poster")), `${document.body.dataset.game}.png`));
+// The frame is as high as the replay in it.
+$("shown").addEventListener("load", () => {
+  const held = $("shown").contentDocument.body;
+  new ResizeObserver(() => ($("shown").style.height = `${held.scrollHeight + 4}px`)).observe(held);
+});
 $("next").addEventListener("click", () => send(`${PLAYED}/next`));
 follow();

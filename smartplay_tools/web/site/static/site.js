@@ -1,11 +1,5 @@
 "use strict";
-// What the site's pages share: light and dark, the list of keys, and requests that change something.
-
-function toggleTheme() {
-  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
-  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
-}
+// What the site’s pages share: the list of keys, and requests that change something.
 
 // Keys do what a table says, unless a field is being typed in or the list of keys is open.
 function connectKeys(keys) {

@@ -95,7 +95,9 @@ async function load() {
 
 // Choose the columns of the run, and lay them out.
 function arrange() {
-  const columns = SHOWN.filter((name) => !RARE.has(name) || name === site.sort || site.all.some((one) => value(one, name)));
+  // A phone has room for two columns, so that these are what was played and how well.
+  const first = matchMedia("(max-width: 700px)").matches ? ["game", "score", "player"] : [];
+  const columns = [...new Set([...first, ...SHOWN])].filter((name) => !RARE.has(name) || name === site.sort || site.all.some((one) => value(one, name)));
   const widths = columns.map((name) => WIDTHS[name]);
   $("list").style.setProperty("--columns", widths.map(([least, share]) => (share ? `minmax(${least}px, ${share}fr)` : `${least}px`)).join(" "));
   $("list").style.setProperty("--wide", `${widths.reduce((sum, [least]) => sum + least, 0)}px`);

@@ -8,6 +8,11 @@ function $(id) {
   return document.getElementById(id);
 }
 
+// Within another page the focus stays where it is: moving it would scroll that page.
+function takeFocus(target) {
+  if (window.parent === window) target?.focus();
+}
+
 function fill(made, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (value === null || value === undefined || value === false) continue;
@@ -76,4 +81,22 @@ function between(low, value, high) {
 function range(first, last) {
   if (first === last) return `${first}`;
   return last === first + 1 ? `${first} and ${last}` : `${first} to ${last}`;
+}
+
+function toggleTheme() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
+  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
+}
+
+// Copy a text and say so on the button for a moment.
+async function copy(button, text) {
+  const words = button.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "copied";
+  } catch {
+    button.textContent = "not allowed here";
+  }
+  setTimeout(() => (button.textContent = words), 1200);
 }

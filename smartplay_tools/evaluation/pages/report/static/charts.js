@@ -24,6 +24,7 @@ function turnScale(width, count) {
     start: (turn) => EDGE.left + turn * each,
     turn: (x) => between(0, Math.floor((x - EDGE.left) / each), count - 1),
     each,
+    count,
   };
 }
 
@@ -39,40 +40,45 @@ function thinned(points, most = 1500) {
   return kept;
 }
 
-// A chart: `values` by turn (null where there is none), a `cap` as a line, steps instead of slopes if `stepped`.
+// The place of a value on a chart whose marks go from bottom to top.
+function heightScale(marks, height) {
+  const [low, high] = [marks[0], marks.at(-1)];
+  return (value) => height - EDGE.bottom - ((value - low) / (high - low)) * (height - EDGE.top - EDGE.bottom);
+}
+
+function across(kind, width, y) {
+  return shape("line", { class: kind, x1: EDGE.left, x2: width - EDGE.right, y1: y, y2: y });
+}
+
+// A chart: its marks with their lines, what is drawn, the moment that is shown, and the numbers of the turns.
+function chart([width, height], name, marks, x, turn, drawn) {
+  const y = heightScale(marks, height);
+  const tick = { class: "tick", "text-anchor": "end" };
+  const grid = marks.map((mark) => [across("grid", width, y(mark)), label(EDGE.left - 8, y(mark) + 4, number(mark), tick)]);
+  const moment = shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom });
+  return picture(width, height, name, grid, drawn, moment, turnTicks(x, x.count, height));
+}
+
+// A curve: `values` by turn (null where there is none), a `cap` as a line, steps instead of slopes if `stepped`.
 function curve(box, { name, values, cap = null, stepped = false, kind, turn }) {
   const [width, height] = [Math.max(320, box.clientWidth), 132];
   const x = turnScale(width, values.length);
   const given = values.flatMap((value, at) => (value === null ? [] : [[at, value]]));
   const all = [...given.map(([, value]) => value), 0, ...(cap === null ? [] : [cap])];
   const marks = ticks(...extent(all));
-  const [low, high] = [marks[0], marks.at(-1)];
-  const y = (value) => height - EDGE.bottom - ((value - low) / (high - low)) * (height - EDGE.top - EDGE.bottom);
+  const y = heightScale(marks, height);
   const points = thinned(given).map(([at, value]) => [x.middle(at), y(value)]);
   const path = points
     .map(([px, py], at) => (at === 0 ? `M${px} ${py}` : stepped ? `H${px}V${py}` : `L${px} ${py}`))
     .join("");
   const here = values[turn];
-  const drawn = picture(
-    width,
-    height,
-    `${name}, by turn; now ${number(here)}`,
-    marks.map((mark) => [
-      shape("line", { class: "grid", x1: EDGE.left, x2: width - EDGE.right, y1: y(mark), y2: y(mark) }),
-      label(EDGE.left - 8, y(mark) + 4, number(mark), { class: "tick", "text-anchor": "end" }),
-    ]),
+  const drawn = [
     points.length ? shape("path", { class: `area ${kind}`, d: `${path}V${y(0)}H${points[0][0]}Z` }) : null,
     shape("path", { class: `curve ${kind}`, d: path }),
-    cap === null
-      ? null
-      : shape("line", { class: "cap", x1: EDGE.left, x2: width - EDGE.right, y1: y(cap), y2: y(cap) }),
-    shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom }),
-    here === null || here === undefined
-      ? null
-      : shape("circle", { class: `dot ${kind}`, cx: x.middle(turn), cy: y(here), r: 4 }),
-    turnTicks(x, values.length, height),
-  );
-  box.replaceChildren(drawn);
+    cap === null ? null : across("cap", width, y(cap)),
+    here === null || here === undefined ? null : shape("circle", { class: `dot ${kind}`, cx: x.middle(turn), cy: y(here), r: 4 }),
+  ];
+  box.replaceChildren(chart([width, height], `${name}, by turn; now ${number(here)}`, marks, x, turn, drawn));
   return x;
 }
 

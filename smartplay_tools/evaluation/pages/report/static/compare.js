@@ -24,7 +24,7 @@ async function showComparison(asked) {
   const wasHidden = !$("run").hidden || !$("player").hidden;
   $("run").hidden = $("player").hidden = true;
   goToStep(Number.parseInt(asked.get("step") ?? "0", 10) || 0);
-  if (wasHidden) $("compare-title").focus();
+  if (wasHidden) takeFocus($("compare-title"));
   return true;
 }
 
@@ -46,7 +46,7 @@ function lastStep() {
 function goToStep(step) {
   compared.step = between(0, step, lastStep());
   try {
-    if (location.protocol !== "about:") history.replaceState(null, "", `${comparisonOf(compared.keys)}&step=${compared.step}`);
+    if (location.protocol !== "about:") history.replaceState(null, "", `${comparisonOf(compared.keys)}&step=${compared.step}${modes()}`);
   } catch {
     // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
   }
@@ -213,33 +213,15 @@ function renderScores() {
   const x = turnScale(width, lastStep() + 1);
   const scores = compared.episodes.map(({ steps }) => [0, ...steps.map(({ call }) => call.score)]);
   const marks = ticks(...extent([0, ...scores.flat()]));
-  const [low, high] = [marks[0], marks.at(-1)];
-  const y = (value) => height - EDGE.bottom - ((value - low) / (high - low)) * (height - EDGE.top - EDGE.bottom);
+  const y = heightScale(marks, height);
   const line = (values, at) => {
     const points = thinned(values.map((value, step) => [step, value])).map(([step, value]) => [x.middle(step), y(value)]);
     const path = points.map(([px, py], place) => (place === 0 ? `M${px} ${py}` : `H${px}V${py}`)).join("");
     return shape("path", { class: `curve side${at}`, d: path });
   };
-  const drawn = picture(
-    width,
-    height,
-    `Scores by step: ${compared.names.join(", and ")}`,
-    marks.map((mark) => [
-      shape("line", { class: "grid", x1: EDGE.left, x2: width - EDGE.right, y1: y(mark), y2: y(mark) }),
-      label(EDGE.left - 8, y(mark) + 4, number(mark), { class: "tick", "text-anchor": "end" }),
-    ]),
-    scores.map(line),
-    shape("line", {
-      class: "moment",
-      x1: x.middle(compared.step),
-      x2: x.middle(compared.step),
-      y1: EDGE.top,
-      y2: height - EDGE.bottom,
-    }),
-    turnTicks(x, lastStep() + 1, height),
-  );
   box.onclick = (event) => goToStep(x.turn(event.clientX - box.getBoundingClientRect().left));
-  box.replaceChildren(drawn);
+  const name = `Scores by step: ${compared.names.join(", and ")}`;
+  box.replaceChildren(chart([width, height], name, marks, x, compared.step, scores.map(line)));
   $("compare-legend").replaceChildren(
     ...compared.names.map((name, at) => element("li", {}, element("span", { class: `stroke side${at}` }), name)),
   );
@@ -253,10 +235,6 @@ function picked() {
 
 function connectComparison() {
   const buttons = {
-    "compare-first": () => goToStep(0),
-    "compare-previous": () => goToStep(compared.step - 1),
-    "compare-next": () => goToStep(compared.step + 1),
-    "compare-last": () => goToStep(lastStep()),
     "compare-difference": () => goToStep(firstDifference()),
     "compare-picked": () => {
       location.hash = comparisonOf(picked());
@@ -272,11 +250,3 @@ function connectComparison() {
     });
   window.addEventListener("resize", () => $("compare").hidden || [renderBands(), renderScores()]);
 }
-
-const COMPARISON_KEYS = {
-  ArrowLeft: (event) => goToStep(compared.step - (event.shiftKey ? 10 : 1)),
-  ArrowRight: (event) => goToStep(compared.step + (event.shiftKey ? 10 : 1)),
-  Home: () => goToStep(0),
-  End: () => goToStep(lastStep()),
-  Escape: () => (served ? leave() : (location.hash = "")),
-};

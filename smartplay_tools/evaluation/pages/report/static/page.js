@@ -24,6 +24,7 @@ async function loadSheet(textures) {
 async function route() {
   const asked = new URLSearchParams(location.hash.slice(1));
   if (asked.has("bare")) document.body.classList.add("alone", "bare");
+  document.body.classList.toggle("show", asked.has("show"));
   const together = JSON.parse(document.body.dataset.compared ?? "[]");
   if (together.length && !asked.has("compare") && !asked.has("episode")) {
     asked.set("compare", together[0]);
@@ -36,7 +37,7 @@ async function route() {
     // An episode that is being played opens at its last turn.
     const start = asked.get("turn") ?? (served?.playing ? "1e9" : "0");
     await showEpisode(key, Number(start) || 0);
-    if (opened) $("episode-title").focus();
+    if (opened) takeFocus($("episode-title"));
     return;
   }
   stop();
@@ -44,7 +45,7 @@ async function route() {
   $("player").hidden = true;
   $("run").hidden = false;
   document.title = $("title").textContent;
-  if (wasOpen && last) document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`)?.focus();
+  if (wasOpen && last) takeFocus(document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`));
 }
 
 // A figure that is much wider than high has a row of its own.
@@ -72,22 +73,22 @@ function connect() {
   $("word").addEventListener("input", renderSearch);
   $("why-turn").addEventListener("input", () => askAbout($("why-turn").valueAsNumber || 0));
   const buttons = {
-    first: () => goTo(firstTurn()),
-    previous: () => goTo(shown.turn - 1),
     play,
-    next: () => goTo(shown.turn + 1),
-    last: () => goTo(lastTurn()),
+    "compare-play": play,
+    show,
     "next-mistake": () => goToMistake(1),
     "episode-before": () => goToEpisode(-1),
     "episode-after": () => goToEpisode(1),
     "copy-link": () => copy($("copy-link"), location.href),
     "copy-turn": () => copy($("copy-turn"), turnAsMarkdown(shown)),
     "copy-picture": () => copyPicture($("copy-picture")),
-    theme: toggleTheme,
+    theme: turnTheme,
     help: () => $("keys").showModal(),
     "close-keys": () => $("keys").close(),
   };
   for (const [id, action] of Object.entries(buttons)) $(id).addEventListener("click", action);
+  for (const [name, key] of [["first", "Home"], ["previous", "ArrowLeft"], ["next", "ArrowRight"], ["last", "End"]])
+    for (const id of [name, `compare-${name}`]) $(id).addEventListener("click", () => KEYS[key]({ shiftKey: false }));
   $("pace").addEventListener("change", () => {
     if (shown.timer) [stop(), play()];
   });
@@ -97,18 +98,26 @@ function connect() {
     button.addEventListener("click", () => sortEpisodes(button));
 }
 
+function turnTheme() {
+  toggleTheme();
+  again();
+}
+
 function again() {
   if (!$("player").hidden && shown.episode) render();
 }
 
 // --- Keys ------------------------------------------------------------------------------------------------------------
 
+const TOGETHER = new Set(["ArrowLeft", "ArrowRight", "Home", "End", " ", "s", "Escape"]);
+
 const KEYS = {
-  ArrowLeft: (event) => goTo(shown.turn - (event.shiftKey ? 10 : 1)),
-  ArrowRight: (event) => goTo(shown.turn + (event.shiftKey ? 10 : 1)),
-  Home: () => goTo(firstTurn()),
-  End: () => goTo(lastTurn()),
-  " ": () => play(),
+  ArrowLeft: (event) => moving().go(moving().at - (event.shiftKey ? 10 : 1)),
+  ArrowRight: (event) => moving().go(moving().at + (event.shiftKey ? 10 : 1)),
+  Home: () => moving().go(moving().first),
+  End: () => moving().go(moving().last),
+  " ": play,
+  s: show,
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
   p: togglePrompt,
@@ -117,8 +126,18 @@ const KEYS = {
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
   b: () => goToEpisode(-1),
-  Escape: () => (served ? leave() : (location.hash = "")),
+  Escape: () => (document.body.classList.contains("show") ? show() : served ? leave() : (location.hash = "")),
 };
+
+// For an audience: the game, the words and the band fill the screen, and the episode plays.
+function show() {
+  const isShown = document.body.classList.toggle("show");
+  if (isShown) document.documentElement.requestFullscreen?.().catch(() => {});
+  else if (document.fullscreenElement) document.exitFullscreen();
+  $("pace").value = isShown ? "1400" : "600";
+  if (Boolean(shown.timer) !== isShown && !served?.playing) play();
+  moving().go(moving().at);
+}
 
 // Open the prompt where it can be seen, or close it.
 function togglePrompt() {
@@ -136,17 +155,17 @@ function onKey(event) {
   const typing = event.target.matches("input:not([type=range]), select, textarea");
   if (typing) return;
   if (event.key === "?") return $("keys").showModal();
-  if (event.key === "t") return toggleTheme();
+  if (event.key === "t") return turnTheme();
   // Keys that the focused element uses itself keep their meaning.
   const own = event.target.matches("button, summary, a")
     ? [" "]
     : event.target.matches("[type=range]")
       ? ["Home", "End"]
       : [];
-  const keys = $("compare").hidden ? ($("player").hidden ? {} : KEYS) : COMPARISON_KEYS;
-  if (!(event.key in keys) || own.includes(event.key)) return;
+  const works = $("compare").hidden ? !$("player").hidden : TOGETHER.has(event.key);
+  if (!works || !(event.key in KEYS) || own.includes(event.key)) return;
   event.preventDefault();
-  keys[event.key](event);
+  KEYS[event.key](event);
 }
 
 // --- The table of episodes -------------------------------------------------------------------------------------------
@@ -177,15 +196,6 @@ function sortEpisodes(button) {
   const body = document.querySelector("#episodes tbody");
   const rows = [...body.rows].sort((one, other) => (down ? -1 : 1) * compare(value(one), value(other)));
   body.append(...rows);
-}
-
-// --- Light and dark --------------------------------------------------------------------------------------------------
-
-function toggleTheme() {
-  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const now = document.documentElement.dataset.theme ?? (dark ? "dark" : "light");
-  document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
-  again();
 }
 
 start().catch((error) => {

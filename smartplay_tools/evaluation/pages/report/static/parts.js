@@ -60,7 +60,7 @@ function stack(box, episode, turn) {
   const cap = episode.budget.prompt_tokens;
   const x = turnScale(width, episode.turns.length);
   const marks = ticks(0, Math.max(episode.mostTokens, cap ?? 0));
-  const y = (value) => height - EDGE.bottom - (value / marks.at(-1)) * (height - EDGE.top - EDGE.bottom);
+  const y = heightScale(marks, height);
   const drawn = columns(episode.turns.map(({ view }) => view));
   const below = drawn.map(() => 0);
   const layers = page.parts.map((part, at) => {
@@ -72,22 +72,7 @@ function stack(box, episode, turn) {
     top.forEach((value, place) => (below[place] = value));
     return shape("path", { class: `of-${part}`, d: `M${EDGE.left} ${y(0)}${there.join("")}${back.join("")}Z` }, shape("title", {}, page.partWords[part]));
   });
-  const line = (kind, value) =>
-    shape("line", { class: kind, x1: EDGE.left, x2: width - EDGE.right, y1: y(value), y2: y(value) });
-  box.replaceChildren(
-    picture(
-      width,
-      height,
-      `Tokens of each prompt by part; now ${number(episode.turns[turn]?.view?.tokens)}`,
-      marks.map((mark) => [
-        line("grid", mark),
-        label(EDGE.left - 8, y(mark) + 4, number(mark), { class: "tick", "text-anchor": "end" }),
-      ]),
-      layers,
-      cap === null ? null : line("cap", cap),
-      shape("line", { class: "moment", x1: x.middle(turn), x2: x.middle(turn), y1: EDGE.top, y2: height - EDGE.bottom }),
-      turnTicks(x, episode.turns.length, height),
-    ),
-  );
+  const name = `Tokens of each prompt by part; now ${number(episode.turns[turn]?.view?.tokens)}`;
+  box.replaceChildren(chart([width, height], name, marks, x, turn, [layers, cap === null ? null : across("cap", width, y(cap))]));
   return x;
 }

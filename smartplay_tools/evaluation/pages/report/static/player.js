@@ -43,7 +43,7 @@ function goTo(turn, step = null) {
   shown.step = step;
   try {
     // Inside of a notebook the page has no address of its own.
-    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}${document.body.classList.contains("bare") ? "&bare" : ""}`);
+    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}${modes()}`);
   } catch {
     // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
   }
@@ -70,7 +70,8 @@ function renderGame() {
   const { episode, turn } = shown;
   const step = shown.step ?? episode.facts[turn]?.step ?? 0;
   const drawn = draw(episode, step, page.textures);
-  $("game-step").textContent = `after step ${number(step)}`;
+  const played = episode.turns[turn]?.items.find(({ call }) => call?.legal && call.step === step)?.call;
+  $("game-step").textContent = `after step ${number(step)}, score ${number(played?.score ?? episode.facts[turn]?.score ?? 0)}`;
   $("game").replaceChildren(
     ...(drawn.length ? drawn : [element("p", { class: "caption" }, "There is no picture of this game.")]),
   );
@@ -127,19 +128,32 @@ function renderCurves() {
 
 // --- Moving ----------------------------------------------------------------------------------------------------------
 
+// What moves: the turns of one episode, or the steps of several side by side.
+function moving() {
+  if ($("compare").hidden) return { at: shown.turn, first: firstTurn(), last: lastTurn(), go: goTo };
+  return { at: compared.step, first: 0, last: lastStep(), go: goToStep };
+}
+
+// The parts of the address that say how the page is shown.
+function modes() {
+  return ["bare", "show"].filter((mode) => document.body.classList.contains(mode)).map((mode) => `&${mode}`).join("");
+}
+
 function play() {
   if (shown.timer) return stop();
-  if (shown.turn >= lastTurn()) goTo(firstTurn());
-  $("play").textContent = "⏸";
-  $("play").setAttribute("aria-label", "Pause");
-  shown.timer = setInterval(() => (shown.turn < lastTurn() ? goTo(shown.turn + 1) : stop()), Number($("pace").value));
+  if (moving().at >= moving().last) moving().go(moving().first);
+  shown.timer = setInterval(() => (moving().at < moving().last ? moving().go(moving().at + 1) : stop()), Number($("pace").value));
+  labelPlay("⏸", "Pause");
 }
 
 function stop() {
   clearInterval(shown.timer);
   shown.timer = null;
-  $("play").textContent = "▶";
-  $("play").setAttribute("aria-label", "Play");
+  labelPlay("▶", "Play");
+}
+
+function labelPlay(sign, name) {
+  for (const button of [$("play"), $("compare-play")]) fill(button, { "aria-label": name }, []).textContent = sign;
 }
 
 function goToMistake(direction) {

@@ -8,7 +8,7 @@ const STYLE = [
   ...["border-radius", "background-color", "color", "opacity", "font-family", "font-size", "font-weight", "line-height"],
   ...["font-variant-numeric", "text-align", "text-decoration", "list-style"],
   ...["white-space", "overflow-wrap", "grid-template-columns", "gap", "flex", "flex-wrap", "align-items", "justify-content"],
-  ...["image-rendering", "vertical-align", "fill", "fill-rule", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap"],
+  ...["image-rendering", "vertical-align", "border-collapse", "border-spacing", "fill", "fill-rule", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap"],
   ...["stroke-linejoin", "text-anchor"],
 ];
 const UNDRAWN = "button, label, .copies, #note-card";
@@ -32,18 +32,22 @@ function asXml(node) {
   return xml.replace(/[\u0000-\u0008\u000b\u000c\u000e-\u001f\ufffe\uffff]/g, "\ufffd");
 }
 
-// The picture on a canvas.
-async function snapshot() {
-  const ground = getComputedStyle($("game").closest(".card"));
-  const [width, isNarrow] = [$("band").clientWidth, $("band").clientWidth < 700];
-  // As on the page: the game beside the turn, or above it where there is no room.
-  const rows = [["episode-title"], ["place"], ...(isNarrow ? [["game"], ["said", "answers"]] : [["game", "said", "answers"]]), ["band"], ["sentence"]];
+// The turn that is shown, as on the page: the game beside the turn, or above it where there is no room.
+function snapshot() {
+  const isNarrow = $("band").clientWidth < 700;
+  return painted([["episode-title"], ["place"], ...(isNarrow ? [["game"], ["said", "answers"]] : [["game", "said", "answers"]]), ["band"], ["sentence"]], $("band"));
+}
+
+// Rows of elements on a canvas, as wide as an element of the page and with the ground of its card.
+async function painted(rows, measure) {
+  const ground = getComputedStyle(($("game") ?? measure).closest(".card"));
+  const [width, isNarrow] = [measure.clientWidth, measure.clientWidth < 700];
   const box = element("div");
   let height = 0;
   for (const ids of rows) {
     const parts = ids.map($).filter((part) => part.clientHeight);
     const [first, ...others] = parts.map(lookOf);
-    for (const look of [first, ...others]) Object.assign(look.style, { display: "block", margin: "0" });
+    for (const look of [first, ...others]) Object.assign(look.style, { display: look.style.display === "grid" ? "grid" : "block", margin: "0" });
     const row = element("div", {}, first, ...(first && others.length ? [element("div", {}, ...others)] : []));
     Object.assign(row.style, { display: "flex", gap: "32px", alignItems: "flex-start", marginBottom: "12px" });
     const highs = parts.map((part) => part.getBoundingClientRect().height);
@@ -65,16 +69,15 @@ async function snapshot() {
 }
 
 // Copy the picture; where a page may not, it is saved as a file.
-async function copyPicture(button) {
+async function copyPicture(button, paint = snapshot, name = `${shown.episode.game}-turn-${shown.turn}.png`) {
   const words = button.textContent;
   try {
-    const canvas = await snapshot();
+    const canvas = await paint();
     try {
       const made = new Promise((resolve) => canvas.toBlob(resolve));
       await navigator.clipboard.write([new ClipboardItem({ "image/png": made })]);
       button.textContent = "copied";
     } catch {
-      const name = `${shown.episode.game}-turn-${shown.turn}.png`;
       element("a", { href: canvas.toDataURL(), download: name }).click();
       button.textContent = "saved";
     }

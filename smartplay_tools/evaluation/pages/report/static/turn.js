@@ -155,18 +155,6 @@ function turnAsMarkdown({ episode, turn }) {
   return `${parts.filter((part) => part.trim() && part !== "> ").join("\n\n")}\n`;
 }
 
-// Copy a text and say so on the button for a moment.
-async function copy(button, text) {
-  const words = button.textContent;
-  try {
-    await navigator.clipboard.writeText(text);
-    button.textContent = "copied";
-  } catch {
-    button.textContent = "not allowed here";
-  }
-  setTimeout(() => (button.textContent = words), 1200);
-}
-
 // --- The prompt ------------------------------------------------------------------------------------------------------
 
 // The prompt word for word, beside another; made only when somebody has opened it.

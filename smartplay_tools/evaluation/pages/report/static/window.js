@@ -40,7 +40,7 @@ function sentence(episode, number) {
   const view = episode.turns[number].view;
   const kinds = ["seen", "marked", "notes", "dropped"];
   const [seen, marked, notes, dropped] = kinds.map((state) => inWords(states, state, unit));
-  const parts = [seen ? `The model saw ${seen} in full` : `The model saw no earlier ${unit} in full`];
+  const parts = [seen ? `The prompt showed ${seen} in full` : `The prompt showed no earlier ${unit} in full`];
   const count = results.filter(([turn]) => turn !== view.notes).length;
   if (marked) parts.push(`${marked} with ${plural(count, "observation")} replaced by a marker`);
   if (notes) parts.push(`${notes} for the notes in it`);
