@@ -45,6 +45,7 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "history": (_limit("Past steps visible: a number, game (the paper's) or none (all)."), "game"),
     "prompt_tokens": (_limit("Cap on every prompt, in budget tokens."), "none"),
     "reply_tokens": (_limit("Cap on every reply."), "none"),
+    "question_tokens": (_limit("Cap on the prompts of a compactor's questions; none: that of prompts."), "none"),
     "episode_tokens": (_limit("Cap on all prompts and replies together."), "none"),
     "result_tokens": (_limit("Cap on one tool result: a number, auto or none."), "auto"),
     "tool_calls": (_limit("Cap on tool calls: a number, game (4 x rollout + 16) or none."), "game"),
