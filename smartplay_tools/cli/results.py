@@ -24,6 +24,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.intervals import Method
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
+from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
@@ -108,6 +109,7 @@ def run_tables(
         yield from details(summary)
         if rows:
             yield from took_tables(compare_windows(rows), latencies(rows, folder.timings()))
+        yield from remembering_tables(rows)
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows, succeeds):

@@ -29,8 +29,8 @@ from smartplay_tools.evaluation.analysis.names import curve_names
 from smartplay_tools.evaluation.analysis.pairs import cut_share
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.analysis.windows import family, width
-from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, counted_score, grouped
+from smartplay_tools.games.game_registry import Scoring
+from smartplay_tools.records.rows import Row, counted_score, grouped, scoring_of
 
 FEWEST_CAPS = 3
 RANDOM = "random"
@@ -47,6 +47,8 @@ class Area:
     """Ascending."""
     infeasible: tuple[int, ...]
     """Caps that are too small for this strategy."""
+    unplayed: float
+    """What such a cap counts as."""
     is_cut: bool
     """Whether some caps cut tool results, so that the area is not one of memory alone."""
     seeds: int
@@ -130,10 +132,9 @@ def _by_seed(rows: Sequence[Row]) -> dict[int, float]:
     return {row["seed"]: counted_score(row) for row in rows}
 
 
-def unplayed_score(game: str) -> float:
+def unplayed_score(scoring: Scoring | None) -> float:
     """Return what an episode that a cap refuses counts as: one that ended early without a step."""
-    spec = GAMES.get(game)
-    return 0.0 if spec is None else spec.least_score(0.0, 0)
+    return 0.0 if scoring is None else scoring.least_score(0.0, 0)
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
@@ -148,12 +149,13 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     if lacking is None and len(seeds) < 2:
         lacking = "fewer than two seeds were played everywhere"
     curve_areas: list[Area] = []
-    refused = dict.fromkeys(random, unplayed_score(game))
+    unplayed = unplayed_score(scoring_of(everywhere[0][0]))
+    refused = dict.fromkeys(random, unplayed)
     first: tuple[Values, Values] | None = None
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
         is_cut = any(map(is_much_cut, map(cut_share, curve.cells.values())))
-        facts = (game, curve.name, tuple(caps), infeasible, is_cut, len(seeds))
+        facts = (game, curve.name, tuple(caps), infeasible, unplayed, is_cut, len(seeds))
         if reason := curve.refusal or lacking:
             curve_areas.append(Area(*facts, reason=reason))
             continue
@@ -213,7 +215,7 @@ def areas_table(areas: Sequence[Area]) -> TextTable:
     rows = sections((f"{game}, caps {', '.join(caps[game])}", map(_row, own)) for game, own in games.items())
     reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
-        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {unplayed_score(each.game):g}"
+        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {each.unplayed:g}"
         for each in areas
         if each.infeasible
     )
