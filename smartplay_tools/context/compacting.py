@@ -166,7 +166,7 @@ class CompactingWindow(ContextWindow):
 
     def _run(self) -> Answered:
         """Call the compactor: yield the messages of its questions, take the answers, return what comes back."""
-        given = list(self._history) if self._is_persistent else [range(len(self._sizes))]
+        given: list[Piece] = list(self._history) if self._is_persistent else [range(len(self._sizes))]
         reader, cap, last = self._reader, self.budget.prompt_tokens, self._played
         history = GivenHistory(
             length=sum(map(_length, given)), copies=lambda: [copy_of(given_form(each)) for each in self._all(given)]
@@ -184,12 +184,15 @@ class CompactingWindow(ContextWindow):
         made = self._compactor.compact(history, room)
         if not inspect.isgenerator(made):
             return pieces(made)
-        with closing(made):
+        questions: Generator[Any, Any, Any] = made
+        with closing(questions):
             answer: Message | ContextOverflowError | None = None
             while True:
                 try:
-                    is_refused = isinstance(answer, ContextOverflowError)
-                    asked = made.throw(answer) if is_refused else made.send(answer)
+                    if isinstance(answer, ContextOverflowError):
+                        asked = questions.throw(answer)
+                    else:
+                        asked = questions.send(answer)
                 except StopIteration as end:
                     return pieces(end.value)
                 answer = yield pieces(asked)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, check_episode
@@ -105,8 +105,8 @@ def play(
     """
     second = player if compactor_player is None else compactor_player
     if not isinstance(player, Player) or not isinstance(second, Player):
-        hooks = {"on_prompt": on_prompt, "on_turn": on_turn}
-        playing = aplay(episode, player, protocol=protocol, compactor_player=compactor_player, **hooks)
+        hooks: dict[str, Any] = {"on_prompt": on_prompt, "on_turn": on_turn, "compactor_player": compactor_player}
+        playing = aplay(episode, player, protocol=protocol, **hooks)
         return apart_from_event_loop(asyncio.run, playing)
     conversation = _attach(episode, player, protocol, second)
     while (prompt := _next_prompt(conversation, on_prompt)) is not None:
