@@ -33,7 +33,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def command(*words: str) -> str:
-    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "100"})
+    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "80"})
     assert result.exit_code == 0, result.output
     return result.output
 

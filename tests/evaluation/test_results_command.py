@@ -19,7 +19,7 @@ GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
 
 
 def run(*words: object) -> Result:
-    result = CliRunner(env={"COLUMNS": "100"}).invoke(app, ["results", *map(str, words)])
+    result = CliRunner(env={"COLUMNS": "80"}).invoke(app, ["results", *map(str, words)])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result
