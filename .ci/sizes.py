@@ -23,7 +23,7 @@ import sys
 import tarfile
 import tempfile
 import tokenize
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -130,6 +130,8 @@ def total(paths: Iterable[Path]) -> int:
 def imports(tree: ast.AST, *, typed: bool = False) -> Iterator[ast.Import | ast.ImportFrom]:
     """The imports below a node: those that run, or with `typed` those for type checkers."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.expr):
+            continue
         if isinstance(node, ast.Import | ast.ImportFrom):
             if not typed:
                 yield node
@@ -139,7 +141,14 @@ def imports(tree: ast.AST, *, typed: bool = False) -> Iterator[ast.Import | ast.
             yield from imports(node, typed=typed)
 
 
-def import_graph(root: Path, *, with_types: bool = False) -> dict[str, set[str]]:
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def import_graph(
+    root: Path, *, with_types: bool = False, parse: Callable[[Path], ast.Module] = parsed
+) -> dict[str, set[str]]:
     """For each module the modules that it imports; a name that a package exports late is where it is defined.
 
     `with_types` adds what modules import for type checkers; in an `__init__` these are the names that it exports late.
@@ -150,7 +159,7 @@ def import_graph(root: Path, *, with_types: bool = False) -> dict[str, set[str]]
         parts = path.relative_to(root).with_suffix("").parts
         parts = parts[1:] if parts[0] == "adapters" else parts
         name = ".".join(parts).removesuffix(".__init__")
-        trees[name] = ast.parse(path.read_text(encoding="utf-8"))
+        trees[name] = parse(path)
         if parts[-1] == "__init__":
             packages.add(name)
     exported = {

@@ -1,12 +1,14 @@
 """The arena: strategies for the past under the same exact caps, on the same seeds: a table of `docs/experiments.md`.
 
-    python experiments/arena.py                          # scripted players: no key, no network, minutes
+    python experiments/arena.py                          # scripted players: no key, no network; needs the extra popgym
     python experiments/arena.py --player openai:MODEL    # the same question to a model
     python experiments/arena.py --strategy FILE.py:CLASS # with a strategy of your own beside the others
 
-`rule-notes` has a use for a memory; told to say nothing, it keeps one where a strategy offers a place for it. `random`
-ignores its prompts and is the control: it has to score the same under every strategy that asks it for nothing. The same
-command continues where it stopped; `--publish` puts the table into the documentation.
+`rule-notes` has a use for a memory; told to say nothing, it keeps one where a strategy offers a place for it. In
+RepeatPrevious, where the right answer stands in an earlier observation, `reader` plays rightly from what is visible, or
+was kept as notes or a summary, and guesses otherwise: the score is that of the strategy alone. `random` ignores its
+prompts and is the control: it has to score the same under every strategy that asks it for nothing. The same command
+continues where it stopped; `--publish` puts the table into the documentation.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from page_tables import Column, arguments, comparison_table, complete, interval, show
+from page_tables import Column, arguments, comparison_table, complete, interval, repeat_previous, show
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -24,14 +26,20 @@ from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 
 PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
 FIRST_AND_NEWEST = "experiments/first_and_newest.py:FirstAndNewest:turns=3"
 """The strategy of docs/add-a-strategy.md, as everybody brings one; the folder is that of the checkout."""
-GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0")
+RULE_NOTES, READER = PlayerConfig(name="rule-notes", options={"words": False}), PlayerConfig(name="reader")
+GAMES = {
+    "BanditTwoArmedHighLowFixed-v0": RULE_NOTES,
+    "RockPaperScissorDifferentScore-v0": RULE_NOTES,
+    repeat_previous(8): READER,
+    repeat_previous(12): READER,
+}
+"""The games, each with its scripted player."""
 CAPS = (700, 1000)
 HISTORY = 10
 CONTROL = "random"
@@ -56,24 +64,24 @@ def budgets(custom: Sequence[str]) -> list[sp.Budget]:
 def main() -> None:
     """Play the run, print the table, and write it."""
     asked = _arguments()
-    subjects: Sequence[str | PlayerConfig] = asked.player or (
-        PlayerConfig(name="rule-notes", options={"words": False}),
-        CONTROL,
-    )
-    done = complete(
-        GAMES,
-        subjects,
-        budgets=budgets([FIRST_AND_NEWEST, *(asked.strategy or ())]),
-        trials=asked.trials,
-        out=asked.out,
-        workers=asked.workers,
-    )
-    show(PAGE, "arena", table(done), publishes=asked.publish)
+    rows = [
+        row
+        for game, subject in GAMES.items()
+        for row in complete(
+            [game],
+            asked.player or [subject, CONTROL],
+            budgets=budgets([FIRST_AND_NEWEST, *(asked.strategy or ())]),
+            trials=asked.trials,
+            out=asked.out / game,
+            workers=asked.workers,
+        ).rows
+    ]
+    show(PAGE, "arena", table(rows), publishes=asked.publish)
 
 
-def table(done: Run) -> str:
+def table(rows: Sequence[Row]) -> str:
     """Every strategy beside plain dropping under the same cap, in Markdown; intervals hold together."""
-    comparisons = compare_windows(done.rows, along=(*STRATEGIES, "slack"))
+    comparisons = compare_windows(rows, along=(*STRATEGIES, "slack"))
     columns: list[Column] = [
         ("game", lambda c: f"`{c.cell.game}`"),
         ("player", _player),
@@ -85,7 +93,7 @@ def table(done: Run) -> str:
         ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
     ]
     shown = [c for c in comparisons if c.cell.player != CONTROL]
-    return "\n".join([comparison_table(columns, shown), "", *_control(done.rows)])
+    return "\n".join([comparison_table(columns, shown), "", *_control(rows)])
 
 
 def _control(rows: Sequence[Row]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,14 @@ from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.evaluation.runs.runner import Run
 
 END = "<!-- end -->"
+
+REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
+
+
+def repeat_previous(k: int) -> str:
+    """Register RepeatPrevious with one deck and this `k`, which needs k - 1 past steps; return its id."""
+    facts: dict[str, Any] = {"kwargs": {"decks": 1, "k": k}, "memory": k - 1, "worst_step": -1 / (52 - k)}
+    return sp.register(replace(REPEAT, id=f"RepeatPrevious{k}-v0", **facts)).id
 
 
 def mark(name: str) -> str:

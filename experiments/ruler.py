@@ -11,12 +11,11 @@ history without a cap, and under every cap without a limit on the history, on th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from arena_curves import read_rows, write_rows
-from page_tables import arguments, complete, interval, markdown_table, show
+from page_tables import arguments, complete, interval, markdown_table, repeat_previous, show
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -43,13 +42,9 @@ PAGE = Path(__file__).parents[1] / "docs" / "memory.md"
 PUBLISHED = Path(__file__).parent / "ruler" / "rows.jsonl.xz"
 PLAYER = PlayerConfig(name="reader")
 SEED, TRIALS = 1997, 10
-REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
-GAMES = {
-    sp.register(
-        replace(REPEAT, id=f"RepeatPrevious{k}-v0", kwargs={"decks": 1, "k": k}, memory=k - 1, worst_step=-1 / (52 - k))
-    ).id: f"RepeatPrevious, k = {k}"
-    for k in (2, 8, 24)
-} | {"popgym-CountRecallEasy-v0": "CountRecall"}
+GAMES = {repeat_previous(k): f"RepeatPrevious, k = {k}" for k in (2, 8, 24)} | {
+    "popgym-CountRecallEasy-v0": "CountRecall"
+}
 """The games, and their names in the table."""
 HISTORIES = (0, 1, 2, 4, 6, 7, 8, 12, 16, 20, 22, 23, 24, 32, 40, 49, 50)
 CAPS = (250, 300, 350, 400, 500, 600, 700, 800, 1000, 1200, 1400, 1600, 2000, 2500, 3000, 3500)

@@ -10,6 +10,7 @@
     ├── DiskFullError         a disk has no space left for the records of a run
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
+    ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
 
@@ -24,6 +25,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
 __all__ = [
+    "ContextOverflowError",
     "DiskFullError",
     "EngineError",
     "InvalidArgumentError",
@@ -91,6 +93,10 @@ class StrategyError(SmartPlayError):
     """A strategy's choice cannot be shown: it does not fit, or names a turn that does not exist."""
 
 
+class ContextOverflowError(SmartPlayError):
+    """A question of a compactor is longer than `question_tokens`, so it is not sent."""
+
+
 class TranscriptError(SmartPlayError, ValueError):
     """A file is not a transcript, or cannot be written, read or replayed here."""
 
@@ -153,8 +159,6 @@ def similar(name: object, registered: Iterable[str]) -> str:
     parts = [each for each in names if part in each.casefold()][:MOST_LIKE] if part else []
     if near := parts or difflib.get_close_matches(str(name), names, n=MOST_LIKE, cutoff=0.5):
         return f"did you mean {' or '.join(near)}?"
-    if not names:
-        return "none is known: install the package that has it, or name one of your own as FILE.py:CLASS."
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     return f"known: {', '.join(names[:MOST_NAMES])}{more}."
 

@@ -89,7 +89,7 @@ def read_file(name: str, kind: str = "player", noun: str = "class", is_one: Call
     from pathlib import Path
 
     place, _, attribute = name.rpartition(":")
-    path = Path(place)
+    path = Path(place or attribute)
     if not path.is_file():
         raise InvalidArgumentError(f"There is no file {path}; name a {kind} of your own as FILE.py:{noun.upper()}.")
     source = path.read_bytes()

@@ -50,7 +50,7 @@ class Talker:
         return sp.Reply({**message, "content": "Let me see." if self.turn % 3 else None})
 
 
-@pytest.fixture(params=BUDGETS)
+@pytest.fixture(params=BUDGETS, scope="module")
 def record(request):
     with sp.Episode(BANDIT, seed=3, budget=BUDGETS[request.param], transcript=(events := [])) as episode:
         sp.play(episode, Talker())

@@ -143,6 +143,9 @@ ASK = {"reply", "areply", "reply_of", "ask", "aask", "create", "generate", "invo
 ASK_HERE = {"handler", "send", "self.send", "self.asend", "super().send", "super().asend", "self._model_step"}
 """Expressions that ask where they are called: hooks of frameworks, functions of hosts, and players' own requests."""
 
+LAST_HERE = {expression.rpartition(".")[2] for expression in ASK_HERE}
+"""The last names of these expressions."""
+
 OTHERS = {
     "smartplay_tools.cli": "a command is invoked",
     "smartplay_tools.evaluation.runs.executors.ray": "an event is sent",
@@ -164,10 +167,14 @@ def asking(tree: ast.AST, path: str = "") -> Iterator[str]:
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Call):
             # A function may be handed on, as to a thread.
-            for called in (node.func, *(each for each in node.args if ast.unparse(each).endswith("player.reply"))):
+            for called in (node.func, *(each for each in node.args if isinstance(each, ast.Attribute))):
+                name = getattr(called, "attr", getattr(called, "id", ""))
+                if name not in ASK | LAST_HERE:
+                    continue  # writing all of them as text takes a second
                 text = ast.unparse(called)
                 is_conversion = text in ("codec.reply", "self._interface.reply")
-                if text in ASK_HERE or (text.rpartition(".")[2] in ASK and not is_conversion):
+                is_asked = called is node.func or text.endswith("player.reply")
+                if is_asked and (text in ASK_HERE or (name in ASK and not is_conversion)):
                     yield path
         is_named = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
         yield from asking(node, f"{path}.{node.name}".lstrip(".") if is_named else path)
@@ -181,7 +188,7 @@ def test_every_place_that_asks_a_model_is_listed_with_its_bound():
     for path in [*modules(), *ROOT.glob("adapters/**/*.py")]:
         top = ROOT / "adapters" if "adapters" in path.parts else ROOT
         module = ".".join(path.relative_to(top).with_suffix("").parts).removesuffix(".__init__")
-        for name in asking(ast.parse(path.read_text(encoding="utf-8"))):
+        for name in asking(tree(path)):
             other = {module, f"{module}.{name}"} & OTHERS.keys()
             others |= other
             found |= set() if other else {f"{module}.{name}"}
@@ -206,7 +213,7 @@ def test_modules_import_in_no_circle():
     if not (ROOT / ".ci").is_dir():
         pytest.skip("not in a checkout")
     sizes = runpy.run_path(str(ROOT / ".ci" / "sizes.py"))
-    for circle in sizes["circles"](sizes["import_graph"](ROOT, with_types=True)):
+    for circle in sizes["circles"](sizes["import_graph"](ROOT, with_types=True, parse=tree)):
         pytest.fail(
             f"{' <-> '.join(circle)} import each other: move what they share into the lowest of them, or have the "
             "lower one take what it needs as an argument or a Protocol"
@@ -240,6 +247,7 @@ def test_an_import_in_a_function_or_a_method_counts():
     assert imported([*ast.walk(ast.parse(DEFERRED))]) == names
 
 
+@pytest.mark.slow
 def test_a_run_is_played_without_loading_statistics_or_pages(tmp_path):
     program = f"""
         import sys

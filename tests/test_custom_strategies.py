@@ -21,7 +21,7 @@ from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
-from smartplay_tools.evaluation.runs.run_options import read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
 from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
@@ -166,7 +166,7 @@ def test_an_episode_is_not_played_with_a_file_that_has_changed_since_it_was_plan
     [
         ("nowhere.py:Any", "There is no file nowhere.py"),
         ("first_and_newest.py:Other", "has no class 'Other'"),
-        ("unheard-of", "There is no strategy 'unheard-of'; none is known: install the package that has it"),
+        ("unheard-of", "There is no strategy 'unheard-of'; known: agent-framework-summary"),
         ("first_and_newest.py:FirstAndNewest:size=3", "cannot be made with these options: TypeError"),
         ("first_and_newest.py:sp", "has no class 'sp'"),
         ("first_and_newest.py:FirstAndNewest:turns=3:turns=4", "each key once"),
@@ -283,9 +283,8 @@ def test_a_record_has_no_path_and_the_manifest_has_it(file, tmp_path):
     spellings = (file, f"./{file}", f"{tmp_path}/{file}", f"{tmp_path}/../{tmp_path.name}/{file}")
     for number, place in enumerate(spellings):
         out = tmp_path / f"run-{number}"
-        run = sp.evaluate(
-            *([RPS], ["rule"]), trials=1, budgets=sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2"), out=out
-        )
+        budget = sp.Budget(prompt_tokens=800, strategy=f"{place}:turns=2")
+        run = sp.evaluate([RPS], ["rule"], trials=1, budgets=budget, out=out, executor="inline")
         [row] = run.rows
         keys.add(row["key"])
         record = Record.read(run.transcript(row["key"]))
@@ -323,7 +322,7 @@ def test_a_run_whose_records_have_the_path_is_continued_as_it_is(file, tmp_path)
     asked = {"budgets": sp.Budget(prompt_tokens=800, strategy=f"./{file}"), "executor": "inline"}
     cell = cell_config(RPS, budget=asked["budgets"], player="rule")
     cell = cell.model_copy(update={"budget": asked["budgets"]})
-    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run")
+    earlier = run_plan(plan_episodes([cell], trials=1), tmp_path / "run", options=RunOptions(executor="inline"))
     [row] = earlier.rows
     assert row["asked"]["strategy"] == f"./{file}"
     extended = sp.evaluate([RPS], ["rule"], trials=2, out=tmp_path / "run", **asked)

@@ -145,17 +145,16 @@ def test_a_custom_strategy_is_the_same_as_the_windows_own(arena):
 @pytest.mark.slow
 def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
-    silent = arena.PlayerConfig(name="rule-notes", options={"words": False})
     budgets = [budget for budget in arena.budgets([arena.FIRST_AND_NEWEST]) if budget.prompt_tokens == arena.CAPS[0]]
     played = [budgets[0], budgets[-1]]
-    done = arena.sp.evaluate(
-        [arena.GAMES[1]], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline"
-    )
-    rows = cells_of(arena.table(done).splitlines())
+    game, silent = list(arena.GAMES.items())[1]
+    done = arena.sp.evaluate([game], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline")
+    rows = cells_of(arena.table(done.rows).splitlines())
     assert len(rows) == 2
     assert all(row in cells_of(published("arena")) for row in rows)
 
 
+@pytest.mark.slow
 def test_the_areas_in_the_page_are_those_of_the_published_rows(curves):
     assert published("arena-curve-areas") == [*curves.areas_table(curves.areas_of(curves.read_rows(curves.PUBLISHED)))]
 
@@ -165,6 +164,7 @@ def test_the_curves_in_the_page_are_those_of_the_published_rows(curves):
     assert published("arena-curves") == [*curves.curves_table(curves.read_rows(curves.PUBLISHED))]
 
 
+@pytest.mark.slow
 def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves, tmp_path):
     whole = curves.STAGES["RockPaperScissorBasic-v0"]
     stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
@@ -189,6 +189,7 @@ def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
     assert [around.of(better), around.of(worse)] == ["undecided", "undecided"]
 
 
+@pytest.mark.slow
 def test_the_outcomes_in_the_page_are_those_of_the_published_rows_of_fresh_worlds(claims):
     rows = claims.read_rows(claims.PUBLISHED)
     assert published("arena-claims") == [*claims.table(rows)]

@@ -197,12 +197,14 @@ def test_tables_are_printed(files):
     run("cost", "run")
 
 
-@pytest.mark.parametrize("name", ["run", pytest.param("records", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["run", "records"])
 def test_a_page_is_written(files, tmp_path, name):
     run("report", name, "--out", tmp_path / "report.html")
     assert (tmp_path / "report.html").stat().st_size > 50_000
 
 
+@pytest.mark.slow
 def test_a_submission_is_verified(files):
     assert "verified" in run("submit", "check", "bundles/rule.zip", "--workers", "1").output
 

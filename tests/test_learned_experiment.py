@@ -43,16 +43,19 @@ def is_in(page, name, table):
     return f"<!-- table: {name} -->\n\n{table}\n\n<!-- end -->" in (ROOT / "docs" / page).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_of_the_tiny_agent_has_the_tables_of_the_rows(learned, played):
     tables = learned.tables(played)
     assert len(tables) == 6
     assert all(is_in("train-a-tiny-agent.md", name, table) for name, table in tables.items())
 
 
+@pytest.mark.slow
 def test_the_table_of_all_cells_is_that_of_the_rows(learned, played):
     assert (EXPERIMENTS / "learned" / "cells.csv").read_text(encoding="utf-8") == learned.long_table(played)
 
 
+@pytest.mark.slow
 def test_every_cell_has_every_world_once(played):
     cells = importlib.import_module("learned_cells")
     assert set(played.rows) <= set(cells.cells())

@@ -61,7 +61,7 @@ def test_every_answer_is_what_the_definition_says(seeds):
     assert sum(count["pages"] for count in counts) > 3
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_their_records_replay_and_are_continued(seed):
     played, _ = judged_episode(seed)
     assert sp.replay(played.events, tokenizer=WORDS).identical

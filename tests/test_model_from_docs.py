@@ -11,8 +11,9 @@ import smartplay_tools as sp
 from tests.model_from_docs.carrying import play_chains
 from tests.model_from_docs.play import Counts, play, replay_is_identical
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_prompts_answers_and_counters_are_those_of_the_model() -> None:
     counts, seed = Counts(), 10
     while counts.prompts < 400:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 nbclient = pytest.importorskip("nbclient")
 nbformat = pytest.importorskip("nbformat")
 
@@ -112,7 +114,6 @@ def executed(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.Notebook
     return client.execute()
 
 
-@pytest.mark.slow
 def test_players_and_games_of_a_notebook_are_played_in_it(tmp_path):
     code = [PLAYER, RUN, REFUSED, GAME, MODEL, LOOK, FRAME]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text.strip()) for text in code])

@@ -165,7 +165,14 @@ def test_crafters_picture_is_the_originals_enlarged_fourfold():
         assert np.array_equal(scripts.pixels_of(picture.png), original.repeat(4, 0).repeat(4, 1))
 
 
-@pytest.mark.parametrize(("size", "side"), [(64, 252), (126, 252), (252, 252), (90, 180), (300, 297)])
+@pytest.mark.parametrize(
+    ("size", "side"),
+    [
+        (64, 252),
+        (90, 180),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in [(126, 252), (252, 252), (300, 297)]),
+    ],
+)
 def test_picture_size_gives_finer_textures(size, side):
     with sp.Episode("Crafter-v0", seed=1, observation="picture", picture_size=size) as episode:
         picture = episode.call("observe").picture
@@ -357,8 +364,10 @@ def test_a_sweep_leaves_out_pictures_of_words_and_keeps_the_rest():
     assert "newest_pictures has nothing to leave out" in drawn.left_out[0]
 
 
-@pytest.mark.parametrize("many", [20, pytest.param(2_000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("form", ["picture", "both"])
+@pytest.mark.parametrize(
+    ("form", "many"),
+    [("both", 20), *(pytest.param(form, 1_000, marks=pytest.mark.slow) for form in ("picture", "both"))],
+)
 def test_prompts_with_pictures_are_judged(form, many):
     counts, number = Counter(), 0
     while counts["pictures in prompts"] < many:

@@ -94,6 +94,7 @@ with only_writer(Path(sys.argv[2])):
 """
 
 
+@pytest.mark.slow
 def test_the_lock_of_a_run_says_who_holds_it_and_ends_with_its_process(tmp_path):
     command = [sys.executable, "-c", HOLD, "sweep", str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:

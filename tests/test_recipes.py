@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import smartplay_tools
 from smartplay_tools.context import strategies
 from smartplay_tools.episode import config
@@ -104,7 +106,7 @@ def command(*words):
 
 def copied(tmp_path: Path) -> Path:
     """A copy of the package, in a folder that comes first on Python's path."""
-    shutil.copytree(PACKAGE, tmp_path / "smartplay_tools", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE, tmp_path / "smartplay_tools")  # with what is compiled
     return tmp_path / "smartplay_tools"
 
 
@@ -123,6 +125,7 @@ def run(folder: Path, script: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_strategy_is_added_by_the_three_documented_steps(tmp_path):
     steps = [line for line in strategies.__doc__.splitlines() if line[:3] in ("1. ", "2. ", "3. ", "4. ")]
     assert len(steps) == 3
@@ -136,6 +139,7 @@ def test_a_strategy_is_added_by_the_three_documented_steps(tmp_path):
     run(tmp_path, PLAY_LANDMARKS + BOTH_PIN)
 
 
+@pytest.mark.slow
 def test_a_rule_is_added_by_the_four_documented_steps(tmp_path):
     steps = [line for line in config.__doc__.splitlines() if line[:3] in ("1. ", "2. ", "3. ", "4. ", "5. ")]
     assert len(steps) == 4

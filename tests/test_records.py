@@ -287,8 +287,17 @@ def test_a_record_is_followed_while_it_grows(recorded, tmp_path):
 class TestResume:
     """An episode that continues from its record is the episode that was never interrupted."""
 
-    @pytest.mark.parametrize("game", [RPS, HANOI, "MessengerL1-v0"])
-    @pytest.mark.parametrize("protocol", ["tools", "paper"])
+    @pytest.mark.parametrize(
+        ("game", "protocol"),
+        [
+            (HANOI, "tools"),
+            ("MessengerL1-v0", "paper"),
+            *(
+                pytest.param(game, protocol, marks=pytest.mark.slow)
+                for game, protocol in [(RPS, "tools"), ("MessengerL1-v0", "tools"), (RPS, "paper"), (HANOI, "paper")]
+            ),
+        ],
+    )
     def test_from_every_event_on(self, game, protocol, tmp_path):
         budget = sp.Budget(prompt_tokens=900, slack=0.4) if protocol == "tools" else sp.Budget()
         whole = tmp_path / "whole.jsonl"

@@ -34,13 +34,19 @@ TOWER = dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"d
 """
 
 PLACES = {**PLAYERS, **EXECUTORS.places, **TRACKERS.places, **ENGINES.places, **FORMATS}
+IMPORT_A_FRAMEWORK = ("smartplay_anthropic", "smartplay_langchain", "smartplay_openai", EXECUTORS.places["ray"])
 NEED_THEIR_OWN_ENVIRONMENT = ("smartplay_inspect", "smartplay_local", "smartplay_trackers")
 
 Install = Callable[..., None]
 
 
 @pytest.mark.parametrize(
-    "place", [place for place in PLACES.values() if not place.startswith(NEED_THEIR_OWN_ENVIRONMENT)]
+    "place",
+    [
+        pytest.param(place, marks=pytest.mark.slow if place.startswith(IMPORT_A_FRAMEWORK) else ())
+        for place in PLACES.values()
+        if not place.startswith(NEED_THEIR_OWN_ENVIRONMENT)
+    ],
 )
 def test_everything_that_is_named_by_its_place_is_there(place):
     assert callable(resolve(place))

@@ -57,6 +57,7 @@ def command(*arguments: str) -> str:
 
 
 class TestWhatIsNotImported:
+    @pytest.mark.slow
     def test_by_the_package(self):
         assert loaded("import smartplay_tools") == set()
 
@@ -66,12 +67,15 @@ class TestWhatIsNotImported:
     def test_by_a_budget(self):
         assert loaded("import smartplay_tools as sp; sp.Budget(prompt_tokens=700)") == {"pydantic"}
 
+    @pytest.mark.slow
     def test_by_an_episode_before_it_is_made(self):
         assert loaded("from smartplay_tools import Episode").isdisjoint({"numpy", "gymnasium", "typer", "tiktoken"})
 
+    @pytest.mark.slow
     def test_by_the_help(self):
         assert loaded(command("--help")) <= {"typer", "rich"}
 
+    @pytest.mark.slow
     def test_by_the_list_of_games(self):
         # typer itself takes pydantic for its options
         assert loaded(command("games")) <= {"typer", "rich", "pydantic"}
@@ -92,7 +96,7 @@ class TestGymnasium:
         "code",
         [
             "import smartplay_tools, gymnasium",
-            "import gymnasium, smartplay_tools",
+            pytest.param("import gymnasium, smartplay_tools", marks=pytest.mark.slow),
             pytest.param("import smartplay_tools.games.hanoi as _, gymnasium", marks=pytest.mark.slow),
             pytest.param(
                 "import smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=7).close(); import gymnasium",
@@ -105,11 +109,13 @@ class TestGymnasium:
         done = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True)
         assert done.stdout.startswith("30 <_frozen_importlib_external.SourceFileLoader")
 
-    @pytest.mark.parametrize("before", ["", pytest.param("import smartplay_tools; ", marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("before", ["", "import smartplay_tools; "])
     def test_can_be_told_in_the_name_which_package_to_import(self, before):
         script = f"{before}import gymnasium; gymnasium.make('smartplay_tools:smartplay/Hanoi3Disk-v0')"
         subprocess.run([sys.executable, "-c", script], check=True)
 
+    @pytest.mark.slow
     def test_knows_a_setting_that_was_registered_before(self):
         script = (
             "import dataclasses, smartplay_tools as sp\n"
@@ -119,6 +125,7 @@ class TestGymnasium:
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
         assert done.stdout == "7\n"
 
+    @pytest.mark.slow
     def test_that_was_looked_for_before_it_was_imported_knows_the_settings(self):
         """Programs ask `find_spec` whether an optional package is installed."""
         script = (
@@ -130,6 +137,7 @@ class TestGymnasium:
         )
         subprocess.run([sys.executable, "-c", script], check=True)
 
+    @pytest.mark.slow
     def test_whose_first_import_fails_knows_the_settings_after_the_second(self, tmp_path):
         (tmp_path / "numpy.py").write_text("raise ImportError('broken')", encoding="utf-8")
         script = (
@@ -175,12 +183,14 @@ class TestCommands:
         for name, entry in cli.COMMANDS.items():
             assert commands[name].help.partition("\n")[0] == entry.summary, name
 
+    @pytest.mark.slow
     def test_the_help_lists_every_command(self):
         done = subprocess.run(
             [sys.executable, "-m", "smartplay_tools", "--help"], capture_output=True, text=True, check=True
         )
         assert all(f" {name} " in done.stdout for name in cli.COMMANDS)
 
+    @pytest.mark.slow
     def test_without_any_extra_a_command_works_or_says_which_extra_it_needs(self, tmp_path):
         done = subprocess.run(
             [sys.executable, core_alone.__file__, tmp_path], capture_output=True, text=True, check=True
@@ -240,6 +250,7 @@ class TestCommands:
         monkeypatch.syspath_prepend(tmp_path)
         assert install_command("view").removeprefix(f"{sys.executable} ") == command
 
+    @pytest.mark.slow
     def test_the_list_of_games_is_what_it_was(self):
         done = subprocess.run(
             [sys.executable, "-m", "smartplay_tools", "games", "--json"], capture_output=True, text=True, check=True

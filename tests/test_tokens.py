@@ -234,15 +234,12 @@ def test_what_cannot_count_is_refused_when_an_episode_is_made(tokenizer):
 OFFLINE = {"HTTPS_PROXY": "http://127.0.0.1:9", "HTTP_PROXY": "http://127.0.0.1:9", "HF_HUB_OFFLINE": "1"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
         ("cl100k_base", "The vocabulary of cl100k_base could not be downloaded"),
-        pytest.param(
-            "hf:gpt2",
-            "hf:gpt2 is neither a file nor a folder here, and its tokenizer.json could not be downloaded",
-            marks=pytest.mark.slow,
-        ),
+        ("hf:gpt2", "hf:gpt2 is neither a file nor a folder here, and its tokenizer.json could not be downloaded"),
     ],
 )
 def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(name, sentence, tmp_path):
@@ -253,6 +250,7 @@ def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(
     assert shown.stderr.splitlines()[-1].startswith(f"smartplay_tools.errors.InvalidArgumentError: {sentence}")
 
 
+@pytest.mark.slow
 def test_the_shipped_vocabulary_loads_with_the_first_text():
     script = "import sys, smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=1); print('tiktoken' in sys.modules)"
     shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

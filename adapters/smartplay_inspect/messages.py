@@ -84,21 +84,27 @@ class InspectChat:
 
     def _new(self, message: Message, pictures: Mapping[str, Picture]) -> ChatMessage:
         # What the record keeps as it was said may have what neither a request nor a log can hold.
-        message = sendable(message)
-        text = text_of(message)
-        match message["role"]:
-            case "system" | "developer":
-                return ChatMessageSystem(content=text)
-            case "user":
-                return ChatMessageUser(content=shown(message, pictures, _text, _picture))
-            case "tool":
-                call_id = message["tool_call_id"]
-                content = shown(message, pictures, _text, _picture)
-                return ChatMessageTool(content=content, tool_call_id=call_id, function=self._functions.get(call_id))
-        calls = [_written_call(call["id"], **call["function"]) for call in calls_of(message)]
-        item = kept_item(message, ITEM)
-        content = text if item is None else item["parts"]
-        return ChatMessageAssistant(content=content, tool_calls=calls or None, source="generate", model=self._model)
+        return to_inspect(sendable(message), self._functions, pictures, self._model)
+
+
+def to_inspect(
+    message: Message, functions: Mapping[str, str], pictures: Mapping[str, Picture] = NO_PICTURES, model: str = ""
+) -> ChatMessage:
+    """Return a message as Inspect's; `functions` are those of the calls so far by the calls' ids."""
+    text = text_of(message)
+    match message["role"]:
+        case "system" | "developer":
+            return ChatMessageSystem(content=text)
+        case "user":
+            return ChatMessageUser(content=shown(message, pictures, _text, _picture))
+        case "tool":
+            call_id = message["tool_call_id"]
+            content = shown(message, pictures, _text, _picture)
+            return ChatMessageTool(content=content, tool_call_id=call_id, function=functions.get(call_id))
+    calls = [_written_call(call["id"], **call["function"]) for call in calls_of(message)]
+    item = kept_item(message, ITEM)
+    content = text if item is None else item["parts"]
+    return ChatMessageAssistant(content=content, tool_calls=calls or None, source="generate", model=model)
 
 
 def _text(text: str) -> Content:

@@ -21,7 +21,7 @@ from pydantic import Field
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
-from smartplay_tools.evaluation.costs.caches import openai_cache_fields
+from smartplay_tools.players.conversion import openai_cache_fields
 from smartplay_tools.transcript import Event
 
 T = TypeVar("T")
@@ -103,7 +103,8 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         # Not the tool choice: with "none", which a summary asks for, Inspect would leave out the tools we count.
         cap = prompt.settings({"max_tokens": own.max_tokens}).get("max_tokens")
         config = GenerateConfig(max_tokens=cap, extra_body=_with_cache_key(own, prompt, model))
-        output = await model.generate(chat.write(sent.messages, sent.pictures), tools, config=config)
+        offered = tools if prompt.tools else []
+        output = await model.generate(chat.write(sent.messages, sent.pictures), offered, config=config)
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
         state.output = output

@@ -190,7 +190,8 @@ def bind(
 ) -> Runnable[LanguageModelInput, AIMessage]:
     """Return the model with the tools, in the order of the prompt, and these settings."""
     by_name = {spec_of(tool).name: tool for tool in tools}
-    bound = model.bind_tools([by_name[spec.name] for spec in prompt.tools], **settings)
+    offered = [by_name[spec.name] for spec in prompt.tools]
+    bound = model.bind_tools(offered, **settings) if offered else model.bind(**settings)
     return bound.with_config(tags=[SUMMARY_TAG]) if prompt.asks_for_summary else bound
 
 

@@ -62,11 +62,13 @@ def open_episode(game: str, *, transcript: Path | None, **settings: Any) -> Epis
     Hosts that start a new server for every session, or even for every call, can continue their game in this way.
     """
     from smartplay_tools import Episode, EpisodeConfig, InvalidArgumentError, read_transcript, resume
+    from smartplay_tools.games import get_spec
 
+    spec = get_spec(game)  # a record imports no file
     if transcript is None or not transcript.exists():
-        return Episode(game, transcript=transcript, context="host", **settings)
+        return Episode(spec, transcript=transcript, context="host", **settings)
     recorded = EpisodeConfig.from_event(read_transcript(transcript)[0])
-    if (recorded.game, recorded.seed) != (game, settings["seed"]):
+    if (recorded.game, recorded.seed) != (spec.id, settings["seed"]):
         raise InvalidArgumentError(
             f"{transcript} is the record of {recorded.game} with seed {recorded.seed}, not of {game} with seed "
             f"{settings['seed']}; name another file."

@@ -23,7 +23,7 @@ ROOMS = Pack(
         GameSpec(
             id=f"minigrid-{env.split('-', 1)[1]}",
             family="minigrid",
-            entry_point="smartplay_minigrid.game:Room",
+            entry_point="smartplay_minigrid.game:RoomGame",
             kwargs={"env": env},
             history=min(steps, 200),
             rollout=steps,

@@ -28,7 +28,7 @@ TILE = 24
 """The pixels of a square in a picture."""
 
 
-class Room(GymnasiumGame):
+class RoomGame(GymnasiumGame):
     """An environment of MiniGrid, named by its id."""
 
     uses_global_streams = False

@@ -52,8 +52,7 @@ from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
-from smartplay_tools.evaluation.costs.caches import CacheFields, openai_cache_fields
-from smartplay_tools.players.conversion import check_names
+from smartplay_tools.players.conversion import CacheFields, check_names, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
 
 Item = Mapping[str, Any]
@@ -235,8 +234,9 @@ class SmartPlayModel(Model):
             settings = _settings(model_settings, prompt, _limit_field(self._model), with_key=fields.key)
             shown = prompt if isinstance(self._model, OpenAIResponsesModel) else with_pictures_below(prompt)
             items = input_of(shown, mark=fields.marks)
+            offered = (tools, list(handoffs)) if prompt.tools else ([], [])
             response = await self._model.get_response(
-                None, items, settings, tools, output_schema, list(handoffs), *arguments, **options
+                None, items, settings, offered[0], output_schema, offered[1], *arguments, **options
             )
             usage.add(response.usage)
             return _Answer(read_response(response), usage_of(response.usage), response=response)
@@ -421,6 +421,8 @@ def _check(output_schema: Any, options: Mapping[str, Any]) -> None:
 def _settings(own: ModelSettings, prompt: Prompt, limit_field: str, *, with_key: bool) -> ModelSettings:
     """The settings of a request: the agent's own, with those of the prompt; `limit_field` names the cap on a reply."""
     settings = prompt.settings({"max_tokens": own.max_tokens, "tool_choice": own.tool_choice})
+    if not prompt.tools:  # what a provider takes with tools only
+        settings |= {"tool_choice": None, "parallel_tool_calls": None}
     given = {**(own.extra_args or {}), **(own.extra_body if isinstance(own.extra_body, Mapping) else {})}
     extra = {"prompt_cache_key": prompt.cache_key} if with_key and "prompt_cache_key" not in given else {}
     if limit_field != "max_tokens" and settings.get("max_tokens") is not None:

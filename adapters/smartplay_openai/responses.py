@@ -72,14 +72,15 @@ class Responses(Interface):
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
         done: dict[int, Any] = {}
-        for event in parts:
-            if event.type == "response.output_item.done":
-                done[event.output_index] = plain_answer(event.item)
-            if event.type in ("response.completed", "response.incomplete", "response.failed"):
-                answer = plain_answer(event.response)  # some servers leave out what they have streamed
+        for event in map(plain_answer, parts):
+            if event.get("type") == "response.output_item.done":
+                at = event.get("output_index")
+                done[at if isinstance(at, int) else len(done)] = event.get("item")
+            if event.get("type") in ("response.completed", "response.incomplete", "response.failed"):
+                answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
                 return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
-            if event.type == "error":
-                raise BrokenAnswerError(f"The stream failed: {event.message}.")
+            if event.get("type") == "error":
+                raise BrokenAnswerError(f"The stream failed: {event.get('message')}.")
         raise BrokenAnswerError("The stream ended before the reply did.")
 
     def read(self, body: Mapping[str, Any]) -> Prompt:

@@ -150,7 +150,7 @@ class _Rollout:
         sampling = prompt.settings(self._limits.sampling)
         # What the record keeps as it was said may have half a character, which a request cannot.
         messages = [dict(sendable(message)) for message in prompt.messages]
-        step = self._model_step(messages, self._tools, sampling)
+        step = self._model_step(messages, self._tools if prompt.tools else [], sampling)
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,8 +26,10 @@ class Concentration(PopgymGame):
     def __init__(self, *, decks: int, kinds: str, **options: Any) -> None:
         """`kinds` are what has to be alike: "colors" or "ranks"."""
         self.decks, self.kinds = decks, kinds
+        self._kinds: list[str] = []
+        """Of the cards, by their places."""
         self._shown: dict[int, int] = {}
-        """The step that has shown a card last, by its place."""
+        """The step that has shown a card last, by its place; the newest are last."""
         self._before: tuple[int, ...] = ()
         """The places that were face up before the latest step."""
         manual = (
@@ -46,11 +48,13 @@ class Concentration(PopgymGame):
     def describe(self, observation: Any, info: Mapping[str, Any]) -> str:
         """What was turned, and which cards are face up for good."""
         if not self.played:
-            self._shown, self._before = {}, ()
+            self._kinds, self._shown, self._before = [KINDS[self.kinds][kind] for kind in self.env.state], {}, ()
             return "All cards lie face down. Turn a card."
         turned, kept = self.env.last_in_play_idx, tuple(self.env.deck["face_up_idx"])
-        hidden = [place for place in turned if place not in self._before]
-        self._shown.update(dict.fromkeys(hidden, self.played))
+        for place in turned:
+            if place not in self._before:
+                self._shown.pop(place, None)
+                self._shown[place] = self.played
         is_open = bool(self.env.deck["in_play_idx"])
         text = self._outcome(turned, kept)
         self._before = kept
@@ -63,25 +67,22 @@ class Concentration(PopgymGame):
             back = "" if len(turned) == 1 else f", so that at place {first + 1} is turned back"
             return f"The card at place {second + 1} was face up before{back}."
         if len(turned) == 1:
-            return f"Place {first + 1} is {self._kind(first)}."
+            return f"Place {first + 1} is {self._kinds[first]}."
         if first == second:
-            return f"Place {first + 1} is {self._kind(first)}, and was turned twice: it is turned back."
-        both = f"Place {first + 1} is {self._kind(first)} and place {second + 1} is {self._kind(second)}"
+            return f"Place {first + 1} is {self._kinds[first]}, and was turned twice: it is turned back."
+        both = f"Place {first + 1} is {self._kinds[first]} and place {second + 1} is {self._kinds[second]}"
         return f"{both}, so they stay face up." if second in kept else f"{both}, so they are turned back."
-
-    def _kind(self, place: int) -> str:
-        return KINDS[self.kinds][int(self.env.state[place])]
 
     @property
     def needs(self) -> Sequence[int]:
         """The steps that have shown the cards of a pair last: one if its other card is face up; none without a pair."""
-        done, opened = self.env.deck["face_up_idx"], self.env.deck["in_play_idx"]
-        hidden = {place: step for place, step in self._shown.items() if place not in (*done, *opened)}
-        newest: dict[str, list[int]] = {}
-        for place, step in sorted(hidden.items(), key=lambda item: -item[1]):
-            newest.setdefault(self._kind(place), []).append(step)
+        opened, newest = self.env.deck["in_play_idx"], defaultdict[str, list[int]](list)
+        face_up = set(self.breaks)
+        for place, step in reversed(self._shown.items()):
+            if place not in face_up:
+                newest[self._kinds[place]].append(step)
         if opened:
-            return newest.get(self._kind(opened[0]), ())[:1]
+            return newest[self._kinds[opened[0]]][:1]
         pairs = [sorted(steps[:2]) for steps in newest.values() if len(steps) > 1]
         return max(pairs, default=())
 

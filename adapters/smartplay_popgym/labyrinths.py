@@ -10,6 +10,8 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
 from smartplay_tools.errors import extra_named
 
 with extra_named("A game of POPGym", "popgym"):
@@ -21,6 +23,7 @@ from smartplay_popgym.game import PopgymGame
 
 WORDS = ("a path", "a wall", "the start", "the exit")
 """Of the squares, in POPGym's order."""
+WALL = 1
 MARKS = " #SE.#SE"
 """Of the squares in a drawing, in the same order, and of those that were visited."""
 STEPS = 1024
@@ -36,6 +39,8 @@ class Labyrinth(PopgymGame):
     def __init__(self, *, side: int, **options: Any) -> None:
         self.side = side
         self._place: tuple[int, int] | None = None
+        self._walled: list[list[int]] = []
+        """The squares, with a wall around them."""
         super().__init__(**options)
 
     def make_env(self) -> MazeEnv:
@@ -46,16 +51,19 @@ class Labyrinth(PopgymGame):
 
     def describe(self, observation: Any, info: Mapping[str, Any]) -> str:
         """Whether the player moved, and the four squares around."""
+        if not self.played:
+            self._walled = np.pad(self.env.maze.grid, 1, constant_values=WALL).tolist()
         place, before = self.env.position, self._place
         self._place = place
         moved = "" if not self.played else "A wall is in the way. " if place == before else "You move on. "
-        seen = (f"{name}: {WORDS[self._square(at)]}." for at, name in enumerate(self.actions))
-        return moved + " ".join(seen)
+        return moved + " ".join(
+            f"{name}: {WORDS[square]}." for name, square in zip(self.actions, self._around(), strict=True)
+        )
 
     @property
     def breaks(self) -> Sequence[int]:
         """The ways that a wall blocks."""
-        return [action for action in range(len(self.actions)) if self.env.move(action) == self.env.position]
+        return [action for action, square in enumerate(self._around()) if square == WALL]
 
     def drawing(self) -> dict[str, Any]:
         """The labyrinth as characters: the player, the squares that were visited, the start and the exit."""
@@ -65,11 +73,11 @@ class Labyrinth(PopgymGame):
         rows[y][x] = "@"
         return {"text": "\n".join("".join(row) for row in rows)}
 
-    def _square(self, action: int) -> int:
+    def _around(self) -> tuple[int, ...]:
+        """The squares to which the actions lead."""
         y, x = self.env.position
-        y, x = ((y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x))[action]
-        grid = self.env.maze.grid
-        return int(grid[y, x]) if 0 <= y < grid.shape[0] and 0 <= x < grid.shape[1] else 1
+        above, beside, below = self._walled[y : y + 3]
+        return beside[x], beside[x + 2], above[x + 1], below[x + 1]
 
 
 class LabyrinthExplore(Labyrinth):

@@ -7,7 +7,7 @@ and its signatures, for example); what is more than text and calls is recorded a
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -70,16 +70,17 @@ class PydanticAIChat:
         *,
         marked: Collection[int] = (),
         pictures: Mapping[str, Picture] = NO_PICTURES,
+        clean: Callable[[Message], Message] = sendable,
     ) -> list[ModelMessage]:
         """Return messages as Pydantic AI's: all system messages as one, messages between two replies as one request.
 
         Pydantic AI rewrites a system prompt that does not stand at the beginning, because few providers accept one.
         The user's messages and results at the places `marked` are followed by a mark for the provider's cache.
-        `pictures` are those that the messages name.
+        `pictures` are those that the messages name. What the record keeps as it was said may have what a request
+        cannot, which `clean` takes out.
         """
         said = [*messages]
-        # What the record keeps as it was said may have what a request cannot.
-        messages = [sendable(message) for message in said]
+        messages = [clean(message) for message in said]
         system = system_text(messages)
         written: list[ModelMessage] = []
         names: dict[str, str] = {}

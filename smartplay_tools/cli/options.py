@@ -63,6 +63,9 @@ AllowOrigin = Annotated[
 Plugins = Annotated[
     bool, typer.Option("--plugins", help="Import games of installed packages that records name, to draw them.")
 ]
+GameFile = Annotated[
+    str | None, typer.Option("--game", help="The game that records name, if it is in a file: PATH/FILE.py:NAME.")
+]
 Caches = Annotated[
     list[str] | None,
     typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
@@ -81,6 +84,14 @@ TranscriptFile = Annotated[
     Path | None,
     typer.Option("--transcript", help="Write the record to this new file.", callback=_in_a_folder),
 ]
+
+
+def import_game(game: str | None) -> None:
+    """Import the game in a file that a `GameFile` names, as records import none."""
+    from smartplay_tools.games.specs import load_game
+
+    if game is not None:
+        load_game(game)
 
 
 def on_command_line(context: typer.Context) -> set[str]:

@@ -29,6 +29,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import check_no_credentials
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player, is_model
+from smartplay_tools.players.player_registry import second_player, without_second
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
@@ -66,7 +67,11 @@ def play(
     Example: smartplay-tools play Hanoi3Disk-v0 --player rule --seed 7 --prompt-tokens 700
     """
     given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
-    who, paid = get_player(player, seed=seed, **given), runs.prices(price).get(player) or find_price(player, given)
+    second = second_player(given, seed=seed)
+    who, paid = (
+        get_player(player, seed=seed, **without_second(given)),
+        runs.prices(price).get(player) or find_price(player, given),
+    )
     settings = {**episode.conditions, **episode.options}
     protocol, spec = settings.pop("protocol"), get_spec(game)
     # A person has a screen, and would see here what has left the window.
@@ -89,7 +94,9 @@ def play(
                 typer.echo(f"The episode is shown at {page}", err=True)
                 if open_browser:
                     webbrowser.open(page)
-            interrupted = _run(played, who, protocol, printer, pace, first)
+            if isinstance(second, AbstractContextManager):
+                stack.enter_context(second)
+            interrupted = _run(played, who, protocol, second, printer, pace, first)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)
     has_failed = played.result.end_reason in FAILED  # the result says why
@@ -126,7 +133,13 @@ def _charged(result: EpisodeResult) -> Usage:
 
 
 def _run(
-    episode: Episode, player: Any, protocol: Any, printer: TurnPrinter | None, pace: float, first: list[str]
+    episode: Episode,
+    player: Any,
+    protocol: Any,
+    second: Any,
+    printer: TurnPrinter | None,
+    pace: float,
+    first: list[str],
 ) -> bool:
     """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts.
 
@@ -141,7 +154,7 @@ def _run(
         time.sleep(pace)
 
     try:
-        loop.play(episode, player, protocol=protocol, on_turn=after_a_turn)
+        loop.play(episode, player, protocol=protocol, compactor_player=second, on_turn=after_a_turn)
     except KeyboardInterrupt:
         return True
     return False

@@ -31,11 +31,13 @@ def replay(
         typer.Option(help="The tokenizer of the record, if its file was moved: hf:PATH_OR_NAME or a name."),
     ] = None,
     strategy: Annotated[
-        str | None, typer.Option(help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS.")
+        str | None,
+        typer.Option(
+            help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS. "
+            "A compactor is called again, with the recorded replies."
+        ),
     ] = None,
-    game: Annotated[
-        str | None, typer.Option(help="The game that the records name, if it is in a file: PATH/FILE.py:NAME.")
-    ] = None,
+    game: options.GameFile = None,
     as_json: options.Json = False,
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
@@ -49,13 +51,13 @@ def replay(
     if path.is_dir():
         same = _replay_run(path, workers, tokenizer, named, as_json=as_json)
     else:
-        same = _replay_file(path, tokenizer, as_json=as_json)
+        same = _replay_file(path, tokenizer, calls_compactor=strategy is not None, as_json=as_json)
     if not same:
         raise typer.Exit(1)
 
 
-def _replay_file(path: Path, tokenizer: str | None, *, as_json: bool) -> bool:
-    replayed = run_again(path, tokenizer=tokenizer)
+def _replay_file(path: Path, tokenizer: str | None, *, calls_compactor: bool, as_json: bool) -> bool:
+    replayed = run_again(path, tokenizer=tokenizer, calls_compactor=calls_compactor)
     if as_json:
         print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
     elif replayed.identical:

@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.intervals import Method
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
+from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
@@ -103,6 +104,7 @@ def run_tables(
         yield headline(summary)
     if everything:
         yield from details(summary)
+        yield from remembering_tables(rows)
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows, succeeds):

@@ -14,6 +14,7 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import STRATEGIES
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ def mcp(
         raise InvalidArgumentError("--transcript records the episode on stdio; with --http, give a folder by --out.")
     if out is not None and not http:
         raise InvalidArgumentError("--out is for episodes over HTTP; on stdio, give the record's file by --transcript.")
+    get_spec(game)  # no record imports its game's file
     adapter = importlib.import_module(ADAPTER)
     settings = {**episode.conditions, **episode.options}
     if not http:

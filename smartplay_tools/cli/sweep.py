@@ -17,6 +17,7 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.area import areas, areas_table
+from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
@@ -68,6 +69,7 @@ def sweep(
     written = swept.write()
     curves = areas(swept.rows)
     tables = [windows_table(swept.comparisons, single=single), *([areas_table(curves)] if curves else [])]
+    tables += remembering_tables(swept.rows)
     print_tables(form, [*tables, *cost_columns([run.out], cache, caches)], swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)

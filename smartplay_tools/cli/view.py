@@ -58,6 +58,7 @@ def view(
         ),
     ] = None,
     plugins: options.Plugins = False,
+    game: options.GameFile = None,
     annotate: Annotated[
         bool, typer.Option("--annotate", help="Let visitors write notes about turns, kept beside the records.")
     ] = False,
@@ -75,12 +76,13 @@ def view(
     from smartplay_tools.web.site import RunList, ViewServer
 
     playing, begin, to_play = _playing(context, play, out, episode, seed=seed, pictures=pictures)
+    options.import_game(game)
     own = () if playing is None else (playing.folder, playing.challenges)
     runs = RunList(folders or ([] if playing else [Path()]), own=own)
     where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}
     server = ViewServer(runs, play=playing, plugins=plugins, annotate=annotate, **where)
     count = len(runs.current())
-    counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet (new ones appear here)"
+    counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet (new ones appear)"
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
     # The first address has the token; its page passes it on.
     entry = f"{server.url}{begin}" if server.entry == server.url else server.entry

@@ -5,6 +5,9 @@ tokens/      budget tokens: exact and offline
 turns        a turn: a reply, its calls and their results
 strategies/  what happens to the past, one class for each way
 window       which turns a prompt shows; `choosing` for strategies that choose
+compaction   compactors: what they are given, and how code that does not yield becomes one
+rewriting    what a compactor returns: messages of the conversation, or of its own
+compacting   the window of a compactor
 view         what a prompt showed, for its record
 """
 
@@ -15,6 +18,13 @@ from typing import TYPE_CHECKING
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.context.compaction import (
+        Compactor as Compactor,
+        ContextOverflowError as ContextOverflowError,
+        GivenHistory as GivenHistory,
+        Room as Room,
+        asked as asked,
+    )
     from smartplay_tools.context.turns import Item as Item, Turn as Turn, TurnBuilder as TurnBuilder
     from smartplay_tools.context.view import Selection as Selection, View as View
     from smartplay_tools.context.window import ContextWindow as ContextWindow
@@ -23,6 +33,7 @@ if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(
         __name__,
         {
+            "smartplay_tools.context.compaction": "Compactor ContextOverflowError GivenHistory Room asked",
             "smartplay_tools.context.turns": "Item Turn TurnBuilder",
             "smartplay_tools.context.view": "Selection View",
             "smartplay_tools.context.window": "ContextWindow",

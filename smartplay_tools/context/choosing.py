@@ -100,6 +100,7 @@ class ChoosingWindow(ContextWindow):
             selection=chosen,
             shown=tuple(shown),
             turns=turns,
+            text_tokens=self._written_tokens(chosen),
         )
 
     # The tokens of a selection.
@@ -109,7 +110,10 @@ class ChoosingWindow(ContextWindow):
 
     def _tokens(self, state: WindowState, chosen: Selection) -> int:
         turns = sum(_turn_tokens(state, chosen, index) for index in chosen)
-        return state.head.tokens + turns + sum(map(self._text_tokens, chosen.texts.values()))
+        return state.head.tokens + turns + self._written_tokens(chosen)
+
+    def _written_tokens(self, chosen: Selection) -> int:
+        return sum(map(self._text_tokens, chosen.texts.values()))
 
     def _prefix(self, before: Contents, now: Contents) -> int:
         """The tokens at the beginning that are the same as in the view before the latest turn."""

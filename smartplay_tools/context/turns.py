@@ -19,6 +19,7 @@ from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import message_bytes
+from smartplay_tools.types import NOTES_TOOL
 from smartplay_tools.types.messages import (
     Call,
     Message,
@@ -63,11 +64,21 @@ class Item:
         masked["content"] = self.words("observation_left")
         return masked
 
+    def is_masked(self, shown: Message) -> bool:
+        """Whether a form of the message is the one that replaces it once it is too old."""
+        return shown is not self.message and shown["content"] == self.words("observation_left")
+
+    @property
+    def observation_words(self) -> str:
+        """Its words; empty if it has only a picture."""
+        text = text_of(self.message)
+        return "" if text.startswith(self.words("picture_shown")) else text
+
     @cached_property
     def unpictured(self) -> Message:
         """The message that replaces this one once its picture is left out: its words, or the marker without any."""
-        text = text_of(self.message)
-        if text.startswith(self.words("picture_shown")):
+        text = self.observation_words
+        if not text:
             return self.masked
         unpictured = self.message.copy()
         unpictured["content"] = text
@@ -88,7 +99,7 @@ class Turn:
     made_at: int
     """The step at which the message was made, for a turn without items."""
     manual: str | None = None
-    """The manual, if it has been read in this turn or before; from then on it is part of the head."""
+    """What is part of the head from then on: the manual, if it has been read; with a compactor the newest notes."""
     calls: tuple[Call, ...] = ()
     """The parsed calls of the message; by default they are parsed from it."""
     notes: int | None = None
@@ -266,15 +277,19 @@ class Turn:
 class TurnBuilder:
     """Makes turns from events, one event after the other."""
 
-    def __init__(self, words: Wording) -> None:
-        """`words` are those of the episode."""
+    def __init__(self, words: Wording, *, compacts: bool = False) -> None:
+        """`words` are those of the episode; `compacts` says that a compactor rewrites its history.
+
+        A manual that was read is then the result of its call, and the notes are a part of the head.
+        """
+        self._compacts = compacts
         self._words, self._history = words, history_of(words.version)
         self.turns: list[Turn] = []
         """The turns that are complete."""
         self.step = 0
         """The newest observation shown so far."""
         self.manual: str | None = None
-        """The manual, once it has been read."""
+        """The manual, once it has been read; with a compactor the newest notes, under the name of their tool."""
         self.notes: int | None = None
         """The newest turn with notes."""
         self.number = -1
@@ -330,10 +345,13 @@ class TurnBuilder:
 
     def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
         """Add the game's answer to a call."""
-        if data.get("manual"):
+        if data.get("manual") and not self._compacts:
             self.manual, text = text, self._words("manual_is_above")
         if "notes" in data:
             self.notes = self.number if data["notes"] == "kept" else None
+            if self._compacts:
+                noted = (self.calls[position].arguments.values or {}).get("text")
+                self.manual = None if self.notes is None else f"{NOTES_TOOL}:\n{noted}"
         observation = data.get("observation_step")
         if observation is not None:
             self.step = max(self.step, observation)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import takewhile
+from typing import Any
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.transcript.hashing import head_bytes
@@ -100,15 +101,21 @@ class View:
     """The window's own messages, which must not be changed; `messages` returns copies."""
     turns: Sequence[Turn] = field(default=(), repr=False)
     """All turns of the conversation."""
-    asks_for_summary: bool = False
-    """Whether the prompt asks for a summary, and not for a move."""
+    purpose: Purpose = "play"
+    """What the prompt asks for."""
+    text_tokens: int = 0
+    """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
+    visible: Set[int] | None = None
+    """With a compactor: the observations that are visible; without one they follow from the selection."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """What else the record needs of the prompt."""
 
     @property
-    def purpose(self) -> Purpose:
-        """What the prompt asks for."""
-        return "summary" if self.asks_for_summary else "play"
+    def asks_for_summary(self) -> bool:
+        """Whether words are asked for, a summary or the answer to a compactor's question, and not a move."""
+        return self.purpose != "play"
 
     @property
     def messages(self) -> list[Message]:

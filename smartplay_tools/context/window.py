@@ -212,7 +212,7 @@ class ContextWindow:
             selection=chosen,
             shown=tuple(shown),
             turns=self._index.turns,
-            asks_for_summary=contents.question is not None,
+            purpose="play" if contents.question is None else "summary",
             summaries=self.summaries,
         )
 
@@ -222,7 +222,7 @@ class ContextWindow:
         if manual not in self._heads:
             messages = self._plain_head if manual is None else with_manual(self._plain_head, manual)
             tokens = self._counter.messages(messages) + self._tools_tokens + PRIMING
-            self._heads[manual] = Head(tuple(messages), tokens, self._tools)
+            self._heads = {manual: Head(tuple(messages), tokens, self._tools)}
         return self._heads[manual]
 
     def _pin(self, state: WindowState, notes: int | None) -> None:

@@ -49,9 +49,9 @@ class AgentSession(ToolConversation):
         check_episode(episode)
         if not pictures:
             episode.refuse_pictures("This host", has_option=True)
-        if (asking := episode.ledger.strategies.summaries) is not None and not summaries:
+        if (asking := episode.ledger.strategies.asking) is not None and not summaries:
             raise InvalidArgumentError(
-                f"{asking.name} takes additional model calls, which this host does not make; leave it out here."
+                f"{asking} takes additional model calls, which this host does not make; leave it out here."
             )
         super().__init__(episode, player=player, head=head, foreign_tools=foreign_tools)
 

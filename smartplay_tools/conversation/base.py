@@ -77,6 +77,7 @@ class Pending:
             "reply": reply,
             "prefix": self.view.prefix_tokens,
             "overrun": self.max_tokens is not None and reply > self.max_tokens,
+            **({"texts": self.view.text_tokens} if self.view.text_tokens else {}),
         }
 
 
@@ -139,7 +140,7 @@ class BaseConversation(ABC):
             )
         self.episode = episode
         self._ledger = episode.ledger
-        self._builder = TurnBuilder(episode.words)
+        self._builder = TurnBuilder(episode.words, compacts=episode.ledger.strategies.compacts)
         self._ids = CallIds()
         self._view: View | None = None
         self._shown_before: Sequence[Message] = ()
@@ -208,8 +209,9 @@ class BaseConversation(ABC):
     def prompt(self) -> Prompt | None:
         """Return the next prompt, or None when the episode is over; a spent budget ends the episode here.
 
-        Where the budget has `summary_tokens`, a prompt may ask for a summary (`asks_for_summary`). It is answered with
-        `receive`, as any other; that reply is not a turn, and the prompt to play comes next.
+        Where the budget has `summary_tokens`, a prompt may ask for a summary (`asks_for_summary`), and where it has a
+        compactor, for the answer to a question. It is answered with `receive`, as any other; that reply is not a turn,
+        and the prompt to play comes later.
 
         Two calls without a reply in between return the same prompt. The messages are copies, which you may change.
         """
@@ -323,6 +325,8 @@ class BaseConversation(ABC):
     def _most_pictures(self) -> float:
         """How many pictures a view can show: no more than the history has or the cap can hold."""
         budget = self.episode.budget
+        if self._ledger.strategies.compacts:  # it may show any picture again
+            return math.inf
         limits = [math.inf if budget.history is None else budget.history + 1, budget.newest_pictures or math.inf]
         if budget.prompt_tokens is not None and not budget.strategies:  # a strategy may go back to any turn
             each = self.episode.counter.image(*self.episode.game.picture_shape)
@@ -355,9 +359,9 @@ class BaseConversation(ABC):
         """Run a function of this conversation without blocking the event loop for long.
 
         A step of most games takes microseconds, less than the switch to a thread. A thread is used only the first
-        time, when the vocabulary may have to be loaded, and for games whose steps are slow.
+        time, when the vocabulary may have to be loaded, for games whose steps are slow, and for compactors.
         """
-        if self._is_warm and not self.episode.game.is_slow:
+        if self._is_warm and not (self.episode.game.is_slow or self._ledger.strategies.compacts):
             return function()
         result = await self._ledger.queue.run_to_end(function)
         self._is_warm = True

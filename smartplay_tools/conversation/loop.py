@@ -64,6 +64,8 @@ def _blocking(player: Player, prompt: Prompt) -> Reply:
 AnyConversation: TypeAlias = "Conversation | PaperConversation"
 """How a model plays: through tool calls, or in the paper's free text (`smartplay_tools.conversation.paper`)."""
 
+AnyPlayer: TypeAlias = "Player | AsyncPlayer"
+
 OnPrompt = Callable[[BaseConversation, Prompt], None]
 """Called before a prompt goes to the player; if it ends the episode, the player is not asked."""
 
@@ -89,23 +91,27 @@ def play(
     player: Player | AsyncPlayer,
     *,
     protocol: ProtocolName = "tools",
+    compactor_player: AnyPlayer | None = None,
     on_prompt: OnPrompt | None = None,
     on_turn: OnTurn | None = None,
 ) -> EpisodeResult:
     """Play an episode to its end with a player and return the result.
 
+    The questions of a compactor are answered by `compactor_player`, by default the player itself.
     A resumed conversation (`resume`) continues after its last turn. An exception of the player ends the episode as
     `player_error`: the record contains its traceback, `EpisodeResult.error` its message, and its cost is counted if
     it has an attribute `usage`. A `PlayerLeftError` ends the episode as `closed`. A player that is only asynchronous
     runs in a new event loop.
     """
-    if not isinstance(player, Player):
-        playing = aplay(episode, player, protocol=protocol, on_prompt=on_prompt, on_turn=on_turn)
+    second = player if compactor_player is None else compactor_player
+    if not isinstance(player, Player) or not isinstance(second, Player):
+        hooks = {"on_prompt": on_prompt, "on_turn": on_turn}
+        playing = aplay(episode, player, protocol=protocol, compactor_player=compactor_player, **hooks)
         return apart_from_event_loop(asyncio.run, playing)
-    conversation = _attach(episode, player, protocol)
+    conversation = _attach(episode, player, protocol, second)
     while (prompt := _next_prompt(conversation, on_prompt)) is not None:
         try:
-            reply = _checked(player.reply(prompt))
+            reply = _checked((second if prompt.purpose == "compaction" else player).reply(prompt))
         except Exception as error:
             conversation.give_up(error)
             break
@@ -120,15 +126,20 @@ async def aplay(
     player: Player | AsyncPlayer,
     *,
     protocol: ProtocolName = "tools",
+    compactor_player: AnyPlayer | None = None,
     on_prompt: OnPrompt | None = None,
     on_turn: OnTurn | None = None,
 ) -> EpisodeResult:
-    """Play an episode on a running event loop; slow games, and players that are not asynchronous, run in threads."""
-    conversation = _attach(episode, player, protocol)
+    """Play as `play` does, on a running event loop.
+
+    Slow games, compactors, and players that are not asynchronous, run in threads.
+    """
+    second = player if compactor_player is None else compactor_player
+    conversation = _attach(episode, player, protocol, second)
     queue = conversation.episode.ledger.queue
     while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
-            reply = _checked(await reply_of(player, prompt))
+            reply = _checked(await reply_of(second if prompt.purpose == "compaction" else player, prompt))
         except Exception as error:
             conversation.give_up(error)
             break
@@ -179,16 +190,18 @@ def new_conversation(episode: Episode, player: str, protocol: ProtocolName) -> A
 
 
 def _attach(
-    episode: Episode | AnyConversation, player: Player | AsyncPlayer, protocol: ProtocolName
+    episode: Episode | AnyConversation, player: AnyPlayer, protocol: ProtocolName, second: AnyPlayer
 ) -> AnyConversation:
     check_player(player)
+    check_player(second)
     if not isinstance(episode, BaseConversation):
         check_episode(episode)
     config = episode.config if isinstance(episode, Episode) else episode.episode.config
     check_observation(player, config.observation)
     conversation = new_conversation(episode, player.name, protocol) if isinstance(episode, Episode) else episode
-    if isinstance(player, AttachedPlayer):
-        player.attach(conversation)
+    for each in (player,) if second is player else (player, second):
+        if isinstance(each, AttachedPlayer):
+            each.attach(conversation)
     return conversation
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.view import View
@@ -19,13 +19,16 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.stats import UNANSWERED
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError, StrategyError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.types.result import UNUSUAL_ENDS
+
+if TYPE_CHECKING:
+    from smartplay_tools.context.compacting import CompactingWindow
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""
@@ -49,17 +52,27 @@ class ToolConversation(BaseConversation):
     ) -> None:
         self._history = history_of(episode.words.version)
         whole_head, tools = self._use_head(episode, head, foreign_tools)
-        kind = ContextWindow
-        if episode.ledger.strategies.custom is not None:
-            from smartplay_tools.context.choosing import ChoosingWindow
-
-            kind = ChoosingWindow
+        strategies = episode.ledger.strategies
         self._has_strategies = bool(episode.budget.strategies)
-        self._window = kind(whole_head, tools, episode.budget, episode.counter, episode.ledger.strategies)
         self._idle_in_a_row = 0
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
-        super().__init__(episode, player=player, head=whole_head, tools=tools)
+        facts = {"compacts": True} if strategies.compacts else {}
+        super().__init__(episode, player=player, head=whole_head, tools=tools, **facts)
+        self._compacting: CompactingWindow | None = None
+        """The window, if a compactor rewrites the history."""
+        given = whole_head, tools, episode.budget, episode.counter, strategies
+        if strategies.compacts:
+            from smartplay_tools.context.compacting import CompactingWindow
+
+            self._window: ContextWindow = (window := CompactingWindow(*given, self._ids))
+            self._compacting, self._ledger.at_end = window, window.close
+        elif strategies.custom is not None:
+            from smartplay_tools.context.choosing import ChoosingWindow
+
+            self._window = ChoosingWindow(*given)
+        else:
+            self._window = ContextWindow(*given)
 
     def _use_head(
         self, episode: Episode, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec]
@@ -94,8 +107,10 @@ class ToolConversation(BaseConversation):
                 raise InvalidArgumentError(
                     "Change the head between a reply, with the results of its foreign calls, and the next prompt."
                 )
-            if self._ledger.strategies.summaries is not None:
-                raise InvalidArgumentError("Where turns are summarised, the head of an episode cannot change.")
+            if self._ledger.strategies.asking is not None:
+                raise InvalidArgumentError(
+                    "Where turns are summarised or rewritten, the head of an episode cannot change."
+                )
             whole_head, tools = self._use_head(self.episode, head, foreign_tools)
             self._window.change_head(whole_head, tools)
             self._record_head(whole_head, tools)
@@ -131,7 +146,8 @@ class ToolConversation(BaseConversation):
         with self.episode.lock:
             pending = self._prepare()
             if pending is not None and pending.view.asks_for_summary:
-                self._take_summary(pending, reply)
+                take = self._take_summary if self._compacting is None else self._take_answer
+                take(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
             if pending is not None:
@@ -152,6 +168,19 @@ class ToolConversation(BaseConversation):
             {**reply.event("summary", turn, covers=covers), **shown, "cut": is_cut, "empty": is_empty},
             {"event": "usage", "turn": turn, "purpose": "summary", **cost, "provider": reply.usage},
         )
+        self._pending, self._ledger.if_closed = None, None
+
+    def _take_answer(self, pending: Pending, reply: CheckedReply) -> None:
+        """Record and charge the reply to a compactor's question, which the compactor is sent."""
+        assert self._compacting is not None
+        turn, view = self.episode.stats.turns, pending.view
+        cost = pending.cost(self.episode.counter.message(reply.message))
+        answer = reply.event("question", turn, tokens=view.tokens)
+        self._ledger.record(
+            {**answer, "reply": answer.pop("message")},
+            {"event": "usage", "turn": turn, "purpose": view.purpose, **cost, "provider": reply.usage},
+        )
+        self._compacting.answer(text_of(reply.message))
         self._pending, self._ledger.if_closed = None, None
 
     def add(self, message: Mapping[str, Any]) -> None:
@@ -183,16 +212,25 @@ class ToolConversation(BaseConversation):
                 self._add(clean, "host", None)
 
     def _next_view(self) -> View:
-        return self._window.request() if self._window.is_owed_summary else self._window.view()
+        if self._compacting is None:
+            return self._window.request() if self._window.is_owed_summary else self._window.view()
+        try:
+            view = self._compacting.view()
+        except (PromptOverflowError, StrategyError):
+            self._ledger.record(*self._compacting.taken_events())
+            raise
+        self._ledger.record(*self._compacting.taken_events())
+        return view
 
     def _shown(self, view: View) -> dict[str, Any]:
         chosen = view.selection
         turns = chosen.ranges
-        sha256 = prompt_sha256(self._window.canonical(view), self._tools_bytes)
+        sha256 = prompt_sha256(self._window.canonical(view), self._tools_bytes if view.tools else tools_bytes(()))
         if not self._has_strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
         why = {"oldest": chosen.oldest, "notes": chosen.hidden, **self._ledger.strategies.recorded(chosen)}
+        why |= view.facts
         return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:

@@ -92,6 +92,8 @@ def refused_strategy(
 ) -> str | None:
     """Return why a strategy that the budget asks for cannot be enforced, in one sentence; None if all can be."""
     history, asked = _history(budget, spec), ", ".join(budget.strategies)
+    if budget.question_tokens is not None and budget.strategy is None:
+        return "question_tokens caps the questions of a compactor, and there is none; name one as strategy."
     if not asked:
         return None
     if context != "window" or protocol != "tools":

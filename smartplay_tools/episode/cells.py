@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.strategies.custom import load_strategy, name_on_record
+from smartplay_tools.context.strategies.custom import load_strategy, name_on_record, refused_with
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
@@ -49,6 +49,9 @@ def cell_config(
     which = {name: rules[name] for name in ("context", "protocol", "observation")}
     check_strategies(budget, spec, **which)
     check_carry(Rules(**rules), budget)
+    strategy = None if budget.strategy is None else load_strategy(budget.strategy)
+    if strategy is not None and (reason := refused_with(strategy.make, budget)):
+        raise InvalidArgumentError(reason)
     engine = engine or next(iter(kind.engines), None)
     if rules["observation"] != "text":
         _check_pictures(spec, kind, engine, options, rules)
@@ -66,7 +69,7 @@ def cell_config(
             budget=budget,
             tokenizer=counter.tokenizer.name,
             tokenizer_sha256=sha256_of(counter),
-            strategy_sha256=None if budget.strategy is None else load_strategy(budget.strategy).sha256,
+            strategy_sha256=None if strategy is None else strategy.sha256,
             player=player,
             player_options=dict(player_options or {}),
             **rules,

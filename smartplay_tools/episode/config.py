@@ -228,12 +228,13 @@ class EpisodeConfig(CellConfig):
 def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None) -> dict[str, Any]:
     """Return the configuration in a start event as plain data: the config's fields, defaults included.
 
-    `budget` is the budget in numbers, `asked` the part of it that the user gave; `config` is the event's, if it has
-    been read already.
+    `budget` is the budget in numbers, `asked` the part of it that the user gave, `scoring` what scores can be, None
+    where the record does not say; `config` is the event's, if it has been read already.
     """
     config = config or EpisodeConfig.from_event(start)
     asked = config.budget.model_dump(exclude_defaults=True)
-    return {**vars(config), "setting": vars(config.setting).copy(), "budget": start["budget"], "asked": asked}
+    facts = {"budget": start["budget"], "asked": asked, "scoring": start.get("scoring")}
+    return {**vars(config), "setting": vars(config.setting).copy(), **facts}
 
 
 Deviations = dict[str, dict[str, Any]]

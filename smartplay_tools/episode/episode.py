@@ -19,6 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, Self, get_args
 
+from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.tokens.counter import picture_counter, shared_counter
 from smartplay_tools.context.tokens.tokenizers import split_rule, with_pictures
@@ -126,11 +127,13 @@ class Episode:
         transcript: Sink | None = None,
         is_recorded: bool = False,
         carried: Carried | None = None,
+        strategy: Compactor | None = None,
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a custom tokenizer object.
 
         A config that `is_recorded` does not decide what is imported: see `recorded_strategy`. `carried` is what the
-        episode takes over from the trial before it, where its rules have `carry`.
+        episode takes over from the trial before it, where its rules have `carry`. `strategy` stands for the custom
+        strategy that the config names, which is then not imported.
         """
         if carried is not None and config.carry is None:
             raise InvalidArgumentError("An episode whose rules do not have carry takes nothing over from another one.")
@@ -147,7 +150,9 @@ class Episode:
                 f"not with {counter.tokenizer.name!r} ({given})."
             )
         episode = cls.__new__(cls)
-        episode._open(config, config.spec, counter, transcript, is_recorded=is_recorded, carried=carried)
+        episode._open(
+            config, config.spec, counter, transcript, is_recorded=is_recorded, carried=carried, strategy=strategy
+        )
         return episode
 
     def _open(
@@ -159,6 +164,7 @@ class Episode:
         *,
         is_recorded: bool = False,
         carried: Carried | None = None,
+        strategy: Compactor | None = None,
     ) -> None:
         self.carried = carried
         """What it takes over from the trial before it in its chain; None for nothing."""
@@ -168,7 +174,10 @@ class Episode:
         try:
             self.game.reset(seed=config.seed)
             session = GameSession(spec, self.game, config, counter, carried)
-            session.strategies.load_custom(config.strategy_sha256, is_recorded=is_recorded)
+            if strategy is None:
+                session.strategies.load_custom(config.strategy_sha256, is_recorded=is_recorded)
+            else:
+                session.strategies.custom = strategy
             writer = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
             self.game.close()

@@ -12,11 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
 from smartplay_tools.episode.game_session import Answer, GameSession
 from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
 from smartplay_tools.episode.workers import SerialQueue
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
@@ -49,6 +51,8 @@ class Ledger:
         self.queue = SerialQueue(is_slow=self.game.is_slow)
         """Runs the calls of asynchronous callers one after the other."""
         self.on_step: Callable[[TextGame], None] | None = None
+        self.at_end: Callable[[], None] | None = None
+        """Called once the episode has its result."""
         self.on_view: Callable[[int, int], None] | None = None
         """Called with the tokens of a new prompt and of its longest reply, before it is sent; may end the episode."""
         self.is_privileged = self.has_shown_pictures = False
@@ -86,6 +90,8 @@ class Ledger:
         }
         if self.names_pictures_by_pixels:
             start["pictures"] = "pixels"
+        if self.session.spec.id not in GAMES.benchmark:
+            start["scoring"] = self.session.spec.scoring()
         if self.carried is not None:
             start["carried"] = self.carried.model_dump(exclude_none=True)
         self.record(start)
@@ -200,10 +206,12 @@ class Ledger:
                 self.record({"event": "end", "result": result.model_dump(), "traceback": self.session.traceback})
         finally:
             self.result = result
+            if self.at_end is not None:
+                self.at_end()
 
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs or is counted."""
-        return {**versions(), **self.game.versions()}
+        return {**versions(), **versions_of(self.strategies.custom), **self.game.versions()}
 
     def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
         return {

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, fields
 from importlib import metadata
 from typing import Any, Self
 
-from smartplay_tools.transcript.events import concerns_summary
+from smartplay_tools.transcript.events import purpose_of
 from smartplay_tools.types import TOOL_NAMES, Tokens, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import calls_of
@@ -56,6 +56,11 @@ class EpisodeStats:
     cut_summaries: int = 0
     empty_summaries: int = 0
     over_prompts: int = 0
+    over_peak: int = 0
+    rewrites: int = 0
+    questions: int = 0
+    refused_questions: int = 0
+    blind_prompts: int = 0
     unusable_usages: int = 0
     _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     _provider: Usage | None = None
@@ -89,6 +94,16 @@ class EpisodeStats:
                 self.cut_summaries += event["cut"]
                 self.empty_summaries += event["empty"]
                 self.refused_calls += len(calls_of(event["message"]))
+            case "question":
+                self.questions += 1
+                self.refused_questions += event["reply"] is None
+                self.refused_calls += len(calls_of(event["reply"] or {}))
+            case "rewrite":
+                self.rewrites += event["messages"] is not None
+                self.blind_prompts += event["blind"]
+                if event["over"]:
+                    self.over_prompts += 1
+                    self.over_peak = max(self.over_peak, event["tokens"])
             case "sent":
                 self._sums["prompt"] += event["tokens"]
                 self._sums["reply"] += event["reply"]
@@ -132,9 +147,10 @@ class EpisodeStats:
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
-        if concerns_summary(event):
-            sums["summary_prompt"] += prompt
-            sums["summary_reply"] += reply
+        sums["texts"] += event.get("texts", 0)
+        if (kind := {"summary": "summary", "compaction": "question"}.get(purpose_of(event))) is not None:
+            sums[f"{kind}_prompt"] += prompt
+            sums[f"{kind}_reply"] += reply
 
 
 COUNTERS = tuple(each.name for each in fields(EpisodeStats) if not each.name.startswith("_"))

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -71,20 +71,52 @@ class PackageNotImportedError(UnknownNameError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GameSpec:
+class Scoring:
+    """What the scores of a setting can be, as statistics need it; the record of an episode holds it.
+
+    `rollout` is the number of steps, and `human_score` and `min_score` are those that normalise a score.
+    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
+    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+    `worst_step` is the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
+    """
+
+    rollout: int
+    human_score: float | None = None
+    min_score: float | None = None
+    score_bounds: tuple[float, float] | None = None
+    two_valued: bool = False
+    worst_step: float | None = None
+
+    def normalize(self, score: float) -> float | None:
+        """The normalised score, or None if there is no human score."""
+        if self.human_score is None or self.min_score is None:
+            return None
+        return normalize(score, self.human_score, self.min_score)
+
+    def least_score(self, score: float, steps: int) -> float:
+        """Return the least that an episode could have scored, had it not ended early with this score after `steps`."""
+        lowest = -math.inf if self.score_bounds is None else self.score_bounds[0]
+        if self.worst_step is not None:
+            return max(lowest, score + (self.rollout - steps) * self.worst_step)
+        return score if self.score_bounds is None else min(lowest, score)
+
+    def scoring(self) -> dict[str, Any]:
+        """Return these facts as plain data, without those at their defaults."""
+        known = {each.name: getattr(self, each.name) for each in fields(Scoring)}
+        return {name: value for name, value in known.items() if value is not None and value is not False}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GameSpec(Scoring):
     """One setting: a game and its parameters.
 
     `entry_point` is the game's class or its location ("module:Class"), and `kwargs` are its arguments. `history`
     (past steps shown), `rollout` (steps) and `trials` are, for the benchmark's own, the paper's (table
     `table:environments`); `human_score` and `min_score` (table `table:llm_perf_absolute`) exist for the settings that
     people played for the paper. `challenges` rates how much of each capability the game requires; a setting without
-    ratings is not part of the capability scores.
+    ratings is not part of the capability scores. What scores can be is explained at `Scoring`.
 
-    `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
-    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
-
-    `memory` is the number of past steps that the right action depends on, "all", or None for unknown. `worst_step` is
-    the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
+    `memory` is the number of past steps that the right action depends on, "all", or None for unknown.
 
     `file` and `sha256` are the name (`FILE.py:NAME`) and the digest of the file that the setting was read from, if the
     user has named it so; they are not given.
@@ -98,15 +130,9 @@ class GameSpec:
     entry_point: str | type[TextGame]
     kwargs: Mapping[str, Any] = field(default_factory=dict)
     history: int
-    rollout: int
     trials: int
-    human_score: float | None = None
-    min_score: float | None = None
-    score_bounds: tuple[float, float] | None = None
-    two_valued: bool = False
     challenges: Mapping[str, int] = field(default_factory=dict)
     memory: int | Literal["all"] | None = None
-    worst_step: float | None = None
     action_count: int | None = None
     gymnasium_entry_point: str | None = None
     file: str | None = None
@@ -126,19 +152,6 @@ class GameSpec:
     def count_actions(self) -> int:
         """Return how many actions the game has."""
         return len(self.load().actions) if self.action_count is None else self.action_count
-
-    def normalize(self, score: float) -> float | None:
-        """The normalised score, or None if the paper has no human baseline."""
-        if self.human_score is None or self.min_score is None:
-            return None
-        return normalize(score, self.human_score, self.min_score)
-
-    def least_score(self, score: float, steps: int) -> float:
-        """Return the least that an episode could have scored, had it not ended early with this score after `steps`."""
-        lowest = -math.inf if self.score_bounds is None else self.score_bounds[0]
-        if self.worst_step is not None:
-            return max(lowest, score + (self.rollout - steps) * self.worst_step)
-        return score if self.score_bounds is None else min(lowest, score)
 
     def _repr_html_(self) -> str:
         from smartplay_tools.types import facts_as_html

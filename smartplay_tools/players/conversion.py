@@ -12,7 +12,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
+from urllib.parse import urlsplit
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolSpec
@@ -22,13 +23,16 @@ from smartplay_tools.types.pictures import Picture, is_picture
 
 __all__ = [
     "SYSTEM",
+    "CacheFields",
     "accepted_name",
     "arguments_text",
     "check_names",
     "encodable",
     "function_call",
     "halves",
+    "is_openai",
     "kept_item",
+    "openai_cache_fields",
     "reply_message",
     "sendable",
     "shown",
@@ -124,6 +128,33 @@ def sendable(message: Message) -> Message:
     if calls := calls_of(copy):
         copy["tool_calls"] = [_sendable_call(call) for call in calls]
     return copy
+
+
+class CacheFields(NamedTuple):
+    """Which fields for the cache a request to OpenAI's interface may have."""
+
+    key: bool = False
+    """A key, the same for all requests of an episode."""
+    marks: bool = False
+    """Marks in the messages."""
+
+
+def is_openai(base_url: str) -> bool:
+    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
+
+    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
+    """
+    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
+
+
+def openai_cache_fields(model: str, base_url: str) -> CacheFields:
+    """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
+    if not is_openai(base_url):
+        return CacheFields()
+    from smartplay_tools.evaluation.costs.caches import cache_rules, rule_of
+
+    rule = rule_of(f"openai:{model}", {}, cache_rules())
+    return CacheFields(key=True, marks=rule is not None and rule.marks != "auto")
 
 
 def _sendable_call(call: MessageToolCall) -> MessageToolCall:

@@ -8,7 +8,7 @@ declare. Text after a colon is the player's argument: `openai:MODEL` is a player
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Literal, overload
 
@@ -120,3 +120,34 @@ def is_interactive(name: str) -> bool:
 def player_names() -> list[str]:
     """Return every name that `get_player` knows, sorted."""
     return sorted(_REGISTRY)
+
+
+SECOND = "compactor_player"
+"""The option of a player that names another one, which answers the questions of a compactor."""
+
+
+def without_second(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that are the player's own."""
+    return {name: value for name, value in options.items() if name != SECOND}
+
+
+def second_player(options: Mapping[str, Any], *, seed: int) -> Player | AsyncPlayer | None:
+    """Return a new player that answers a compactor's questions, as a player's options name it; None if none is named.
+
+    The option is a name, or a mapping with a `name` and the options of that player.
+    """
+    if (name := second_name(options)) is None:
+        return None
+    asked = options[SECOND]
+    own = {} if isinstance(asked, str) else {key: value for key, value in asked.items() if key != "name"}
+    player: Player | AsyncPlayer = get_player(name, seed=seed, **own)
+    return player
+
+
+def second_name(options: Mapping[str, Any]) -> str | None:
+    """Return the name of the player that answers a compactor's questions; None if none is named."""
+    asked = options.get(SECOND)
+    name: Any = asked.get("name") if isinstance(asked, Mapping) else asked
+    if asked is not None and not isinstance(name, str):
+        raise InvalidArgumentError(f"{SECOND} is the name of a player, or has a name and its options, not {asked!r}.")
+    return name  # type: ignore[no-any-return]

@@ -73,6 +73,8 @@ class RulePlayer:
     def reply(self, prompt: Prompt) -> Reply:
         """Decide by the rules of the game whose actions the prompt offers; without any, reply in text."""
         reading = Reading(prompt)
+        if prompt.purpose == "compaction":
+            return Reply({"role": "assistant", "content": newest_quoted(reading) or self._summary(reading)})
         if prompt.asks_for_summary:
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
@@ -82,6 +84,8 @@ class RulePlayer:
         for rules in self.rules:
             if reading.actions and rules.plays(reading):
                 return Reply(_offered(self._decide(rules, reading), reading))
+        if not reading.prompt.tools:  # a question with a numbered list in it
+            return Reply({"role": "assistant", "content": newest_quoted(reading) or self._summary(reading)})
         actions = ", ".join(reading.actions) or "none"
         raise InvalidArgumentError(f"The rule player has no rules for a game with the actions {actions}.")
 

@@ -28,8 +28,17 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.players.prompt_reading import Reading, call
+from smartplay_tools.players.rules.memory import newest_quoted
 from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply, Usage
 from smartplay_tools.types.messages import Message, assistant_message
+
+
+def answers_in_words(prompt: Prompt) -> Reply | None:
+    """Return the answer to a prompt that asks for words: the newest notes that it quotes; None for one to play."""
+    if not prompt.asks_for_summary:
+        return None
+    notes = newest_quoted(Reading(prompt))
+    return Reply({"role": "assistant", "content": "I keep no memory of what leaves." if notes is None else notes})
 
 
 class ScriptedPlayer:
@@ -65,6 +74,8 @@ class FirstPlayer:
 
     def reply(self, prompt: Prompt) -> Reply:
         """Play the first action."""
+        if (words := answers_in_words(prompt)) is not None:
+            return words
         actions = Reading(prompt).actions
         action = DOING_NOTHING if DOING_NOTHING in actions else actions[0]
         return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
@@ -82,6 +93,8 @@ class RandomPlayer:
 
     def reply(self, prompt: Prompt) -> Reply:
         """Play a legal action."""
+        if (words := answers_in_words(prompt)) is not None:
+            return words
         action = self._random.choice(Reading(prompt).actions)
         return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
 
@@ -107,6 +120,8 @@ class OraclePlayer:
 
     def reply(self, prompt: Prompt) -> Reply:
         """Play the best action."""
+        if (words := answers_in_words(prompt)) is not None:
+            return words
         if self._game is None:
             raise InvalidArgumentError(
                 "The oracle needs the game, so it must be attached to a conversation: use `play`, `aplay` or eval."

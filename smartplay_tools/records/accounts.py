@@ -96,7 +96,12 @@ class Accounts:
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
         """Return the accounts of a record; None if it has none."""
-        if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
+        if (
+            record.is_paper
+            or record.rewrites
+            or not record.views
+            or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH
+        ):
             return None
         return cls(record)
 

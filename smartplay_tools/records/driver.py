@@ -6,21 +6,24 @@ contents of each prompt, counts) is produced again. Any difference between the t
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, zip_longest
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.strategies.custom import AsRecorded
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, concerns_summary
+from smartplay_tools.records.prompts import is_compacted
+from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, purpose_of
 from smartplay_tools.transcript.file import MemoryRecord
-from smartplay_tools.types import SampledTokens, ToolCall, ToolSpec, Usage
+from smartplay_tools.types import Purpose, SampledTokens, ToolCall, ToolSpec, Usage
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
@@ -44,6 +47,9 @@ UNCOMPARED = frozenset(
 """Where two plays may differ: versions, what a version lists as deviations (they follow from the config, which is
 compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
+LATER = frozenset({("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts")})
+"""What records of older versions do not have."""
+
 NOT_REPLAYED = ("resume", "exception")
 """Events about the record itself."""
 
@@ -63,17 +69,27 @@ class Driver:
         on_step: Callable[[TextGame], None] | None = None,
         on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
+        compactor: Literal["recorded", "called", "both"] = "recorded",
     ) -> None:
-        """`on_picture` is called with every picture of a result; `config` is the record's, if it has been read."""
+        """`on_picture` is called with every picture of a result; `config` is the record's, if it has been read.
+
+        `compactor` says where rewritings are from: the record, the compactor, or the record while the compactor is
+        called, too, so that it remembers what it did.
+        """
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
+        compacted = is_compacted(recorded)
+        stand_in = AsRecorded() if compacted and compactor == "recorded" else None
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
         Wording.recorded(recorded[0])  # otherwise the head would seem to differ
         carried = Carried.of(recorded[0])
         self.episode = Episode.from_config(
-            config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried
+            config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried, strategy=stand_in
         )
+        self._rewritings = self.episode.ledger.strategies.recorded_rewritings
+        if compactor != "called":
+            self._rewritings.extend(_rewritings(self.recorded))
         self.episode.on_step(on_step)
         names: Iterator[str] = iter(())
         if not compares_pictures(recorded[0]):
@@ -84,7 +100,7 @@ class Driver:
         """Whether a host added messages or tools to a head."""
         self._kind = kind
         self._protocol = config.protocol
-        self._usages: dict[tuple[int, bool], Mapping[str, Any]] = {}
+        self._usages: dict[tuple[int, Purpose], deque[Mapping[str, Any]]] = {}
 
     def run(self, *, with_end: bool = True) -> None:
         """Replay all events; `with_end` also applies a recorded end that the game did not cause.
@@ -95,12 +111,15 @@ class Driver:
         with ErrorLocation() as at:
             for at.number, at.event in enumerate(self.recorded, start=1):
                 if at.event["event"] == "usage" and "reply" in at.event:
-                    self._usages[at.event["turn"], concerns_summary(at.event)] = at.event["provider"]
+                    key = at.event["turn"], purpose_of(at.event)
+                    self._usages.setdefault(key, deque()).append(at.event["provider"])
             if not heads:
                 self._run_calls(at)
             for at.number, at.event in enumerate(self.recorded, start=1):
                 if at.event["event"] != "end" or with_end:
                     self._feed(at.event)
+            if self._rewritings and self.conversation is not None:
+                self.conversation.prompt()  # its view was not recorded any more
 
     def _feed(self, event: Event) -> None:
         conversation = self.conversation
@@ -119,9 +138,11 @@ class Driver:
             case "view":
                 self._needed().prompt()
             case "message" if event["by"] == "player":
-                self._open(event, is_summary=False)
+                self._open(event, event["message"], "play")
             case "summary":
-                self._open(event, is_summary=True)
+                self._open(event, event["message"], "summary")
+            case "question" if event["reply"] is not None:
+                self._open(event, event["reply"], "compaction")
             case "message" if event["by"] == "host":
                 assert isinstance(conversation, Conversation | AgentSession)
                 conversation.add(event["message"])
@@ -138,11 +159,12 @@ class Driver:
                     self._end(event["result"])
                 self.episode.ledger.finish_if_over()  # the host may have left calls of the last reply open
 
-    def _open(self, event: Event, *, is_summary: bool) -> None:
-        usage = self._usages.get((event["turn"], is_summary))
+    def _open(self, event: Event, message: Message, purpose: Purpose) -> None:
+        usages = self._usages.get((event["turn"], purpose))
+        usage = usages.popleft() if usages else None
         sampled = event.get("sampled")
         self._needed().open(
-            event["message"],
+            message,
             None if usage is None else Usage(**usage),
             None if sampled is None else SampledTokens.from_record(sampled),
         )
@@ -210,6 +232,18 @@ class Driver:
                 yield from _field_differences(where, unchained(was), unchained(now), was["event"])
 
 
+def _rewritings(events: Iterable[Event]) -> Iterator[tuple[bool, list[Any] | None]]:
+    """Yield what a compactor did, one after the other: whether it asked a question, and the messages."""
+    for event in events:
+        match event["event"]:
+            case "rewrite":
+                yield False, event["messages"]
+            case "view" if purpose_of(event) == "compaction":
+                yield True, event["messages"]
+            case "question" if event["reply"] is None:
+                yield True, event["messages"]
+
+
 def picture_names(events: Iterable[Event]) -> Iterator[str]:
     """Yield the sha256 of every picture that a result of a record shows."""
     return (event["data"]["picture"]["sha256"] for event in events if "picture" in event.get("data", ()))
@@ -234,6 +268,8 @@ def unchained(event: Event) -> Event:
 
 def _field_differences(where: str, was: Mapping[str, Any], now: Mapping[str, Any], *path: str) -> Iterator[str]:
     for key in sorted(was.keys() ^ now.keys()):
+        if key in now and (*path, key) in LATER:
+            continue
         yield f"{where} {key} is missing in the {'replay' if key in was else 'record'}."
     for key in sorted(was.keys() & now.keys()):
         before, after = was[key], now[key]

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.rewriting import Rewriting
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Turn, TurnBuilder
@@ -31,7 +32,7 @@ from smartplay_tools.episode.tools import schema
 from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, concerns_summary, purpose_of
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
-from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
+from smartplay_tools.types.messages import Message, calls_of, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 
@@ -65,6 +66,8 @@ def sent_prompts(
         for at.number, at.event in enumerate(events, start=1):
             if at.event["event"] == "head":
                 rebuilder.use_head(at.event)
+            if at.event["event"] == "rewrite":
+                rebuilder.use_rewriting(at.event)
             if at.event["event"] == "view":
                 yield rebuilder.rebuild(at.event)
 
@@ -94,11 +97,17 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
         return []
     with ErrorLocation() as at:
         at.number, at.event = 1, events[0]
-        builder = TurnBuilder(Wording.recorded(at.event))
+        builder = TurnBuilder(Wording.recorded(at.event), compacts=is_compacted(events))
         for at.number, at.event in enumerate(events, start=1):
             builder.apply(at.event)
     builder.close()
     return builder.turns
+
+
+def is_compacted(events: Sequence[Event]) -> bool:
+    """Return whether a compactor rewrote the history of a transcript."""
+    head = next((event for event in events if event["event"] == "head"), None)
+    return head is not None and bool(head.get("compacts"))
 
 
 class PromptParts(NamedTuple):
@@ -144,6 +153,7 @@ class Rebuilder:
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
         self._version = words.version
+        self._rewriting: Rewriting | None = None
         # What a prompt says does not depend on how it is counted.
         self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), words)
 
@@ -153,9 +163,19 @@ class Rebuilder:
         self._tools = tuple(ToolSpec(**tool) for tool in head["tools"])
         self._tools_bytes = tools_bytes(self._tools)
         self._heads: dict[str | None, Head] = {}
+        if head.get("compacts"):
+            self._rewriting = Rewriting(self._head[1:])
+            self._head = self._head[:1]
+
+    def use_rewriting(self, event: Event) -> None:
+        """Rebuild the next prompt to play with what a compactor has returned."""
+        assert self._rewriting is not None
+        self._rewriting.take(event, self._turns)
 
     def rebuild(self, view: Event) -> SentPrompt:
         """Return the prompt that a view shows."""
+        if self._rewriting is not None:
+            return self._rebuilt(view, self._rewriting)
         shown = self.shown(view)
         messages, lines = [*shown.head.messages], shown.head.canonical.copy()
         for place, (turn, oldest, bare) in enumerate(shown.seen(self._turns)):
@@ -169,11 +189,26 @@ class Rebuilder:
             lines.extend(turn.canonical_seen(oldest, bare=bare, pictures=shown.pictures))
         messages += shown.after
         lines += map(head_bytes, shown.after)
+        return self._sent(view, messages, lines, self._tools, self._tools_bytes)
+
+    def _rebuilt(self, view: Event, rewriting: Rewriting) -> SentPrompt:
+        """The prompt of a compactor's rewriting, or of its question."""
+        shown = rewriting.shown(view, self._turns)
+        if not concerns_summary(view):
+            head = self._head_of(self._turns[view["turn"] - 1].manual if view["turn"] else None)
+            messages, lines = [*head.messages, *shown[0]], [*head.canonical, *shown[1]]
+            return self._sent(view, messages, lines, self._tools, self._tools_bytes)
+        tools = self._tools if any(calls_of(message) for message in shown[0]) else ()
+        return self._sent(view, *shown, tools, self._tools_bytes if tools else tools_bytes(()))
+
+    def _sent(
+        self, view: Event, messages: list[Message], lines: list[bytes], tools: tuple[ToolSpec, ...], encoded: bytes
+    ) -> SentPrompt:
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
         shown_pictures = {sha256: self._pictures[sha256] for sha256 in named}
         cap, asked = view["max_tokens"], purpose_of(view)
-        prompt = Prompt(messages, self._tools, cap, purpose=asked, pictures=shown_pictures, version=self._version)
-        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, self._tools_bytes))
+        prompt = Prompt(messages, tools, cap, purpose=asked, pictures=shown_pictures, version=self._version)
+        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, encoded))
 
     def shown(self, view: Event) -> PromptParts:
         """Return the parts of the prompt that a view shows."""

@@ -8,7 +8,7 @@ Only playing (the episode's counters, the turns of a conversation, the driver of
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
@@ -21,6 +21,7 @@ from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
     conversation_of_host,
+    is_compacted,
     recorded_turns,
     sent_prompts,
     whole_conversation,
@@ -34,8 +35,10 @@ from smartplay_tools.transcript.events import (
     HeadEvent,
     MessageEvent,
     PictureEvent,
+    QuestionEvent,
     ResumeEvent,
     RevealEvent,
+    RewriteEvent,
     SentEvent,
     SummaryEvent,
     UsageEvent,
@@ -326,6 +329,11 @@ class Record:
         return self._counts.whole.peak_prompt_tokens
 
     @property
+    def declares(self) -> bool:
+        """Whether its game has declared what an action needs, or which actions break its rules (`TextGame`)."""
+        return self._counts.declares
+
+    @property
     def open_call(self) -> Spent:
         """The call whose reply is not in the record, as unknown use; nothing if it ends without one, or as `end` says.
 
@@ -380,6 +388,10 @@ class Record:
     """The tokens of each reply."""
     summaries = _EventsOf[SummaryEvent]("summary")
     """The replies to prompts for a summary."""
+    rewrites = _EventsOf[RewriteEvent]("rewrite")
+    """What a compactor returned for each prompt to play."""
+    questions = _EventsOf[QuestionEvent]("question")
+    """The questions of a compactor, with the replies."""
     choices = _EventsOf[ChoiceEvent]("choice")
     """In the paper's protocol: the actions that answers chose."""
     calls = _EventsOf[CallEvent]("call")
@@ -440,7 +452,8 @@ class Record:
         """
         if self.config.context == "host":
             return conversation_of_host(self.config, self.calls)
-        return whole_conversation(self.head_messages, self.tools, self.turns, self.calls)
+        read = () if is_compacted(self.events) else self.calls  # with a compactor, a manual is in its place
+        return whole_conversation(self.head_messages, self.tools, self.turns, read)
 
     @cached_property
     def replies(self) -> dict[int, Message]:
@@ -480,19 +493,28 @@ class Record:
         A prompt that does not have its recorded sha256 is a `TranscriptError`.
         """
         pairs: list[tuple[SentPrompt, Message]] = []
-        summaries = iter(self.summaries)
-        for sent in self.sent_prompts():
-            if sent.prompt.asks_for_summary:
-                summary = next(summaries, None)
-                reply = None if summary is None else summary["message"]
-            else:
-                reply = self.replies.get(sent.turn)
+        for sent, reply in self.with_replies(self.sent_prompts(), self.replies):
             if reply is None:
                 continue
             if sent.sha256 != sent.recorded_sha256:
                 raise TranscriptError(f"{self.called}: the prompt of turn {sent.turn} is not the one that was sent.")
             pairs.append((sent, reply))
         return pairs
+
+    def with_replies(
+        self, prompts: Iterable[SentPrompt], replies: Mapping[int, Message]
+    ) -> Iterator[tuple[SentPrompt, Message | None]]:
+        """Yield all prompts of the record with their replies, None without one; `replies` are those of the turns."""
+        summaries = iter([event["message"] for event in self.summaries])
+        answers = iter([reply for event in self.questions if (reply := event["reply"]) is not None])
+        for sent in prompts:
+            match sent.prompt.purpose:
+                case "summary":
+                    yield sent, next(summaries, None)
+                case "compaction":
+                    yield sent, next(answers, None)
+                case "play":
+                    yield sent, replies.get(sent.turn)
 
     @property
     def _first_head(self) -> HeadEvent:

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
@@ -61,7 +62,9 @@ class Replay:
         return self.complete and not self.differences
 
 
-def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None) -> Replay:
+def replay(
+    source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None, calls_compactor: bool = False
+) -> Replay:
     """Replay a transcript, given as a file or its events, and list every difference.
 
     A record that is broken in any way has `differences`; where its events cannot be played on, the last of them says
@@ -69,17 +72,19 @@ def replay(source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer |
     tokenizer is not here is the `SmartPlayError` that says so.
 
     `tokenizer` is required if the record was counted with a custom tokenizer object, or with a file that was moved.
+    What a compactor returned is taken from the record; with `calls_compactor` it is called again, with the recorded
+    replies, and compared.
     """
     record = Record.read(source) if isinstance(source, str | Path) else Record(read_events(source))
-    return replay_record(record, tokenizer=tokenizer)
+    return replay_record(record, tokenizer=tokenizer, calls_compactor=calls_compactor)
 
 
-def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -> Replay:
+def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None, calls_compactor: bool = False) -> Replay:
     """Replay a record that has been read."""
     recorded, written = record.events, record.written
     if written is None:
         written = b"".join(event_line(event) + b"\n" for event in recorded)
-    driver = _driver(record, tokenizer)
+    driver = _driver(record, tokenizer, calls_compactor=calls_compactor)
     differences: list[str] = []
     try:
         stop = _stop(driver)
@@ -96,10 +101,11 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None) -
     return Replay(len(recorded), differences, result, resumed, driver.has_host_part, not_compared)
 
 
-def _driver(record: Record, tokenizer: str | Tokenizer | None) -> Driver:
+def _driver(record: Record, tokenizer: str | Tokenizer | None, *, calls_compactor: bool) -> Driver:
     """The new episode that a record is fed to; its start event decides whether there is one."""
     try:
-        return Driver(record.events, tokenizer=tokenizer, config=record.config)
+        compactor: Literal["called", "recorded"] = "called" if calls_compactor else "recorded"
+        return Driver(record.events, tokenizer=tokenizer, config=record.config, compactor=compactor)
     except SmartPlayError:
         raise
     except SENSELESS as error:

@@ -7,6 +7,7 @@ unit, since no request shares it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -194,8 +195,8 @@ class Prefixes:
         return sums
 
 
-Key = tuple[int, Purpose]
-"""The turn of a request, and what it asks for."""
+Key = tuple[int, Purpose, int]
+"""The turn of a request, what it asks for, and how many questions of a compactor for the same turn came before it."""
 
 
 def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> RequestLog:
@@ -206,13 +207,13 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     """
     if record.start is None or not record.heads:
         raise TranscriptError(f"{record.called} has no prompts: its episode was played with the host's own context.")
-    usages = {_key(event): event for event in record.usages if "prompt" in event}
+    counted = [event for event in record.usages if "prompt" in event]
+    usages = dict(zip(_keys(counted), counted, strict=True))
     if not usages and record.messages:
         raise TranscriptError(f"{record.called} has no usage, so nothing can be said about its cost.")
     config = record.start["config"]
     units = _Units(record, shared_counter(tokenizer or config.get("tokenizer"), config["prompts"]))
-    sent = zip(record.views, units.prompts(), _times(record), strict=True)
-    prompts = {_key(view): (prompt, at) for view, prompt, at in sent}
+    prompts = dict(zip(_keys(record.views), zip(units.prompts(), _times(record), strict=True), strict=True))
     replies, ratio = units.replies(), _ratio(usages.values())
     scores = {event["turn"]: float(event["data"]["score"]) for event in record.calls if "score" in event["data"]}
     requests: list[Request] = []
@@ -230,8 +231,13 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     return RequestLog(requests, ratio)
 
 
-def _key(event: Mapping[str, Any]) -> Key:
-    return event["turn"], purpose_of(event)
+def _keys(events: Iterable[Mapping[str, Any]]) -> Iterator[Key]:
+    """Yield the keys of `view` or `usage` events."""
+    asked: Counter[int] = Counter()
+    for event in events:
+        turn, purpose = event["turn"], purpose_of(event)
+        yield turn, purpose, asked[turn] if purpose == "compaction" else 0
+        asked[turn] += purpose == "compaction"
 
 
 def _times(record: Record) -> Sequence[float | None]:
@@ -274,7 +280,7 @@ class _Units:
 
     def prompts(self) -> Iterator[list[Unit]]:
         """Yield the units of every prompt of the record."""
-        if self._record.is_paper:
+        if self._record.is_paper or self._record.rewrites:
             for sent in sent_prompts(self._record.events):
                 yield [self._tools(sent.prompt.tools), *map(self._of, sent.prompt.messages)]
             return
@@ -324,10 +330,13 @@ class _Units:
         for number, event in sent.items():
             if record.is_paper or number in edited or record.turns[number].sent is not None:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
-                replies[number, "play"] = self._of(with_ids(event["message"], ids))
+                replies[number, "play", 0] = self._of(with_ids(event["message"], ids))
             else:
-                replies[number, "play"] = self._turns[self._starts[number]]
-        return replies | {(event["turn"], "summary"): self._of(event["message"]) for event in record.summaries}
+                replies[number, "play", 0] = self._turns[self._starts[number]]
+        replies |= {(event["turn"], "summary", 0): self._of(event["message"]) for event in record.summaries}
+        answers = [(event["turn"], event["reply"]) for event in record.questions if event["reply"] is not None]
+        keys = _keys({"turn": turn, "purpose": "compaction"} for turn, _ in answers)
+        return replies | {key: self._of(answer) for key, (_, answer) in zip(keys, answers, strict=True)}
 
     def _of(self, message: Message) -> Unit:
         written = _written(message)

@@ -77,7 +77,7 @@ def resume(
     end = recorded[-1]["result"] if recorded[-1]["event"] == "end" else None
     goes_on = end is None or (transcript is not None and end["end_reason"] in EXTERNAL_ENDS)
     kind: type[Conversation] | type[AgentSession] = AgentSession if session else Conversation
-    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step)
+    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step, compactor="both")
     try:
         driver.run(with_end=not goes_on)
         kept = [event for event in driver.recorded if not (goes_on and event["event"] == "end")]

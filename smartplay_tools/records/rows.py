@@ -17,12 +17,14 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, TypeAdapter
 
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import EpisodeResult, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
@@ -38,14 +40,17 @@ Row = dict[str, Any]
 FILES = ("game_file", "game_sha256", "strategy_sha256")
 """The fields of a row about files of the user's."""
 
-COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "prompts", "budget", "asked")
+COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "prompts", "budget", "asked", "scoring")
 """The fields of a row that come from the first event of the record."""
 
 
-LATER = frozenset({"peak_prompt_tokens", "observation", *FILES})
+OPTIONAL = ("scoring", "memory")
+"""The fields of a row about what its game declares: what scores can be (`Scoring`), and the shares of `remembered`."""
+
+LATER = frozenset({"peak_prompt_tokens", "observation", *FILES, *OPTIONAL})
 """The fields that rows of older versions do not have."""
 
-_OPTIONAL = {*Rules.later, *FILES}
+_OPTIONAL = {*Rules.later, *FILES, "scoring"}
 """The fields that a row has only where there is something to say."""
 
 
@@ -53,7 +58,9 @@ def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     copied = {name: record.facts[name] for name in COPIED if name not in _OPTIONAL or record.facts[name] is not None}
     counted = {"peak_prompt_tokens": record.peak_prompt_tokens, "cost": record.cost}
-    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted}
+    shares = remembered(record)
+    memory = {} if shares is None else {"memory": shares}
+    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **memory}
 
 
 def has_reported_tokens(row: Row) -> bool:
@@ -66,6 +73,9 @@ EARLY_ENDS = frozenset(
     {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error"}
 )
 """Ends that a budget, a stall or a strategy causes, before the game's own."""
+
+
+_SCORING = TypeAdapter(Scoring)
 
 
 def has_early_end(row: Row) -> bool:
@@ -82,10 +92,24 @@ def counted_score(row: Row) -> float:
     """Return the score of an episode; after an early end, the least that its missing steps could have led to.
 
     Otherwise an agent that loses points with its steps would do better where a budget ends its episodes sooner. A game
-    that is not known here counts with the score of its row.
+    of which nothing is known here counts with the score of its row.
     """
-    spec = GAMES.get(row["game"]) if row["end_reason"] in EARLY_ENDS else None
-    return float(row["score"]) if spec is None else spec.least_score(float(row["score"]), row["steps"])
+    scoring = scoring_of(row) if row["end_reason"] in EARLY_ENDS else None
+    return float(row["score"]) if scoring is None else scoring.least_score(float(row["score"]), row["steps"])
+
+
+def scoring_of(row: Row) -> Scoring | None:
+    """Return what scores can be in the setting of a row, as its record says, or else as it is registered here.
+
+    None if neither is so: rows of older versions say nothing of scores.
+    """
+    recorded = row.get("scoring")
+    return GAMES.get(row["game"]) if recorded is None else _SCORING.validate_python(recorded)
+
+
+def recorded_score(record: Record) -> float:
+    """Return the `mean_score` of the finished episode of a record."""
+    return mean_score({**(record.result_data or {}), "scoring": record.facts["scoring"]})
 
 
 def unit_of(*rows: Row) -> int:
@@ -117,6 +141,8 @@ class _Row(EpisodeResult):
     game_file: str | None = None
     game_sha256: str | None = None
     strategy_sha256: str | None = None
+    scoring: Scoring | None = None
+    memory: dict[str, tuple[int, int]] | None = None
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget

@@ -89,14 +89,24 @@ class _Sum:
         return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
 
 
+def _declares(call: Written) -> bool:
+    if isinstance(call, dict):
+        return "needs" in call["data"] or "breaks" in call["data"]
+    return b'"needs":' in call or b'"breaks":' in call
+
+
 class RecordCounts:
     """What the events of a record add up to; events that are only counted are not parsed."""
 
     def __init__(self, prices: Mapping[str, Price], parsed: Callable[[Written], Event]) -> None:
         self._prices, self._parsed = prices, parsed
         self.price: Price | None = None
+        self._second_price: Price | None = None
+        """The price of the player that answers a compactor's questions."""
         self.whole, self.own = _Sum(), _Sum()
         self.steps = 0
+        self.declares = False
+        """Whether the game has declared what an action needs, or which actions break its rules."""
         self._new_calls: list[Written] = []
         self._since_prompt: list[Written] = []
 
@@ -104,11 +114,17 @@ class RecordCounts:
         """Count an event of a kind."""
         match kind:
             case "start":
-                self.price = self._prices.get(self._parsed(event)["config"].get("player") or "")
+                from smartplay_tools.players.player_registry import second_name  # only a record's start needs players
+
+                config = self._parsed(event)["config"]
+                self.price = self._prices.get(config.get("player") or "")
+                second = second_name(config.get("player_options", {}))
+                self._second_price = self.price if second is None else self._prices.get(second)
             case "usage":
                 usage = self._parsed(event)
-                self.whole.add(usage, self.price)
-                self.own.add(usage, self.price)
+                price = self._second_price if usage.get("purpose") == "compaction" else self.price
+                self.whole.add(usage, price)
+                self.own.add(usage, price)
             case "sent":
                 sent = self._parsed(event)
                 usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}
@@ -116,9 +132,10 @@ class RecordCounts:
                 self.own.add(usage, self.price)
             case "call":
                 self._new_calls.append(event)
+                self.declares = self.declares or _declares(event)
             case "view":
                 self._since_prompt = [event]
-            case "message" | "summary":
+            case "message" | "summary" | "question":
                 self._since_prompt.append(event)
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()

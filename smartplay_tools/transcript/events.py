@@ -1,8 +1,9 @@
 """The events of a transcript as types: one class for each kind, in the order in which they can occur.
 
-A record has two kinds of information. The events about what happened (`start`, `message`, `usage`, `summary`, `choice`,
-`call`, `reveal`, `picture`, `end`) can be replayed on a new game. The events about what was shown (`head`, `view`)
-allow every prompt to be rebuilt exactly. A test compares the table in `docs/architecture.md` with these classes.
+A record has two kinds of information. The events about what happened (`start`, `message`, `usage`, `summary`,
+`question`, `choice`, `call`, `reveal`, `picture`, `end`) can be replayed on a new game. The events about what was shown
+(`head`, `rewrite`, `view`) allow every prompt to be rebuilt exactly. A test compares the table in
+`docs/architecture.md` with these classes.
 
 `ErrorLocation` reports an error in a record in one sentence, with the number of the event.
 """
@@ -39,6 +40,8 @@ class StartEvent(TypedDict):
     pictures: NotRequired[Literal["pixels"]]
     """With pictures as observations: what their sha256 are of (`Picture.sha256`). Absent in records that were written
     before there was this field, whose sha256 are of PNG files."""
+    scoring: NotRequired[dict[str, Any]]
+    """What scores can be in a setting beyond the benchmark (`Scoring`): a reader need not know its game."""
     carried: NotRequired[dict[str, Any]]
     """What it takes over from the trial before it: the digest of its `record`, `result`, `notes` or `files`."""
 
@@ -51,6 +54,8 @@ class HeadEvent(TypedDict):
     tools: list[dict[str, Any]]
     observation: NotRequired[str]
     """In the paper's protocol: the observation of the reset, cut to its cap."""
+    compacts: NotRequired[bool]
+    """With a compactor: true. The notes are then a part of the system message, and a manual that was read is not."""
     cut_results: NotRequired[int]
     """In the paper's protocol: how many of manual and first observation were cut."""
 
@@ -67,10 +72,10 @@ class ViewEvent(TypedDict):
     shown_steps: int
     dropped_turns: int
     turns: NotRequired[list[list[int]]]
-    """Ranges of turns, first and last included."""
+    """Ranges of turns, first and last included; with a compactor those of which the prompt shows messages."""
     masked: NotRequired[list[list[int]]]
     """[turn, item] of every result whose observation has left the window; not with a budget that has strategies."""
-    purpose: NotRequired[Literal["play", "summary"]]
+    purpose: NotRequired[Purpose]
     """With strategies: what the prompt asks for. A prompt for a summary has the head of the turn before."""
     oldest: NotRequired[int]
     """With strategies: observations before this one are masked."""
@@ -88,6 +93,8 @@ class ViewEvent(TypedDict):
     """With a custom strategy: its texts, each as [turn, text], a user message before that turn."""
     summary: NotRequired[int]
     """With strategies: the number of `summary` events so far; the text of the last one is shown."""
+    messages: NotRequired[list[Any]]
+    """With the purpose "compaction": the messages of the question, in the form of `RewriteEvent.messages`."""
     question: NotRequired[int]
     """In the paper's protocol: 1 or 2, the step of the current observation, and the first step of the history."""
     step: NotRequired[int]
@@ -119,8 +126,10 @@ class UsageEvent(TypedDict):
     reply: NotRequired[int]
     prefix: NotRequired[int]
     overrun: NotRequired[bool]
-    purpose: NotRequired[Literal["summary"]]
-    """Present on the usage of a summary; the turn has its own usage."""
+    texts: NotRequired[int]
+    """The part of `prompt` that a custom strategy has written."""
+    purpose: NotRequired[Literal["summary", "compaction"]]
+    """Present on the usage of a summary or of a question; the turn has its own usage."""
     provider: dict[str, Any] | None
 
 
@@ -140,6 +149,46 @@ class SummaryEvent(TypedDict):
     cut: bool
     empty: bool
     """Whether nothing was left to show, so that the earlier summary stands."""
+    sampled: NotRequired[dict[str, Any]]
+    """The `SampledTokens` of the reply, where the player gave them."""
+
+
+class RewriteEvent(TypedDict):
+    """What a compactor returned for a prompt to play, and what of it was shown."""
+
+    event: Literal["rewrite"]
+    turn: int
+    """The turn that the prompt asks for."""
+    messages: list[Any] | None
+    """What came back: own messages, and [first, last] for a row of messages of the conversation, by their numbers.
+
+    They are numbered from the first message after the system message. Null is what came back last time, and the
+    messages since.
+    """
+    tokens: int
+    """The tokens of the prompt with all that came back."""
+    over: bool
+    """Whether these are more than `prompt_tokens`, so that the oldest turns left the prompt."""
+    shown: list[list[int]] | None
+    """Ranges of places in what came back, first and last included; null if even the newest turn did not fit."""
+    task: bool
+    """Whether the task stands in front in addition, because no message of a user came first."""
+    blind: bool
+    """Whether the newest observation is not visible, and its words stand in no message."""
+
+
+class QuestionEvent(TypedDict):
+    """A question of a compactor and its answer."""
+
+    event: Literal["question"]
+    turn: int
+    """The turn that the next prompt to play asks for."""
+    tokens: int
+    """The tokens of its prompt."""
+    reply: Message | None
+    """Null if the question was longer than its cap, and so not sent."""
+    messages: NotRequired[list[Any]]
+    """If it was not sent: its messages, in the form of `RewriteEvent.messages`. Those of others are in their view."""
     sampled: NotRequired[dict[str, Any]]
     """The `SampledTokens` of the reply, where the player gave them."""
 
@@ -240,6 +289,8 @@ EVENTS: tuple[type, ...] = (
     MessageEvent,
     UsageEvent,
     SummaryEvent,
+    RewriteEvent,
+    QuestionEvent,
     ChoiceEvent,
     CallEvent,
     SentEvent,
@@ -253,8 +304,11 @@ EVENTS: tuple[type, ...] = (
 
 
 def concerns_summary(event: Mapping[str, object]) -> bool:
-    """Whether a `view` event is of a prompt that asks for a summary, or a `usage` event of the reply to one."""
-    return purpose_of(event) == "summary"
+    """Whether a `view` event is of a prompt that asks for words, or a `usage` event of the reply to one.
+
+    They are a summary, or the answer to a compactor's question (`purpose_of`).
+    """
+    return purpose_of(event) != "play"
 
 
 def purpose_of(event: Mapping[str, Any]) -> Purpose:

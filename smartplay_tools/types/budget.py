@@ -106,6 +106,8 @@ class Budget(Recorded):
     """Past steps visible in addition to the current observation; "game" is the paper's number for the game."""
     prompt_tokens: Annotated[Cap | None, Reads(_cap_on("prompts"))] = None
     """Cap on every prompt: head, tool schemas, turns and priming."""
+    question_tokens: Annotated[Cap | None, Reads(_cap_on("questions"))] = None
+    """Cap on the prompt of a question that a compactor asks (`strategy`); by default that of all prompts."""
     reply_tokens: Annotated[Cap | None, Reads(_cap_on("replies"))] = None
     """Cap on every reply."""
     episode_tokens: Annotated[Cap | None, Reads(_cap_on("episode"))] = None
@@ -142,8 +144,8 @@ class Budget(Recorded):
     newest_pictures: Annotated[Cap | None, Keeps(_number("newest pictures", "all pictures"))] = None
     """The number of newest pictures that stay visible, where observations have pictures; None: all of them."""
     strategy: Annotated[Annotated[str, Field(strict=True, min_length=1)] | None, Keeps(_custom, is_text=True)] = None
-    """The strategy that chooses the turns of a prompt: FILE.py:CLASS, or the name of one that an installed package
-    declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
+    """The strategy that chooses the turns of a prompt, or rewrites them: FILE.py:CLASS, or the name of one that an
+    installed package declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
 
     @property
     def strategies(self) -> tuple[str, ...]:
@@ -187,7 +189,7 @@ STRATEGIES: Mapping[str, Any] = {name: Budget.model_fields[name].default for nam
 WORDS = tuple(name for name, reading in _KEEPING.items() if reading.is_text)
 """The fields among these whose values are words; those of the others are numbers."""
 
-Budget.later = {**STRATEGIES, "stalled_turns": None}
+Budget.later = {**STRATEGIES, "stalled_turns": None, "question_tokens": None}
 
 
 @functools.lru_cache(1_000, typed=True)

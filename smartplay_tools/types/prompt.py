@@ -12,8 +12,9 @@ from smartplay_tools.types.messages import Message, copy_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 from smartplay_tools.types.result import SampledTokens, ToolSpec, Usage
 
-Purpose = Literal["play", "summary"]
-"""What a prompt asks for: the next reply of the play, or a summary of the turns that are about to leave."""
+Purpose = Literal["play", "summary", "compaction"]
+"""What a prompt asks for: the next reply of the play, a summary of the turns that are about to leave, or the answer to
+a question of a compactor."""
 
 
 class _Messages:
@@ -47,7 +48,7 @@ class Prompt:
     prefix_messages: int = field(default=0, compare=False)
     """How many messages at the beginning are the same as in the previous prompt: a provider's cache can serve them."""
     purpose: Purpose = "play"
-    """What is asked for. A "summary" is sent with `tool_choice`, below, and its reply is not a turn."""
+    """What is asked for. Any but "play" is sent with `tool_choice`, below, and its reply is not a turn."""
     cache_key: str = field(default="", compare=False)
     """The same for all prompts of an episode, for providers that cache prompts with the same key together."""
     pictures: Mapping[str, Picture] = field(default_factory=lambda: NO_PICTURES, compare=False)
@@ -57,13 +58,16 @@ class Prompt:
 
     @property
     def asks_for_summary(self) -> bool:
-        """Whether a summary of the turns that are about to leave is asked for, and not the next reply of the play."""
-        return self.purpose == "summary"
+        """Whether words are asked for, and not the next reply of the play.
+
+        They are a summary of the turns that are about to leave, or the answer to a compactor's question (`purpose`).
+        """
+        return self.purpose != "play"
 
     @property
     def tool_choice(self) -> Literal["auto", "none"]:
-        """The provider's tool choice: a summary is written in words, although the tools are sent with its prompt."""
-        return "none" if self.asks_for_summary else "auto"
+        """The provider's tool choice: a summary is written in words, even if the tools are sent with its prompt."""
+        return "none" if self.asks_for_summary and self.tools else "auto"
 
     def settings(
         self, own: Mapping[str, Any] = MappingProxyType({}), *, cap: str = "max_tokens", no_tools: Any = "none"
@@ -83,6 +87,9 @@ class Prompt:
             settings[cap] = min(self.max_tokens, own.get(cap) or self.max_tokens)
         if self.tool_choice == "none":
             settings["tool_choice"] = no_tools
+        elif self.asks_for_summary:
+            for name in ("tool_choice", "parallel_tool_calls"):  # a provider refuses them without tools
+                settings.pop(name, None)
         elif own.get("tool_choice") in ("none", no_tools):
             raise InvalidArgumentError(
                 "With the tool choice `none` the model cannot play; take it out of the settings."

@@ -205,7 +205,9 @@ class Progress:
 class Tokens(Recorded):
     """The tokens of an episode: our count and the provider's."""
 
-    later: ClassVar[Mapping[str, Any]] = {"summary_prompt": 0, "summary_reply": 0}
+    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("summary_prompt", "summary_reply", "question_prompt", "question_reply", "texts"), 0
+    )
 
     prompt: int = 0
     """Sum over all prompts."""
@@ -220,6 +222,12 @@ class Tokens(Recorded):
     """The part of `prompt` that asked for summaries."""
     summary_reply: int = 0
     """The part of `reply` that was summaries."""
+    question_prompt: int = 0
+    """The part of `prompt` that was a compactor's questions."""
+    question_reply: int = 0
+    """The part of `reply` that answered them."""
+    texts: int = 0
+    """The part of `prompt` that custom strategies have written."""
 
 
 class EpisodeResult(Recorded):
@@ -227,13 +235,18 @@ class EpisodeResult(Recorded):
 
     later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
         (
+            "blind_prompts",
             "cut_summaries",
             "empty_summaries",
+            "over_peak",
             "over_prompts",
             "pages",
+            "questions",
             "recalls",
             "refused_memory",
             "refused_notes",
+            "refused_questions",
+            "rewrites",
             "summaries",
             "unusable_usages",
         ),
@@ -254,7 +267,8 @@ class EpisodeResult(Recorded):
     illegal_actions: int
     malformed_calls: int
     refused_calls: int
-    """Calls refused by the batch policy, calls after the end of the game in the same message, calls in a summary."""
+    """Calls refused by the batch policy, calls after the end of the game in the same message, calls in a summary or
+    in the answer to a compactor's question."""
     idle_replies: int
     """Replies without a tool call."""
     fallback_actions: int = 0
@@ -276,7 +290,17 @@ class EpisodeResult(Recorded):
     empty_summaries: int = 0
     """Summaries of which nothing was left to show, so that the earlier one stood."""
     over_prompts: int = 0
-    """Prompts over `prompt_tokens` of a host that owns the context; they were counted, not cut."""
+    """Prompts over `prompt_tokens` as a host or a compactor made them: a host's were counted, a compactor's cut."""
+    over_peak: int = 0
+    """The tokens of the largest of those that a compactor made."""
+    rewrites: int = 0
+    """Prompts for which a compactor returned something else than the last time and the new messages."""
+    questions: int = 0
+    """Questions that a compactor asked, refused ones included."""
+    refused_questions: int = 0
+    """Questions that were not sent, because they were longer than `question_tokens`."""
+    blind_prompts: int = 0
+    """Prompts of a compactor in which the newest observation is not visible, and its words stand in no message."""
     unusable_usages: int = 0
     """Usages reported by a provider whose numbers cannot be token counts; they are ignored."""
     end_reason: EndReason

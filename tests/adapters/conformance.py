@@ -1,6 +1,7 @@
 """One conversation for every adapter: the script, a model that replies with it, and the expected results.
 
-An adapter joins with a module of rows in `rows`, where `test_conformance.py` finds it. A row that owns its context
+An adapter joins with a module of rows in `rows`, where `test_conformance.py` finds it, or for frameworks
+`test_framework_conformance.py`. A row that owns its context
 (`Window`) has the framework's own runner play the script, and returns what its model was sent. A row whose host owns
 the context (`Host`) opens episodes in whatever way the framework has, and hands out a function for each that makes one
 call. Nothing else is said of an adapter, so nothing else can be asked of it: every row is held to everything.
@@ -270,6 +271,20 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
     return episode.result
 
 
+def judge_interleaved(row: Window) -> None:
+    """Play two episodes, each in a thread of its own; their replies alternate."""
+
+    async def both() -> None:
+        mine = Turns()
+        others = mine.other_side()
+        one = asyncio.to_thread(judge, row, BASIC, BUDGETS["tight"], mine)
+        other = asyncio.to_thread(judge, row, IDLE, BUDGETS["free"], others)
+        await asyncio.gather(one, other)
+        assert min(mine.taken_in_turn, others.taken_in_turn) == len(BASIC)
+
+    asyncio.run(both())
+
+
 def judge_end(row: Window, budget: str) -> None:
     """Play the script with every kind of call under one of `BUDGETS`."""
     result = judge(row, BASIC, BUDGETS[budget])
@@ -454,6 +469,7 @@ CHECKS: Mapping[str, Callable[[Window], Any]] = {
     "prompts for a summary": judge_summaries,
     "the smaller of two caps": judge_caps,
     "the line of the table": check_line,
+    "two episodes interleaved": judge_interleaved,
 }
 """What every row is held to, beside the situations; a wire that cannot carry broken JSON is not held to that."""
 

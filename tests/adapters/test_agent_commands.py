@@ -23,6 +23,8 @@ pytest.importorskip("openai")
 from tests.adapters import window_host
 from tests.adapters.window_host import TOOLS, Elsewhere, HostAgent
 
+pytestmark = pytest.mark.slow
+
 GAME = "Hanoi3Disk-v0"
 SEEDS = [trial_seed(0, GAME, trial) for trial in range(2)]
 """Those of `eval`."""
@@ -67,7 +69,6 @@ def printed(server: subprocess.Popen[str]) -> list[str]:
 WON = "score 3  terminated  7 steps  4,390 prompt and 255 reply tokens"
 
 
-@pytest.mark.slow
 def test_an_endpoint_says_who_has_won_and_at_its_end_how_all_did():
     needs_unix()
     with serving(2, "--prompt-tokens", "700", "--seed", "7") as (agents, server):
@@ -76,7 +77,6 @@ def test_an_endpoint_says_who_has_won_and_at_its_end_how_all_did():
     assert lines == [f"{agents[0].model.removeprefix('smartplay/')}  {WON}", "1 of 2 episodes are over, mean score 3."]
 
 
-@pytest.mark.slow
 def test_its_folder_is_a_run_that_the_same_command_continues_under_the_same_handles(tmp_path: Path):
     needs_unix()
     options = ("--prompt-tokens", "700", "--out", str(tmp_path / "run"))
@@ -110,7 +110,6 @@ def agent(out: Path, *command: str, options: tuple[str, ...] = ()) -> Result:
 PLAYS = (sys.executable, str(Path(window_host.__file__)))
 
 
-@pytest.mark.slow
 def test_a_program_plays_a_run(tmp_path: Path):
     result = agent(tmp_path / "run", *PLAYS, options=("--at-once", "2"))
     assert result.exit_code == 0, result.output
@@ -122,7 +121,6 @@ def test_a_program_plays_a_run(tmp_path: Path):
     assert all(sp.replay(folder.transcript(row["key"])).identical for row in folder.rows())
 
 
-@pytest.mark.slow
 def test_the_episode_ends_with_its_program(tmp_path: Path):
     assert agent(tmp_path, *PLAYS, "3").exit_code == 0
     rows = RunFolder(tmp_path).rows()
@@ -140,7 +138,6 @@ time.sleep(600)
 """
 
 
-@pytest.mark.slow
 def test_a_program_that_stays_is_ended_when_its_time_is_up(tmp_path: Path):
     body = json.dumps({"model": "MODEL", "messages": [{"role": "user", "content": "Play."}], "tools": TOOLS})
     program = (sys.executable, "-c", STAYS, body.replace("MODEL", "{model}"))
@@ -151,7 +148,6 @@ def test_a_program_that_stays_is_ended_when_its_time_is_up(tmp_path: Path):
     ] * 2
 
 
-@pytest.mark.slow
 def test_a_program_that_fails_leaves_no_result_and_is_started_again_by_the_same_command(tmp_path: Path):
     failed = agent(tmp_path, sys.executable, "-c", "import sys; sys.exit('There is no key.')")
     assert failed.exit_code == 1

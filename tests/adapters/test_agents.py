@@ -33,6 +33,8 @@ from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel, read, step
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _no_traces():

@@ -15,6 +15,8 @@ from smartplay_tools.players.conversion import function_call
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _no_proxy(monkeypatch):

@@ -23,6 +23,8 @@ from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
 
+pytestmark = pytest.mark.slow
+
 ChatAnthropic = pytest.importorskip("langchain_anthropic").ChatAnthropic
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 

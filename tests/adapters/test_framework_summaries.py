@@ -40,6 +40,8 @@ from tests.adapters.conformance import calling, fresh
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_langchain import playing_graph
 
+pytestmark = pytest.mark.slow
+
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 
 TURNS = 14

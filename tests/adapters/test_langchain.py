@@ -28,6 +28,8 @@ from smartplay_tools.players.conversion import function_call
 from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.scripted_langchain import ScriptedModel
 
+pytestmark = pytest.mark.slow
+
 
 def tools(**options: Any) -> dict[str, Any]:
     toolkit = SmartPlayToolkit.from_game("RockPaperScissorBasic-v0", seed=0, **options)

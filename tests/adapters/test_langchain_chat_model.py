@@ -22,6 +22,8 @@ from smartplay_langchain.messages import usage_of
 import smartplay_tools as sp
 from tests.adapters.conformance import calling, fresh
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def vcr() -> None:

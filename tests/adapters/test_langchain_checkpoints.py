@@ -13,6 +13,8 @@ pytest.importorskip("langgraph.checkpoint.sqlite", reason="needs langgraph-check
 
 import smartplay_tools as sp
 
+pytestmark = pytest.mark.slow
+
 AGENT = """
 import json
 import os
@@ -65,7 +67,6 @@ with opened, SqliteSaver.from_conn_string("checkpoints.sqlite") as saver:
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("where", ["after a reply", "after a call"])
 def test_a_new_process_goes_on_from_a_checkpoint_on_disk(where, tmp_path):
     (tmp_path / "agent.py").write_text(AGENT, encoding="utf-8")

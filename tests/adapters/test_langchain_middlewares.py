@@ -42,6 +42,8 @@ from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals
 
+pytestmark = pytest.mark.slow
+
 ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
 
 THREAD = {"configurable": {"thread_id": "1"}}

@@ -16,6 +16,8 @@ import smartplay_tools as sp
 from tests.adapters.conformance import GAME, SEED, WAY, act, calling, move
 from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals
 
+pytestmark = pytest.mark.slow
+
 THREAD = {"configurable": {"thread_id": "1"}}
 
 

@@ -52,6 +52,7 @@ class TestWhatHostsShow:
         assert result.structured_content["text"] == result.content[0].text
         assert set(act_tool.output_schema["properties"]) == set(result.structured_content)
 
+    @pytest.mark.slow
     async def test_a_server_says_what_it_is(self, mode):
         async with Client(on_stdio("--seed", "7"), mode=mode) as client:
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
@@ -88,6 +89,7 @@ class TestStdio:
         assert [event["event"] for event in sp.read_transcript(record)] == ["start", "call", "resume", "call"]
         assert sp.replay(record).differences == []
 
+    @pytest.mark.slow
     def test_servers_that_are_started_at_once_play_one_after_the_other(self, tmp_path):
         """As a host does that starts one for each of the calls of a message."""
         record = tmp_path / "hanoi.jsonl"
@@ -117,6 +119,7 @@ class TestStdio:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert done.stdout == "[]\n"
 
+    @pytest.mark.slow
     def test_whatever_comes_is_answered_or_passed_by(self):
         answers = talk(
             "{",
@@ -162,6 +165,7 @@ AGENT = {"Accept": "application/json, text/event-stream"}
 
 
 class TestHttp:
+    @pytest.mark.slow
     def test_the_command_stops_when_it_is_told_to(self):
         command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--http", "--port", "0"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+from functools import partial
 
 import pytest
 
@@ -61,6 +62,7 @@ def test_the_network_changes_nothing(endpoint, game, name, stream):
     assert away_events[0]["config"]["player"] == f"{name}:rule"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "stream"), WAYS)
 def test_the_event_loop_changes_nothing(endpoint, name, stream):
     async def play():
@@ -260,6 +262,11 @@ def without(modules: str, code: str) -> str:
     return done.stderr.strip().rpartition("\n")[2]
 
 
+slowly = partial(pytest.param, marks=pytest.mark.slow)
+"""A case of its own process that only the slow tests run."""
+
+
+@pytest.mark.slow
 def test_a_model_plays_without_a_web_server():
     code = "import smartplay_tools as sp; sp.get_player('openai:m', base_url='http://127.0.0.1:9/v1').close()"
     assert without("starlette uvicorn", code) == ""
@@ -268,26 +275,27 @@ def test_a_model_plays_without_a_web_server():
 @pytest.mark.parametrize(
     ("missing", "code", "extra"),
     [
-        ("openai", "import smartplay_tools as sp; sp.get_player('openai:m')", "openai"),
         ("openai", "from smartplay_openai import OpenAIPlayer", "openai"),
-        ("agents", "import smartplay_openai.agents", "agents"),
-        ("starlette", "from smartplay_openai import LocalEndpoint", "serve"),
-        ("uvicorn", "from smartplay_openai import WindowEndpoint", "serve"),
-        ("langchain", "from smartplay_langchain import SmartPlayMiddleware", "langchain"),
+        slowly("openai", "import smartplay_tools as sp; sp.get_player('openai:m')", "openai"),
+        slowly("agents", "import smartplay_openai.agents", "agents"),
+        slowly("starlette", "from smartplay_openai import LocalEndpoint", "serve"),
+        slowly("uvicorn", "from smartplay_openai import WindowEndpoint", "serve"),
+        slowly("langchain", "from smartplay_langchain import SmartPlayMiddleware", "langchain"),
     ],
 )
 def test_a_missing_extra_is_one_sentence(missing, code, extra):
     assert without(missing, code).endswith(f"needs an optional dependency: {install_command(extra)}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("missing", "code"),
     [
         ("openai starlette uvicorn", "from smartplay_openai import CHAT, RESPONSES, chat_request, responses_reply"),
-        ("anthropic", "from smartplay_anthropic import reply, request"),
-        ("openai", "from smartplay_openai import LocalEndpoint, WindowEndpoint"),
-        ("starlette uvicorn", "from smartplay_mcp import MANUAL, game_server, serve_stdio"),
-        ("langchain langgraph", "from smartplay_langchain import SmartPlayToolkit, to_langchain"),
+        slowly("anthropic", "from smartplay_anthropic import reply, request"),
+        slowly("openai", "from smartplay_openai import LocalEndpoint, WindowEndpoint"),
+        slowly("starlette uvicorn", "from smartplay_mcp import MANUAL, game_server, serve_stdio"),
+        slowly("langchain langgraph", "from smartplay_langchain import SmartPlayToolkit, to_langchain"),
     ],
 )
 def test_a_part_of_an_adapter_needs_only_what_it_uses(missing, code):

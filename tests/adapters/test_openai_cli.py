@@ -16,6 +16,8 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from tests.processes import heed_interrupts, needs_unix
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("openai")
 
 
@@ -54,7 +56,7 @@ def test_play_against_a_server(served, player, tmp_path):
     assert sp.replay(path).identical
 
 
-@pytest.mark.parametrize("player", ["openai:random", pytest.param("openai-responses:random", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("player", ["openai:random", "openai-responses:random"])
 def test_play_the_paper_s_protocol_against_a_server(served, player, tmp_path):
     path = tmp_path / "run.jsonl"
     _, played = play("--player", player, "--base-url", served, "--protocol", "paper", "--transcript", str(path))
@@ -63,7 +65,6 @@ def test_play_the_paper_s_protocol_against_a_server(served, player, tmp_path):
     assert sp.replay(path).identical
 
 
-@pytest.mark.slow
 def test_what_cannot_be_is_one_sentence(served):
     result, _ = play("--player", "rule", "--base-url", served)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
@@ -91,7 +92,6 @@ class Named:
 """
 
 
-@pytest.mark.slow
 def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
     (tmp_path / "mine.py").write_text(NAMED, encoding="utf-8")
     options = ["--player", f"{tmp_path / 'mine.py'}:Named", "--player-option", "action=9", "--name", "mine"]
@@ -101,7 +101,6 @@ def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
     assert (played["tool_calls"], played["illegal_actions"]) == (2, 2), "the option came: there is no ninth action"
 
 
-@pytest.mark.slow
 def test_one_name_is_not_for_two_players():
     shown = CliRunner().invoke(app, ["serve", "openai", "--player", "rule", "--player", "random", "--name", "a"])
     assert (shown.exit_code, "--name is for one player, and these are 2" in shown.stderr) == (2, True)

@@ -131,7 +131,7 @@ def assert_given_up(result, *words):
     ("player", "stream"),
     [
         ("openai:rule", False),
-        ("openai-responses:rule", True),
+        pytest.param("openai-responses:rule", True, marks=pytest.mark.slow),
         pytest.param("openai:rule", True, marks=pytest.mark.slow),
         pytest.param("openai-responses:rule", False, marks=pytest.mark.slow),
     ],
@@ -167,14 +167,20 @@ def test_a_request_that_times_out_is_sent_again(player, tmp_path):
     "fault",
     [
         pytest.param(cut(chunk(role="assistant", content="I thi")), id="line breaks"),
-        pytest.param(answer(chunk(role="assistant", content="I thi"), kind="text/event-stream"), id="ends early"),
-        pytest.param(answer("data: [DONE]\n\n", kind="text/event-stream"), id="nothing"),
+        pytest.param(
+            answer(chunk(role="assistant", content="I thi"), kind="text/event-stream"),
+            id="ends early",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(answer("data: [DONE]\n\n", kind="text/event-stream"), id="nothing", marks=pytest.mark.slow),
         pytest.param(answer('data: {"error": {"message": "Overloaded."}}\n\n', kind="text/event-stream"), id="error"),
         pytest.param(answer("data: {half\n\n", kind="text/event-stream"), id="not json"),
-        pytest.param(answer("data: é\n\n".encode("latin-1"), kind="text/event-stream"), id="not UTF-8"),
+        pytest.param(
+            answer("data: é\n\n".encode("latin-1"), kind="text/event-stream"), id="not UTF-8", marks=pytest.mark.slow
+        ),
     ],
 )
-@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
+@pytest.mark.parametrize("player", [pytest.param("openai:rule", marks=pytest.mark.slow), "openai-responses:rule"])
 def test_a_cut_stream_is_asked_for_again(fault, player, tmp_path):
     result, _ = play(Faulty(fault), tmp_path, player, stream=True)
     assert_as_if_nothing_had_happened(result, extra_requests=1)

@@ -296,6 +296,7 @@ def tools_of(game):
 TOOLS = {game: tools_of(game) for game in [*GAMES, "MessengerL3-v0", "Crafter-v0", "MinedojoCreative0-v0"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("player", "game"), [*(("rule", game) for game in TOOLS), ("rule-notes", "Crafter-v0")])
 @settings(max_examples=settings().max_examples // 5, deadline=None)
 @given(rounds=st.lists(ROUND, max_size=3), system=OBSERVED | st.text(max_size=20))

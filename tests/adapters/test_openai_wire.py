@@ -67,6 +67,7 @@ def test_a_request_is_taken_and_counts_what_the_prompt_counts(interface, message
 STRANGE = st.text(st.characters(), max_size=70)  # lone surrogates included
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", SERVER)
 @settings(max_examples=settings().max_examples // 2, deadline=None)
 @given(

@@ -23,7 +23,7 @@ from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.testing import CHECKS
 from smartplay_tools.transcript import read_transcript
 from tests.adapters import conformance
-from tests.adapters.rows import WINDOW
+from tests.adapters.rows import FRAMEWORKS, QUICK, rows
 
 POPGYM = [game for game in GAMES if game.startswith("popgym-")]
 MINIGRID = [game for game in GAMES if game.startswith("minigrid-")]
@@ -157,7 +157,8 @@ def test_a_run_of_them_is_summarised_shown_and_exported(tmp_path):
 def test_the_game_cannot_tell_adapters_apart():
     script = [conformance.calling(("act", {"action": suit})) for suit in ("Spades", "Hearts", "Clubs", "Diamonds") * 3]
     spec, answers = dataclasses.replace(GAMES[K4], rollout=12), {}
-    for name, row in WINDOW.items():
+    window, _ = rows((*QUICK, *FRAMEWORKS))
+    for name, row in window.items():
         if not row.slow:
             events: list[Any] = []
             with Episode(spec, seed=3, budget=sp.Budget(history=2), transcript=events) as episode:

@@ -127,16 +127,23 @@ def by_langchains_anthropic(cache):
     return server, pytest.importorskip("smartplay_langchain").LangChainPlayer(model, cache=cache, pictures=True)
 
 
+slowly = partial(pytest.param, marks=pytest.mark.slow)
+"""A client of a framework, whose library takes seconds to import."""
+
+
 @pytest.mark.parametrize(
     ("ask", "form", "is_shown"),
     [
         (partial(by_openai, "openai", typed=True), "picture", is_below),
         (partial(by_openai, "openai", typed=False), "picture", is_below),
         (partial(by_openai, "openai-responses"), "both", is_in_outputs),
-        (by_langchains_openai, "picture", is_below),
-        (partial(by_langchains_openai, use_responses_api=True), "both", is_in_outputs),
-        *((partial(by_anthropic, cache), "picture", is_in_results) for cache in (True, "stable", False)),
-        *((partial(by_langchains_anthropic, cache), "picture", is_in_results) for cache in (True, "stable", False)),
+        slowly(by_langchains_openai, "picture", is_below),
+        slowly(partial(by_langchains_openai, use_responses_api=True), "both", is_in_outputs),
+        *(slowly(partial(by_anthropic, cache), "picture", is_in_results) for cache in (True, "stable", False)),
+        *(
+            slowly(partial(by_langchains_anthropic, cache), "picture", is_in_results)
+            for cache in (True, "stable", False)
+        ),
     ],
 )
 def test_each_client_sends_pictures_where_its_interface_takes_them(ask, form, is_shown):
@@ -145,6 +152,7 @@ def test_each_client_sends_pictures_where_its_interface_takes_them(ask, form, is
     is_shown(body, files(events))
 
 
+@pytest.mark.slow
 def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
     langchain_openai = pytest.importorskip("langchain_openai")
     agents = pytest.importorskip("langchain.agents")
@@ -162,6 +170,7 @@ def test_a_langchain_agent_is_sent_the_pictures_and_keeps_words_in_its_state():
     assert next(message.content for message in state["messages"] if message.type == "tool") == SHOWN
 
 
+@pytest.mark.slow
 def test_langchains_tools_return_content_blocks():
     pytest.importorskip("langchain_core")
     from smartplay_langchain import SmartPlayToolkit
@@ -179,6 +188,7 @@ def test_langchains_tools_return_content_blocks():
         assert message.content_blocks[1]["type"] == "image"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", ["responses", "chat"])
 async def test_the_agents_sdk_has_pictures_where_the_interface_takes_them(interface):
     agents = pytest.importorskip("agents")
@@ -279,7 +289,7 @@ def test_inspect_has_pictures_where_the_interface_takes_them(interface):
     IS_SHOWN[interface](server.bodies[-1], files(events))
 
 
-@pytest.mark.parametrize("interface", ["chat", "responses", "messages"])
+@pytest.mark.parametrize("interface", ["chat", slowly("responses"), slowly("messages")])
 def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks_in(interface):
     """The host's agent may speak any interface and keep words only; the model is sent the window."""
     pytest.importorskip("anthropic" if interface == "messages" else "openai")

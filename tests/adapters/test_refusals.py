@@ -6,8 +6,6 @@ from typing import Any
 
 import pytest
 import smartplay_openai as so
-from langchain_core.messages import AIMessage
-from smartplay_langchain import from_langchain
 from smartplay_openai.responses import read_items
 
 import smartplay_tools as sp
@@ -34,10 +32,15 @@ def output_items() -> sp.Message:
 
 
 def langchain_parts() -> sp.Message:
+    from langchain_core.messages import AIMessage
+    from smartplay_langchain import from_langchain
+
     return from_langchain(AIMessage([PART]))
 
 
 def langchain_client() -> sp.Message:
+    from smartplay_langchain import from_langchain
+
     client = pytest.importorskip("langchain_openai").ChatOpenAI
     with OpenAIStub([{"role": "assistant", "content": None, "refusal": WORDS}]) as stub:
         model = client(model="m", base_url=stub.base_url, api_key="none", max_retries=0)
@@ -45,7 +48,15 @@ def langchain_client() -> sp.Message:
         return from_langchain(model.bind_tools([tool]).invoke("Play!"))
 
 
-@pytest.mark.parametrize("read", [chat_completion, response, output_items, langchain_parts, langchain_client])
+@pytest.mark.parametrize(
+    "read",
+    [
+        chat_completion,
+        response,
+        output_items,
+        *(pytest.param(read, marks=pytest.mark.slow) for read in (langchain_parts, langchain_client)),
+    ],
+)
 def test_the_words_of_a_refusal_are_the_text_of_the_reply(read: Any) -> None:
     message = read()
     assert text_of(message) == WORDS

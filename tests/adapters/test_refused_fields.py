@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 import smartplay_openai as so
-from smartplay_anthropic import AnthropicPlayer
 
 import smartplay_tools as sp
 from tests.adapters import rerouted
@@ -60,8 +59,14 @@ FIELDS = [
 ]
 
 
-@pytest.mark.parametrize("server", SERVERS)
-@pytest.mark.parametrize(("player", "field"), FIELDS)
+@pytest.mark.parametrize(
+    ("player", "field", "server"),
+    [
+        pytest.param(player, field, server, marks=() if server == "by OpenAI" or field == "store" else pytest.mark.slow)
+        for player, field in FIELDS
+        for server in SERVERS
+    ],
+)
 def test_a_refused_field_is_left_out_and_said_once(player, field, server, tmp_path, caplog):
     if field == "max_tokens" and server == "in an index":
         pytest.skip("its words are about the value, not the name")
@@ -86,16 +91,17 @@ def test_a_refusal_that_names_nothing_is_one_of_all_optional_fields_at_first(tmp
     assert "without include, store" in caplog.text
 
 
+@pytest.mark.slow
 def test_requests_under_way_when_the_first_one_is_refused(tmp_path, caplog):
     faulty = Refusing(refusing(["store"], VAGUE))
 
     async def play_all() -> list[sp.EpisodeResult]:
         with so.LocalEndpoint(app=faulty) as endpoint:
             async with sp.get_player("openai-responses:rule", base_url=endpoint.base_url) as player:
-                episodes = [sp.Episode("Hanoi3Disk-v0", seed=seed) for seed in range(6)]
+                episodes = [sp.Episode("Hanoi3Disk-v0", seed=seed) for seed in range(3)]
                 return await asyncio.gather(*(sp.aplay(episode, player) for episode in episodes))
 
-    assert [result.score for result in asyncio.run(play_all())] == [3] * 6
+    assert [result.score for result in asyncio.run(play_all())] == [3] * 3
     assert len(caplog.records) == 1
 
 
@@ -134,7 +140,7 @@ def test_a_cap_that_is_too_large_keeps_its_name(tmp_path):
     [
         (OpenAIStub, "prompt_cache_key"),
         (OpenAIStub, "prompt_cache_breakpoint"),
-        (AnthropicStub, "cache_control"),
+        pytest.param(AnthropicStub, "cache_control", marks=pytest.mark.slow),
     ],
 )
 def test_the_fields_for_a_cache(stub, field):
@@ -157,7 +163,7 @@ def test_the_fields_for_a_cache(stub, field):
         made = (
             AtOpenAI("gpt-5.6", base_url="https://eu.api.openai.com/v1", api_key="k")
             if stub is OpenAIStub
-            else AnthropicPlayer("m", base_url=server.url, api_key="k")
+            else sp.get_player("anthropic:m", base_url=server.url, api_key="k")
         )
         with sp.Episode("Hanoi3Disk-v0", seed=7) as episode, made as player:
             assert sp.play(episode, player).score == 3

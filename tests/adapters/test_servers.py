@@ -225,10 +225,11 @@ def test_a_server_that_stops_answers_what_is_half_sent(
     assert "Traceback" not in capfd.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, (_, largest) in SERVERS.items() if largest == REQUEST])
 def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name: str) -> None:
     case = serve(name)
-    words = " ".join(f"word{number}" for number in range(150_000))
+    words = " ".join(f"word{number}" for number in range(80_000))
     kind = "input" if "input" in case.body else "messages"
     body = {**case.body, kind: [{"role": "user", "content": words}] * 2}
     answers: list[int] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import importlib
 import threading
 import time
 import warnings
@@ -11,9 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import anthropic
 import httpx2
-import openai
 import pytest
 from smartplay_openai import LocalEndpoint, WindowEndpoint
 from smartplay_openai.server import app
@@ -27,9 +26,11 @@ GAME = "Hanoi3Disk-v0"
 PATHS = {"chat": "chat/completions", "responses": "responses", "messages": "messages"}
 ALIVE = {"chat": ": the model", "responses": ": the model", "messages": "event: ping"}
 CASES = [
-    *[(WindowEndpoint, interface) for interface in INTERFACES],
-    (LocalEndpoint, "chat"),
+    (WindowEndpoint, "chat"),
     (LocalEndpoint, "responses"),
+    pytest.param(WindowEndpoint, "responses", marks=pytest.mark.slow),
+    pytest.param(WindowEndpoint, "messages", marks=pytest.mark.slow),
+    pytest.param(LocalEndpoint, "chat", marks=pytest.mark.slow),
 ]
 
 
@@ -104,7 +105,7 @@ def test_the_pauses_are_short_enough_for_every_proxy():
 def test_a_failure_after_the_head_is_told_as_the_interface_tells_it(kind, interface):
     player = Thinking(RuntimeError("no quota"))
     threading.Timer(0.5, player.may_answer.set).start()
-    errors = (openai.APIError, anthropic.APIError)
+    errors = importlib.import_module("anthropic" if interface == "messages" else "openai").APIError
     with serving(kind, player) as (endpoint, model), client_of(interface, endpoint) as client:
         client.max_retries = 0
         creates = {"chat": lambda: client.chat.completions, "responses": lambda: client.responses}
@@ -155,7 +156,9 @@ def test_a_client_that_leaves_ends_its_request(stream):
 
 
 @pytest.mark.parametrize("stream", [True, False])
-@pytest.mark.parametrize("interface", INTERFACES)
+@pytest.mark.parametrize(
+    "interface", [pytest.param(name, marks=() if name == "chat" else pytest.mark.slow) for name in INTERFACES]
+)
 def test_a_client_that_leaves_the_window_stops_the_questions(interface, stream):
     """The reply under way is taken; the next request continues after it, and its usage has both."""
     player = Thinking(says=calling(say="Hm."))

@@ -27,7 +27,7 @@ def prompts() -> tuple[sp.Prompt, sp.Prompt]:
     [
         ("openai:m", "none"),
         ("openai-responses:m", "none"),
-        ("anthropic:m", {"type": "none"}),
+        pytest.param("anthropic:m", {"type": "none"}, marks=pytest.mark.slow),
     ],
 )
 def test_the_tools_are_sent_and_none_is_chosen(name, choice):

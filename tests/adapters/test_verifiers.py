@@ -36,6 +36,7 @@ import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records import Record
+from smartplay_tools.registry import NamedInFiles
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SituationConformance, lacking
@@ -106,7 +107,7 @@ def test_a_task_finds_its_strategy_in_another_process(monkeypatch, tmp_path):
     path = Path(__file__).parents[2] / "experiments" / "first_and_newest.py"
     (task,) = tasks(1, game=GAME, budget=BudgetConfig(strategy=f"{path}:FirstAndNewest"))
     assert task.data.config["budget"]["strategy"] == "first_and_newest.py:FirstAndNewest"
-    monkeypatch.setattr(custom, "_READ", {})
+    monkeypatch.setattr(custom, "IN_FILES", NamedInFiles("strategy"))  # as in a new process
     monkeypatch.chdir(tmp_path)
     with task.data.episode([]) as episode:
         assert episode.ledger.strategies.custom is not None

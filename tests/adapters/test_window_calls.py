@@ -12,6 +12,7 @@ from smartplay_openai import WindowEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling, move
+from tests.adapters.test_window_endpoint import BY_CLIENT
 from tests.adapters.window_host import (
     INTERFACES,
     TOOLS,
@@ -102,7 +103,7 @@ class TestEdits:
             assert of_the_game(episode, events) == [(0, move(short), None) for short in WAY[:2]]
 
     @pytest.mark.parametrize("changed", ["arguments", "name"])
-    @pytest.mark.parametrize("interface", INTERFACES)
+    @pytest.mark.parametrize("interface", BY_CLIENT)
     def test_in_the_hosts_own_messages(self, interface, changed):
         endpoint, player = scripted(*MOVES)
         with endpoint, client_of(interface, endpoint) as client:
@@ -165,7 +166,7 @@ ONE_CALL: dict[str, Any] = {
 class TestOneAtATime:
     """A host that takes one call at a time gets those of a message one by one."""
 
-    @pytest.mark.parametrize("interface", INTERFACES)
+    @pytest.mark.parametrize("interface", BY_CLIENT)
     def test_as_the_model_sent_them(self, interface):
         script = [
             calling(*map(act, WAY[:3]), say="Three."),
@@ -243,7 +244,7 @@ class TestNames:
         assert [tool.name for tool in player.prompts[0].tools] == ["observe", "act", "read_manual", "host_act"]
         assert [message["content"] for message in player.prompts[1].messages[-2:]] == [text, "Theirs."]
 
-    @pytest.mark.parametrize("interface", INTERFACES)
+    @pytest.mark.parametrize("interface", BY_CLIENT)
     def test_two_tools_with_one_name_are_refused(self, interface):
         endpoint, player = scripted(*MOVES)
         with endpoint, client_of(interface, endpoint) as client:

@@ -30,6 +30,8 @@ from tests.adapters.window_host import (
 
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
+BY_CLIENT = [pytest.param(name, marks=pytest.mark.slow if name == "messages" else ()) for name in INTERFACES]
+"""The interfaces; that of Anthropic's client, which takes seconds to import, is for the slow tests."""
 
 
 def played(events: list[Any]) -> list[str]:
@@ -62,7 +64,7 @@ class TestAGame:
         assert [(row["score"], row["end_reason"]) for row in run.rows] == [(3.0, "terminated")]
 
     @pytest.mark.parametrize("stream", [False, True])
-    @pytest.mark.parametrize("interface", INTERFACES)
+    @pytest.mark.parametrize("interface", BY_CLIENT)
     def test_is_played_on_where_the_provider_has_cut_replies(self, interface, stream):
         """What a host is sent is whole: the reply that was cut, without a call, was answered with a request for one."""
         player = sp.ScriptedPlayer([calling(say="I will"), *map(calling, map(act, WAY))], sp.Usage(reply=5, cut=1))
@@ -74,6 +76,7 @@ class TestAGame:
         assert episode.result.score == 3.0
         assert sum(event["provider"]["cut"] for event in events if event["event"] == "usage") == 8
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("reported", [sp.Usage(requests=3), sp.Usage(prompt=5, reply=1, cached=50)])
     def test_has_a_usage_that_can_be_where_the_provider_gives_none(self, reported):
         """A client of Anthropic's counts what was not cached; that must not be less than nothing."""
@@ -228,7 +231,11 @@ REPLIES = [
 EXPECTED = [act(way)[1]["action"] for way in WAY]
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=settings().max_examples // 3,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(data=st.data())
 async def test_nothing_is_played_or_charged_twice_whatever_is_sent_again_late_or_cancelled(data):
     """Requests are repeated, cancelled and sent at once; calls are repeated and run in any order."""

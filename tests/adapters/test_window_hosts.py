@@ -15,6 +15,7 @@ from smartplay_openai import WindowEndpoint
 import smartplay_tools as sp
 from smartplay_tools.records import replay
 from tests.adapters.conformance import WAY, act, calling
+from tests.adapters.test_window_endpoint import BY_CLIENT
 from tests.adapters.window_host import INTERFACES, TOOLS, HostAgent, client_of, scripted
 
 BUDGET = sp.Budget(prompt_tokens=700)
@@ -162,7 +163,7 @@ class TestSideRequests:
 THOUGHT = "The smallest disk first."
 
 
-@pytest.mark.parametrize("interface", INTERFACES)
+@pytest.mark.parametrize("interface", BY_CLIENT)
 @pytest.mark.parametrize("stream", [False, True])
 def test_the_models_thoughts_reach_the_host(interface, stream):
     """Through Messages where the host asks for them, because other clients do not expect such a block."""

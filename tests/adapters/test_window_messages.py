@@ -18,6 +18,8 @@ import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling
 from tests.adapters.window_host import MESSAGES_TOOLS, anthropic_client
 
+pytestmark = pytest.mark.slow
+
 BUDGET = sp.Budget(prompt_tokens=700)
 GAME = "Hanoi3Disk-v0"
 USER = {"role": "user", "content": "Play."}

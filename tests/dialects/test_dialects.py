@@ -30,9 +30,10 @@ STRICT = ["vLLM", "OpenAI", "Mistral"]
 QUICK = [
     (way, dialect)
     for way, dialect in PAIRS
-    if way.is_here and (way.name in ("openai:", "openai-responses:", "anthropic:") or dialect.name in STRICT)
+    if way.is_here
+    and (way.name in ("openai:", "openai-responses:") or (way.name.startswith("serve") and dialect.name in STRICT))
 ]
-"""The pairs that fast tests play: the players of this package everywhere, other ways at the strictest servers."""
+"""The pairs that fast tests play: OpenAI's players everywhere, the endpoints in front of the strictest servers."""
 
 
 def game(way: Way, dialect: Dialect, script: Sequence[Said], stream: bool) -> tuple[list[Json], DialectServer]:

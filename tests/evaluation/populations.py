@@ -16,6 +16,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Values
+from smartplay_tools.games.specs import GAMES
 
 BANDIT, RPS, HANOI, MESSENGER = (
     "BanditTwoArmedHighLowFixed-v0",
@@ -56,7 +57,7 @@ def scores() -> dict[Cell, Values]:
 
 def bounds(game: str) -> Bounds:
     """What a score of the game can be."""
-    declared = pairs.bounds_of(pairs.score, game)
+    declared = pairs.bounds_of(pairs.score, GAMES[game])
     assert declared is not None
     return declared
 

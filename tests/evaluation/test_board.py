@@ -14,6 +14,8 @@ from smartplay_tools.evaluation.board.submissions.prepare import prepare_submiss
 from tests.evaluation import bundles
 from tests.evaluation.bundles import FACTS, HANOI, Files, changed, records
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
 
@@ -71,7 +73,6 @@ def test_the_page_shows_texts_as_text_and_allows_no_script(folder, tmp_path):
         assert json.loads(place.read_text())["format"] == 1
 
 
-@pytest.mark.slow
 def test_the_command_writes_pages_to_watch(folder, tmp_path):
     shutil.copyfile(folder / "rule.zip", tmp_path / "rule.zip")
     done = CliRunner().invoke(app, ["board", str(tmp_path), "--out", str(tmp_path / "site"), "--workers", "1"])

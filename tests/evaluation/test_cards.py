@@ -38,6 +38,7 @@ def test_a_card_shows_what_the_prompt_of_a_turn_could_see(tmp_path):
     assert seen == pytest.approx(sum(last - first + 1 for first, last in shown) / 20, abs=0.05)
 
 
+@pytest.mark.slow
 def test_turns_are_an_animation(tmp_path):
     record = played(tmp_path / "game.jsonl", "Crafter-v0", sp.Budget(history=2, tool_calls=6))
     done = CliRunner().invoke(app, ["share", str(record), "--turns", "2-4", "--out", str(tmp_path / "turns.gif")])

@@ -178,9 +178,14 @@ def test_a_pilot_plays_one_episode_a_cell_and_the_run_goes_on(tmp_path):
     assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("random", 0)]
     assert "The whole run:" in stderr
     assert "without --pilot continues" in stderr
-    _, _, swept = run("sweep", *command[1:], "--manual", "tool,pinned", "--out", tmp_path / "swept", "--pilot", 1)
-    assert swept.count("pinned") == 2
     assert run(*command, "--out", tmp_path)[0] == 0
     after = RunFolder(tmp_path).rows()
     assert len(after) == 6
     assert [row for row in after if row["trial"] == 0] == before
+
+
+@pytest.mark.slow  # a sweep draws figures
+def test_a_pilot_of_a_sweep_names_its_cells(tmp_path):
+    asked = ("--games", BANDIT, "--players", "rule,random", "--manual", "tool,pinned", "--trials", 3)
+    _, _, swept = run("sweep", *asked, "--executor", "inline", "--out", tmp_path, "--pilot", 1)
+    assert swept.count("pinned") == 2

@@ -7,6 +7,7 @@ import pytest
 
 from smartplay_tools.evaluation.analysis import area, intervals, pairs, repeats
 from smartplay_tools.evaluation.analysis.intervals import weighted_estimates
+from smartplay_tools.games.specs import GAMES
 from tests.evaluation import populations, simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS
 from tests.evaluation.simulated_tables import agrees, published
@@ -89,4 +90,4 @@ def test_an_area_under_a_curve(seeds):
 def test_no_episode_leaves_the_declared_bounds():
     for (game, *_), scores in populations.scores().items():
         assert populations.bounds(game).hold(tuple(sorted(scores.tolist())))
-        assert pairs.bounds_of(pairs.score, game) == populations.bounds(game)
+        assert pairs.bounds_of(pairs.score, GAMES[game]) == populations.bounds(game)

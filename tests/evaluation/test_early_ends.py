@@ -13,9 +13,13 @@ from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.evaluation.board.submissions.submitted_plan import cell_results
+from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import counted_score, mean_score
+from smartplay_tools.records import Record, replay
+from smartplay_tools.records.rows import counted_score, mean_score, recorded_score
 from smartplay_tools.types import EndReason
+from smartplay_tools.web.site import site_runs
 from tests.evaluation.window_rows import row
 
 BANDIT, MESSENGER, HANOI = "BanditTwoArmedHighLowFixed-v0", "MessengerL1-v0", "Hanoi3Disk-v0"
@@ -84,6 +88,24 @@ def test_a_table_keeps_every_episode_and_marks_the_cell(cards):
     windows = windows_table(compare_windows(rows))
     assert windows.rows[1][-1].endswith("\N{DOUBLE DAGGER}")
     assert rows[1]["score"] == 0
+
+
+def test_every_reader_of_a_run_counts_so_where_the_game_is_not_known(cards, tmp_path, monkeypatch):
+    """The record says what scores can be, so that the process that reads it need not know the game."""
+    run = sp.evaluate([cards], ["random"], trials=4, budgets=[sp.Budget(tool_calls=1)], executor="inline", out=tmp_path)
+    paths = [run.transcript(row["key"]) for row in run.rows]
+    counted = [max(-1, row["score"] - 49 * 0.02) for row in run.rows]
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(GAMES, "_specs", {})
+        assert summarize(run.folder.rows()).cells[0].score.mean == pytest.approx(sum(counted) / 4)
+        assert [recorded_score(Record.head(path)) for path in paths] == pytest.approx(counted)
+        assert EpisodeSelection(min_score=0.5).choose(tmp_path)[0] == []
+        site = [dict(zip(site_runs.COLUMNS, one, strict=True)) for one in site_runs.SiteRun(tmp_path, "").episodes()]
+        assert [one["counted"] for one in site] == pytest.approx(counted)
+        assert [cell.score for cell in cell_results(run.rows)] == [pytest.approx(sum(counted) / 4)]
+    older = [dict(event) for event in Record.read(paths[0]).events]
+    del older[0]["scoring"]
+    assert all("chain is broken" in difference for difference in replay(older).differences)
 
 
 def test_a_refused_cap_counts_as_an_episode_without_a_step(cards):

@@ -100,6 +100,7 @@ def test_attempts_that_were_changed_or_replaced(run, tmp_path):
     assert said_of(job(record, row=row, attempts=(paused,))) == ""
 
 
+@pytest.mark.slow
 def test_a_player_that_was_shown_pictures(tmp_path):
     record = tmp_path / "record.jsonl"
     with sp.Episode("Crafter-v0", seed=1, render_mode="rgb_array", transcript=record) as episode:

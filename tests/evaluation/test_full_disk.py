@@ -25,7 +25,7 @@ def test_a_full_disk_is_recognised_behind_other_errors():
     assert not is_disk_full(None)
 
 
-@pytest.mark.parametrize("executor", ["inline", "async"])
+@pytest.mark.parametrize("executor", ["inline", pytest.param("async", marks=pytest.mark.slow)])
 def test_a_run_on_a_full_disk_keeps_what_is_finished_and_goes_on(tmp_path, monkeypatch, executor):
     """The disk is full for the record of the third episode, at its tenth write."""
     write, count = AppendedFile.write, [0]

@@ -14,6 +14,8 @@ from tests.evaluation.servers import calling, completion, refusal, serving
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 MODEL = "openai:m"
+FRAMEWORKS = [pytest.param(player, marks=pytest.mark.slow) for player in ("anthropic:m", "langchain:openai:m")]
+"""Players whose libraries take a second to import."""
 
 
 def play(out: Path, url: str, *more: object) -> tuple[int, str, str]:
@@ -56,7 +58,10 @@ def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_pa
     assert "http://127.0.0.1:9/v1/chat/completions" in stderr
 
 
-@pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", "anthropic:m", "langchain:openai:m"])
+@pytest.mark.parametrize(
+    "player",
+    ["openai:m", "openai-responses:m", *(pytest.param(player, marks=pytest.mark.slow) for player in FRAMEWORKS)],
+)
 def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monkeypatch, player):
     for name in ("OPENAI_API_KEY", "OPENAI_BASE_URL", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"):
         monkeypatch.delenv(name, raising=False)
@@ -70,6 +75,7 @@ def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monk
 # A server that answers without tool calls.
 
 
+@pytest.mark.slow
 def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path):
     as_text = {"content": '<tool_call>{"name": "act", "arguments": {"action": "1"}}</tool_call>'}
     with serving(lambda body, number: completion(as_text)) as (url, _):

@@ -13,6 +13,8 @@ from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.games import get_spec
 from tests.evaluation.players import Waiting
 
+pytestmark = pytest.mark.slow
+
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 
 

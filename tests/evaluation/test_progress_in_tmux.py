@@ -80,7 +80,7 @@ def slow_model() -> Iterator[str]:
 def test_bars_in_80x24_then_the_table_and_the_results_of_a_run_that_goes_on(pane, slow_model, tmp_path):
     out = tmp_path / "run"
     words = f"--games {RPS},{HANOI} --players openai:m --base-url {slow_model} --trials 3 --workers 3 --out {out}"
-    pane.type(f"{PROGRAM} eval {words} --price openai:m=1,2 --run-cost 5 --run-tokens 9000000")
+    pane.type(f"{PROGRAM} eval {words} --tool-calls 25 --price openai:m=1,2 --run-cost 5 --run-tokens 9000000")
     lines = pane.until(lambda screen: re.search(r"[3-9] running, .*\d+ calls", screen))
     text = "\n".join(lines)
     assert len(lines) <= pane.rows

@@ -29,7 +29,7 @@ def refuse(numbers: Sequence[int]) -> list[int]:
     raise ValueError(f"not {numbers[0]}")
 
 
-@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("processes", [1, *(pytest.param(many, marks=pytest.mark.slow) for many in (2, 3))])
 @pytest.mark.parametrize("count", [0, pytest.param(1, marks=pytest.mark.slow), 7, 3000])
 def test_every_item_is_done_once_and_its_place_is_told(processes, count):
     with parallel_map(squares, range(count), processes) as chunks:
@@ -56,7 +56,7 @@ def test_when_the_other_processes_die_this_one_does_their_work():
     assert done == [(number, os.getpid()) for number in range(200)]
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_error_of_the_work_is_raised(processes):
     with parallel_map(refuse, range(5), processes) as chunks, pytest.raises(ValueError, match=r"not [0-4]"):
         list(chunks)
@@ -68,6 +68,7 @@ def dies_at(number: int, *, fatal: int) -> int:
     return number
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_takes_only_its_job_with_it():
     numbers = iter(range(6))
     with ProcessPool(functools.partial(dies_at, fatal=2), 2) as pool:

@@ -75,6 +75,7 @@ def test_results_show_the_word(stopped):
     assert "different" in shown
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path):
     given = ["eval", "--games", BANDIT, "--players", "rule,random", "--trials", "20", "--out", str(tmp_path / "run")]
     given += ["--executor", "inline", "--until", "decided", "--quiet"]

@@ -37,8 +37,9 @@ def check(bundle, tmp_path, change) -> Checked:
     return check_submission(changed(bundle, tmp_path / "changed.zip", change), workers=0)
 
 
-def test_an_honest_run_is_verified(bundle):
-    checked = check_submission(bundle, workers=2)
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_honest_run_is_verified(bundle, workers):
+    checked = check_submission(bundle, workers=workers)
     assert checked.errors == []
     assert (len(checked.rows), checked.planned) == (4, 4)
     assert checked.prompts == checked.replies > 20
@@ -174,6 +175,7 @@ def test_records_of_a_server_without_usage_are_remarked(bundle, tmp_path):
     assert text in [finding.text for finding in checked.findings]
 
 
+@pytest.mark.slow
 def test_a_seed_that_the_board_issued(tmp_path):
     seeds = tmp_path / "seeds.jsonl"
     issued = issue_seed(seeds, "An agent")
@@ -216,6 +218,7 @@ def test_the_fixed_suite_is_planned_as_it_is_checked(tmp_path):
     assert (refused.exit_code, "fixes budgets" in refused.output) == (2, True)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_prepared(bundle, tmp_path):
     run = tmp_path / "run"
     sp.evaluate([HANOI], ["rule", "random"], out=run, trials=1, executor="inline")

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.games import GAMES, specs
 from smartplay_tools.testing import CHECKS, check_game
+from tests.games.test_contract import IN_THIS_PROCESS
 from tests.games.test_gymnasium_game import COINS
 
 ROOT = Path(__file__).parents[2]
@@ -261,18 +263,25 @@ def planted(code: str, changes: list[tuple[str, str]]) -> str:
     return "planted.py:SPEC"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [TEXT_GAME, GYMNASIUM_GAME], ids=["text", "gymnasium"])
 def test_a_game_without_a_mistake_passes(code):
     check_game(planted(code, []))
 
 
-@pytest.mark.parametrize(("changes", "sentence"), IN_A_TEXT_GAME.values(), ids=IN_A_TEXT_GAME)
+def rows(mistakes: dict[str, tuple[list[tuple[str, str]], str]]) -> list[Any]:
+    """A row for each mistake; those that another process shows are for the slow tests."""
+    marks = {True: pytest.mark.slow, False: ()}
+    return [pytest.param(*mistake, id=name, marks=marks[mistake[1] == PROCESS]) for name, mistake in mistakes.items()]
+
+
+@pytest.mark.parametrize(("changes", "sentence"), rows(IN_A_TEXT_GAME))
 def test_a_mistake_in_a_text_game_is_named(changes, sentence):
     with pytest.raises(AssertionError, match=sentence):
         check_game(planted(TEXT_GAME, changes))
 
 
-@pytest.mark.parametrize(("changes", "sentence"), IN_A_GYMNASIUM_GAME.values(), ids=IN_A_GYMNASIUM_GAME)
+@pytest.mark.parametrize(("changes", "sentence"), rows(IN_A_GYMNASIUM_GAME))
 def test_a_mistake_in_a_game_around_gymnasium_is_named(changes, sentence):
     with pytest.raises(AssertionError, match=sentence):
         check_game(planted(GYMNASIUM_GAME, changes))
@@ -286,7 +295,9 @@ def test_an_environment_that_draws_from_the_global_streams_needs_streams_of_its_
 
 def test_a_state_that_the_random_stream_decides_may_leave_it_out():
     """The stream is part of the hash, so what it decided needs no other place."""
-    check_game(planted(TEXT_GAME, [("return self._secret\n", "return 0\n")]))
+    game = planted(TEXT_GAME, [("return self._secret\n", "return 0\n")])
+    for check in IN_THIS_PROCESS:
+        check(game)
 
 
 def test_at_least_forty_mistakes_are_planted():

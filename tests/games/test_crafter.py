@@ -258,6 +258,7 @@ def test_the_state_hash_covers_what_cannot_be_seen() -> None:
 # --- Environment -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     game, steps, ended = started(6), 0, False
     while not ended:
@@ -319,6 +320,7 @@ def package() -> ReferenceEngine:
     return played
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [65, 128, 576])
 def test_larger_pictures_are_the_packages_too(package: ReferenceEngine, size: int) -> None:
     unit = np.array([size // 9] * 2)

@@ -33,6 +33,7 @@ def test_the_fast_engine_repeats_the_original(seed: int) -> None:
     replay(seed, "fast")
 
 
+@pytest.mark.slow
 def test_the_reference_engine_repeats_the_original() -> None:
     replay(SEEDS[0], "crafter")
 

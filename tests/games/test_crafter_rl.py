@@ -155,6 +155,7 @@ def test_no_step_before_the_reset_and_after_the_end() -> None:
         env.step(0)
 
 
+@pytest.mark.slow
 def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     env = gymnasium.make(ID, observation="semantic").unwrapped
     env.reset(seed=6)

@@ -73,7 +73,7 @@ def test_a_record_imports_no_file_by_itself():
 
 def test_two_files_with_one_id_are_two_games():
     Path("other.py").write_text(CODE.replace("10 +", "20 +"), encoding="utf-8")
-    run = sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run")
+    run = sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run", executor="inline")
     assert {row["game"] for row in run.rows} == {"Nim-v0"}
     assert len({row["key"] for row in run.rows}) == 4
     assert [each.cell.game_sha256 for each in summarize(run.rows).cells] == [
@@ -100,6 +100,7 @@ def test_what_cannot_be_loaded_is_one_sentence(game, sentence):
     assert str(caught.value) == sentence
 
 
+@pytest.mark.slow
 def test_the_commands_take_it():
     assert command("manual", NIM).output.startswith("Take the last match.")
     assert command("play", NIM, "--player", "random", "--quiet", "--transcript", "a.jsonl").exit_code == 0
@@ -109,7 +110,7 @@ def test_the_commands_take_it():
     assert swept.exit_code == 0, swept.output
     for command_of_another_process in (
         ("results", "run"),
-        ("report", "run", "--out", "run.html"),
+        ("report", "run", "--out", "run.html", "--game", NIM),
         ("replay", "run", "--game", NIM),
         ("replay", "a.jsonl", "--game", NIM),
     ):
@@ -122,7 +123,7 @@ def test_the_commands_take_it():
 
 def test_a_run_file_names_it_and_the_run_is_continued():
     Path("run.toml").write_text(f'games = ["{NIM}"]\nplayers = ["random"]\n', encoding="utf-8")
-    asked = ("eval", "run.toml", "--out", "run", "--workers", 1, "--quiet")
+    asked = ("eval", "run.toml", "--out", "run", "--executor", "inline", "--quiet")
     assert command(*asked, "--trials", 1).exit_code == 0
     done = command(*asked, "--trials", 2)
     assert done.exit_code == 0, done.output
@@ -140,7 +141,7 @@ def test_workers_of_every_executor_load_it_from_where_it_is(executor, folder, mo
 
 
 def test_a_run_continues_with_the_file_that_it_was_planned_with_or_plays_another_game():
-    first = sp.evaluate([NIM], ["random"], trials=1, out="run")
+    first = sp.evaluate([NIM], ["random"], trials=1, out="run", executor="inline")
     config = Record.read(first.transcript(first.rows[0]["key"])).config
     Path("nim.py").write_text(f"{CODE}\n# changed\n", encoding="utf-8")
     forget()
@@ -150,11 +151,18 @@ def test_a_run_continues_with_the_file_that_it_was_planned_with_or_plays_another
     assert second.key != config.key
 
 
-def test_a_person_plays_it_in_a_browser():
+def test_a_person_plays_it_in_a_browser_and_a_host_of_mcp_continues_it(folder):
     pytest.importorskip("starlette")
+    from smartplay_mcp import open_episode
+
     from smartplay_tools.web.site import BrowserGames
 
     assert BrowserGames([NIM], "played").games == ("Nim-v0",)
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as first:
+        first.call("act", {"action": "Take 3"})
+    forget()
+    with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as again:
+        assert again.stats.steps == 1
 
 
 def test_a_challenge_and_a_submission_cannot_have_one():

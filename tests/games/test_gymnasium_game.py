@@ -62,6 +62,7 @@ COINS = sp.GameSpec(
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_an_environment_in_a_few_lines_keeps_the_contract_of_games():
     check_game(COINS)
 

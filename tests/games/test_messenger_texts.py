@@ -70,7 +70,9 @@ def test_pairs_that_are_played_in_val_and_test_are_never_those_of_train() -> Non
     assert not pairs("train") & pairs("test")
 
 
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize(
+    "split", [pytest.param(split, marks=pytest.mark.slow if split == "train" else ()) for split in SPLITS]
+)
 def test_the_language_has_the_originals_figures(split: rules.Split) -> None:
     """Every length within half a word, and every share within five points; a little wider outside the test split."""
     for name, original, ours in messenger_sentences.figures(messenger_sentences.entries(load(OUR_TEXTS, split))):

@@ -136,7 +136,7 @@ def march(world: VoxelWorld, eye: tuple[float, ...], direction: np.ndarray, limi
 
 def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
     differences = 0
-    for seed in range(4):
+    for seed in range(2):
         world = VoxelWorld(seed)
         world.prepare(0, 0)
         eye = (0.37, float(world.ground[0, 0]) + BOTTOM + 2.62, 0.71)
@@ -146,7 +146,7 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
             for n in range(0, 290, 3):
                 block, distance = march(world, eye, fan[n].astype(float), float(RAY_RANGES[n]))
                 differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
-    assert differences <= 4  # of 1,552: rays that graze an edge within rounding
+    assert differences <= 2  # of 776: rays that graze an edge within rounding
 
 
 def test_far_and_near_blocks_of_a_sparse_world_are_hit_and_layers_of_air_above_it_may_be_named():
@@ -376,9 +376,9 @@ def wins(task: int, seeds: range, steps: int, player: str) -> float:
     return won / len(seeds)
 
 
-@pytest.mark.parametrize("task", [0, 4, 8])  # the next one asks this of all of them
-def test_who_knows_the_map_wins(task):
-    assert wins(task, range(2), 150, "guide") == 1
+def test_who_knows_the_map_wins():
+    """The next one asks this of all goals."""
+    assert wins(8, range(2), 150, "guide") == 1
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("blind") / "run"
-    played = sp.evaluate([BANDIT, HANOI], ["rule", "random"], trials=3, executor="inline", out=out)
+    played = sp.evaluate([BANDIT, HANOI], ["rule", "random"], trials=2, executor="inline", out=out)
     return out, played.rows
 
 

@@ -124,7 +124,7 @@ def test_ten_episodes_without_notes() -> None:
 
 @pytest.mark.slow
 def test_notes_let_a_player_live_for_ever() -> None:
-    results = [play(crafter_notes, seed)[0] for seed in (4, 5)]
-    assert {result.end_reason for result in results} == {"rollout"}
-    assert all(result.score > 80_000 for result in results)
-    assert json.dumps(results[0].model_dump())
+    result, *_ = play(crafter_notes, 4)
+    assert result.end_reason == "rollout"
+    assert result.score > 80_000
+    assert json.dumps(result.model_dump())

@@ -8,7 +8,9 @@ import pytest
 
 import smartplay_tools as sp
 
-PLAYERS = ["openai:m", "openai-responses:m", "anthropic:m", "langchain:openai:m", "langchain:anthropic:m"]
+OTHERS = ("openai-responses:m", "anthropic:m", "langchain:openai:m", "langchain:anthropic:m")
+"""Players that repeat the first one, or whose libraries take seconds to import."""
+PLAYERS = ["openai:m", *(pytest.param(each, marks=pytest.mark.slow) for each in OTHERS)]
 SECRET = "sk-topsecret"
 
 KEYS = {

@@ -25,7 +25,7 @@ def actions(events: list[dict]) -> list[str]:
     return [event["arguments"] for event in events if event["event"] == "call" and event["name"] == "act"]
 
 
-@pytest.mark.parametrize("game", [BANDIT, RPS])
+@pytest.mark.parametrize("game", [BANDIT, pytest.param(RPS, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("words", "budget"),
     [
@@ -54,6 +54,7 @@ def test_the_bandit_with_notes_loses_less_than_a_third_of_what_it_loses_without(
     assert full - score(prompt_tokens=600, notes_tokens=200) < (full - plain) / 3
 
 
+@pytest.mark.slow
 def test_with_any_channel_it_plays_messenger_as_with_all_that_it_uses_in_the_window():
     game, seed = "MessengerL2-v0", 6
     _, seen = play(game, seed, words=False, history=3)

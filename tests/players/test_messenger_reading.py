@@ -108,7 +108,7 @@ def test_where_the_manual_is_silent_every_movement_is_possible() -> None:
     assert movements == {(Part("message", movement),) for movement in range(len(MOVEMENTS))}
 
 
-@pytest.mark.parametrize("split", ["train", "test"])
+@pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.slow), "test"])
 def test_the_likeliest_cast_is_mostly_the_true_one(split: Split) -> None:
     """The manuals of level 3, read and weighed before anything is seen. Now and then two casts are equally likely."""
     game = sp.GAMES["MessengerL3-v0"].make(split=split)

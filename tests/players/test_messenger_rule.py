@@ -87,7 +87,9 @@ def test_its_modules_import_no_table_of_the_games() -> None:
         assert not [name for name in imported if name.startswith("smartplay_tools.games")]
 
 
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize(
+    "split", [pytest.param(split, marks=pytest.mark.slow if split == "train" else ()) for split in SPLITS]
+)
 def test_it_plays_the_games_of_every_split(split: Split) -> None:
     with sp.Episode("MessengerL2-v0", seed=0, split=split) as episode:
         assert sp.play(episode, sp.get_player("rule")).completed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ OF_EACH = {spec.family: name for name, spec in reversed([*sp.GAMES.items()])}.va
 """The first setting of each game."""
 
 
+@cache
 def mean_score(game: str, player: str, episodes: int = 20, **budget: object) -> float:
     scores = []
     for seed in range(episodes):

@@ -15,15 +15,18 @@ Commands, run files, sweeps, records, tables and the list of deviations take it 
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
+from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import Ageing
 from smartplay_tools.context.strategies.base import DECISIONS, BudgetStrategy, decides
 from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.context.strategies.custom import load_strategy, make_strategy, recorded_strategy
+from smartplay_tools.context.strategies.custom import load_strategy, make_strategy, recorded_strategy, refused_with
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection, View
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.registry import Registry
 from smartplay_tools.types import STRATEGIES, Budget
 
@@ -78,18 +81,37 @@ class Strategies:
         """R: the tokens that a window leaves free when it moves."""
         self.reserved_for = ", ".join(f"{s.name}={getattr(budget, s.name)}" for s in asked if s.reserve)
         """The fields of the budget that need the reserve."""
-        self.custom: Strategy | None = None
-        """The custom strategy that chooses the turns, once it is loaded; None where the window does."""
-        self._name = budget.strategy
+        self.custom: Strategy | Compactor | None = None
+        """The custom strategy that chooses turns or rewrites them, once it is loaded; None where the window chooses."""
+        self.recorded_rewritings: deque[tuple[bool, list[Any] | None]] = deque()
+        """What a compactor did next in a record that is played again, as far as it is not played yet.
+
+        Each is whether it asked a question, and the messages (`RewriteEvent.messages`).
+        """
+        self._budget = budget
 
     def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:
         """Make the custom strategy that the budget names, if it names one; `digest` is that of its file.
 
         With `is_recorded` nothing is imported that the user has not named.
         """
-        if self._name is not None:
-            loaded = (recorded_strategy if is_recorded else load_strategy)(self._name, digest)
-            self.custom = make_strategy(self._name, loaded)
+        if (name := self._budget.strategy) is not None:
+            loaded = (recorded_strategy if is_recorded else load_strategy)(name, digest)
+            self.custom = make_strategy(name, loaded)
+            if reason := refused_with(self.custom, self._budget):
+                raise InvalidArgumentError(reason)
+
+    @property
+    def compacts(self) -> bool:
+        """Whether a compactor rewrites the history."""
+        return isinstance(self.custom, Compactor)
+
+    @property
+    def asking(self) -> str | None:
+        """The field of the budget that asks the agent for words; None if none does."""
+        if self.summaries is not None:
+            return self.summaries.name
+        return "strategy" if self.compacts else None
 
     def check(self, budget: Budget, least: int) -> None:
         """Raise an `InvalidArgumentError` if a prompt cannot hold what a strategy shows; `least` is without it."""

@@ -9,15 +9,19 @@ record never imports a file: a record can come from a stranger.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.strategies.base import BudgetStrategy
 from smartplay_tools.context.strategies.choices import Strategy
+from smartplay_tools.context.strategies.imported import IMPORTED
 from smartplay_tools.context.view import Selection, ranges_of
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line, name_of
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, extra_named, in_one_line, name_of
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import NamedInFiles, Registry, is_in_file, without_folders
 from smartplay_tools.types import Budget
@@ -28,7 +32,10 @@ __all__ = ["Custom", "load_strategy", "name_on_record", "register_strategy"]
 ENTRY_POINTS = "smartplay_tools.strategies"
 """The group under which other packages declare strategies."""
 
-_REGISTRY = Registry("strategy", {}, ENTRY_POINTS)
+BETWEEN_OPTIONS = re.compile(r",(?=[^\W\d]\w*=)")
+"""A comma before an option; before anything else it is part of a value."""
+
+_REGISTRY = Registry("strategy", IMPORTED, ENTRY_POINTS)
 
 
 class Custom(BudgetStrategy):
@@ -50,6 +57,14 @@ class Custom(BudgetStrategy):
         return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
 
 
+class AsRecorded:
+    """Stands for the compactor of a record, where its rewritings are taken from the record."""
+
+    def compact(self, history: GivenHistory, room: Room) -> Any:
+        """Nobody calls it."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
 class Loaded:
     """A class that was imported, or registered."""
@@ -68,7 +83,7 @@ IN_FILES = NamedInFiles("strategy")
 """The strategies in files that the user has named in this process."""
 
 
-def register_strategy(name: str, make: Callable[..., Strategy]) -> None:
+def register_strategy(name: str, make: Callable[..., Strategy | Compactor]) -> None:
     """Register a strategy by a name in this process, as a notebook does; a package declares an entry point instead."""
     if not isinstance(name, str) or not name or ":" in name or name == "none" or name in _REGISTRY:
         raise InvalidArgumentError(f"{name!r} cannot be the name of a strategy, or is taken; choose another.")
@@ -86,7 +101,10 @@ def load_strategy(name: str, digest: str | None = None, path: Path | None = None
     place, _ = parted(name)
     if not is_in_file(place):
         if place not in _NAMED:
-            _NAMED[place] = Loaded(_REGISTRY[place])
+            with extra_named(f"The strategy {place}", "compactors"):
+                make = _REGISTRY[place]
+                versions_of(make)
+            _NAMED[place] = Loaded(make)
         return _NAMED[place]
     return Loaded(*IN_FILES.load(place, digest, path))
 
@@ -106,33 +124,51 @@ def recorded_strategy(name: str, digest: str | None) -> Loaded:
     """
     place, _ = parted(name)
     if not is_in_file(place):
-        if place not in _NAMED and place in _REGISTRY and not packages_are_imported():
+        if place not in {*_NAMED, *IMPORTED} and place in _REGISTRY and not packages_are_imported():
             raise InvalidArgumentError(f"{place} is a strategy of an installed package; --plugins imports it.")
         return load_strategy(name)
     return Loaded(*IN_FILES.recorded(place, digest))
 
 
-def make_strategy(name: str, loaded: Loaded) -> Strategy:
+def versions_of(strategy: object) -> dict[str, str]:
+    """Return the versions of the packages that a strategy, an object or its class, is made of, for the record."""
+    return {package: metadata.version(package) for package in getattr(strategy, "packages", ())}
+
+
+def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     """Return a new object of a strategy, with the options of its name, for one episode."""
     _, options = parted(name)
     try:
-        made = loaded.make(**options)
+        made: Strategy | Compactor = loaded.make(**options)
     except SmartPlayError:
         raise
     except Exception as error:  # whatever the user's class does
         problem = f"{type(error).__name__}: {in_one_line(error)}"
         raise InvalidArgumentError(f"The strategy {name} cannot be made with these options: {problem}.") from error
-    if not isinstance(made, Strategy):
-        raise InvalidArgumentError(f"The strategy {name} has no method choose(past, room).")
+    if isinstance(made, Strategy) == isinstance(made, Compactor):
+        raise InvalidArgumentError(
+            f"The strategy {name} needs one of two methods: choose(past, room), or compact(history, room)."
+        )
     return made
 
 
+def refused_with(strategy: object, budget: Budget) -> str | None:
+    """Return why a custom strategy, an object or its class, cannot be combined with a budget; None if it can be."""
+    compacts = callable(getattr(strategy, "compact", None))
+    if compacts and budget.own_words is not None:
+        return f"strategy={budget.strategy} rewrites old replies itself, so own_words would do nothing; leave it out."
+    if callable(getattr(strategy, "choose", None)) and budget.question_tokens is not None:
+        return f"strategy={budget.strategy} asks no questions, so question_tokens would do nothing; leave it out."
+    return None
+
+
 def parted(name: str) -> tuple[str, dict[str, Any]]:
-    """Split a name such as `FILE.py:CLASS:turns=3` into place and options; a value that is not JSON is text."""
+    """Split a name such as `FILE.py:CLASS:turns=3,keep=1` into place and options; a value that is not JSON is text."""
     parts, options = name.split(":"), {}
     while len(parts) > 1 and "=" in parts[-1]:
-        key, _, value = parts.pop().partition("=")
-        if key in options or not key.isidentifier():
-            raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
-        options[key] = value_in(value)
+        for option in BETWEEN_OPTIONS.split(parts.pop()):
+            key, _, value = option.partition("=")
+            if key in options or not key.isidentifier():
+                raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
+            options[key] = value_in(value)
     return ":".join(parts), options

@@ -15,7 +15,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import text_of
@@ -38,12 +37,15 @@ STEP = re.compile(r"0|[1-9][0-9]{0,17}")
 
 
 class Documents:
-    """The documents of an episode, in the order of their steps."""
+    """The documents of an episode, in the order of their steps.
 
-    def __init__(self, words: Wording) -> None:
-        self._words = words
-        self._before = words.around("recalled", "step")[0]
-        """What every document says before its step."""
+    Arguments:
+        before: what every document says before its step.
+        after: what a document that is read says after it, with `{call}` and `{observation}`.
+    """
+
+    def __init__(self, before: str, after: str = "") -> None:
+        self._before, self._after = before, after
         self.steps: list[int] = []
         """The observation that each document shows."""
         self._turns = 0
@@ -68,11 +70,12 @@ class Documents:
                 step = item.observation_step
                 if step is not None and (not self.steps or step > self.steps[-1]):
                     assert item.position is not None
-                    after = self._words.around("recalled", "step")[1]
-                    self._add(step, after.format(call=_call(turn, item.position), observation=text_of(item.message)))
+                    call, observation = _call(turn, item.position), text_of(item.message)
+                    self.add(step, self._after.format(call=call, observation=observation))
         self._turns = len(turns)
 
-    def _add(self, step: int, text: str) -> None:
+    def add(self, step: int, text: str) -> None:
+        """Add a document: its step, which is higher than those before, and the text that follows the step."""
         number = self._numbers.get(text)
         if number is None:
             number = self._numbers[text] = len(self._texts)
@@ -186,6 +189,9 @@ def _call(turn: Turn, position: int) -> str:
 
 def _shown_steps(view: View) -> Iterator[range]:
     """The observations that a view shows, in ranges: those of a turn, and those of a run of turns, have no gap."""
+    if view.visible is not None:
+        yield from (range(step, step + 1) for step in view.visible)
+        return
     chosen, turns = view.selection, view.turns
     for index in chosen.pinned:
         turn = turns[index]

@@ -33,7 +33,7 @@ class Recall(BudgetStrategy):
 
         assert budget.recall_tokens is not None
         self._cap, self._count, self._words = budget.recall_tokens, counter.text, words
-        self._documents = Documents(words)
+        self._documents = Documents(*words.around("recalled", "step"))
         self._view: View | None = None
         """The view of the prompt whose reply is being answered; None before the first, and without a conversation."""
         spec = recall_spec(self._cap, words)

@@ -27,8 +27,8 @@ from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Values, me
 from smartplay_tools.evaluation.analysis.names import curve_names
 from smartplay_tools.evaluation.analysis.pairs import cut_share
 from smartplay_tools.evaluation.analysis.windows import family, jointly, width
-from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, counted_score, grouped
+from smartplay_tools.games.game_registry import Scoring
+from smartplay_tools.records.rows import Row, counted_score, grouped, scoring_of
 
 FEWEST_CAPS = 4
 RANDOM = "random"
@@ -45,6 +45,8 @@ class Area:
     """Ascending; None stands for no cap."""
     infeasible: tuple[int, ...]
     """Caps that are too small for this strategy."""
+    unplayed: float | None
+    """What such a cap counts as; None for the random score."""
     is_cut: bool
     """Whether some caps cut tool results, so that the area is not one of memory alone."""
     seeds: int
@@ -128,12 +130,11 @@ def _by_seed(rows: Sequence[Row]) -> dict[int, float]:
     return {row["seed"]: counted_score(row) for row in rows}
 
 
-def unplayed_score(game: str) -> float | None:
-    """Return what an episode that a cap refuses counts as; None if the game is unknown or declares no least score."""
-    spec = GAMES.get(game)
-    if spec is None or (spec.worst_step is None and spec.score_bounds is None):
+def unplayed_score(scoring: Scoring | None) -> float | None:
+    """Return what an episode that a cap refuses counts as; None where no least score is known."""
+    if scoring is None or (scoring.worst_step is None and scoring.score_bounds is None):
         return None
-    return spec.least_score(0, 0)
+    return scoring.least_score(0, 0)
 
 
 def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], confidence: float) -> list[Area]:
@@ -154,13 +155,13 @@ def _areas_of(game: str, curves: Sequence[_Curve], random: dict[int, float], con
     if lacking is None and len(seeds) < 2:
         lacking = "fewer than two seeds were played everywhere"
     curve_areas: list[Area] = []
-    unplayed = unplayed_score(game)
+    unplayed = unplayed_score(scoring_of(everywhere[0][0]))
     refused = random if unplayed is None else dict.fromkeys(random, unplayed)
     first: tuple[Values, Values] | None = None
     for curve in curves:
         infeasible = tuple(cap for cap in caps if cap not in curve.cells)
         is_cut = any(map(is_much_cut, map(cut_share, curve.cells.values())))
-        facts = (game, curve.name, grid, infeasible, is_cut, len(seeds))
+        facts = (game, curve.name, grid, infeasible, unplayed, is_cut, len(seeds))
         if reason := curve.refusal or lacking:
             curve_areas.append(Area(*facts, reason=reason))
             continue
@@ -219,7 +220,7 @@ def areas_table(areas: Sequence[Area]) -> TextTable:
     rows = sections((f"{game}, caps {', '.join(caps[game])}", map(_row, own)) for game, own in games.items())
     reasons = dict.fromkeys(f"-: {each.reason}" for each in areas if each.reason)
     low = dict.fromkeys(
-        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {_counted_as(each.game)}"
+        f"{each.name}: {', '.join(map(str, each.infeasible))} too small, counted as {_counted_as(each)}"
         for each in areas
         if each.infeasible
     )
@@ -228,9 +229,8 @@ def areas_table(areas: Sequence[Area]) -> TextTable:
     return TextTable("areas under the curve", headings, rows, (*NOTES, *reasons, *low, *cut))
 
 
-def _counted_as(game: str) -> str:
-    score = unplayed_score(game)
-    return "random" if score is None else f"{score:g}"
+def _counted_as(each: Area) -> str:
+    return "random" if each.unplayed is None else f"{each.unplayed:g}"
 
 
 def _row(each: Area) -> tuple[str, ...]:

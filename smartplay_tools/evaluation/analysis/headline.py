@@ -57,6 +57,14 @@ TERMS: Mapping[str, str] = {
     "over": "replies that were longer than allowed; charged in full",
     "drift": "the provider's count of tokens as a multiple of ours",
     "capability": "sum of degree x normalised score over the settings, divided by the sum of degrees",
+    "seen": "share of the answers for which every observation that the game says they need was in view",
+    "in view": "share of right answers where it was; a right answer has a positive reward",
+    "out of view": "share of right answers where it was not",
+    "looked": "of the answers out of view, those before which recall, read_result or a file was asked",
+    "rules": "actions that broke no rule of the game, where some would have, while the manual was in view",
+    "rules lost": "the same after the manual had left the view",
+    "0, 1, 2-3": "right answers by how often something had left the view since what they needed was first shown",
+    "texts": "tokens that a custom strategy has written, in all prompts of an episode; questions: of a compactor",
     "+-": "difference to full context, the cell with the widest window, paired by seed",
 }
 """The meaning of the terms in the tables."""

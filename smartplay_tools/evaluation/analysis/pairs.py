@@ -22,8 +22,9 @@ from typing import Self
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
+from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, grouped, mean_score, unit_of
+from smartplay_tools.records.rows import Row, grouped, mean_score, scoring_of, unit_of
 
 __all__ = ["MEASURES", "differences", "paired_difference"]
 
@@ -70,15 +71,14 @@ MEASURES: Mapping[str, Measure] = {
 """The measures by which cells are compared."""
 
 
-def bounds_of(measure: Measure, game: str) -> Bounds | None:
-    """Return what a measure can be in a game, if that is declared; the game need not be known."""
+def bounds_of(measure: Measure, scoring: Scoring | None) -> Bounds | None:
+    """Return what a measure can be in a setting, if that is declared; the setting need not be known."""
     if measure in (prefix_share, completion):
         return Bounds(0, 1, two_valued=measure is completion)
-    spec = GAMES.get(game)
-    if spec is None or spec.score_bounds is None or measure not in (score, normalized_score):
+    if scoring is None or scoring.score_bounds is None or measure not in (score, normalized_score):
         return None
-    low, high = map(spec.normalize, spec.score_bounds) if measure is normalized_score else spec.score_bounds
-    return None if low is None or high is None else Bounds(low, high, spec.two_valued)
+    low, high = map(scoring.normalize, scoring.score_bounds) if measure is normalized_score else scoring.score_bounds
+    return None if low is None or high is None else Bounds(low, high, scoring.two_valued)
 
 
 def values(rows: Iterable[Row], measure: Measure) -> list[float]:
@@ -97,10 +97,13 @@ def reward(row: Row) -> float:
     return float(row["reward"])
 
 
-def sample(rows: Sequence[Row], measure: Measure) -> Sample:
-    """Return a measure of the episodes of a cell, or of its worlds or chains if these have several episodes."""
+def sample(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) -> Sample:
+    """Return a measure of the episodes of a cell, or of its worlds or chains if these have several episodes.
+
+    `bounds` are those of the measure, where it is not one of the game's.
+    """
     measured = [(unit_of(row), value) for row in rows if (value := measure(row)) is not None]
-    return _of_units(measured, bounds_of(measure, rows[0]["game"]) if rows else None)
+    return _of_units(measured, bounds or (bounds_of(measure, scoring_of(rows[0])) if rows else None))
 
 
 def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
@@ -140,7 +143,7 @@ def difference_sample(paired: Sequence[Pair], measure: Measure) -> Sample:
     unit_differences = [
         (unit, value - other) for unit, value, other in measured if value is not None and other is not None
     ]
-    bounds = bounds_of(measure, paired[0][0]["game"]) if paired else None
+    bounds = bounds_of(measure, scoring_of(paired[0][0])) if paired else None
     return _of_units(unit_differences, None if bounds is None else bounds.of_differences)
 
 

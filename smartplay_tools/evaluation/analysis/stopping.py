@@ -195,9 +195,9 @@ class Comparisons:
     def _bounds_of(self, game: str) -> Bounds:
         if self._until.by == "wins":
             return Bounds(-1, 1)
-        if (bounds := bounds_of(score, game)) is not None and self._until.clip is None:
-            return bounds.of_differences
         spec = get_spec(game)
+        if (bounds := bounds_of(score, spec)) is not None and self._until.clip is None:
+            return bounds.of_differences
         clip = self._until.clip
         if clip is None and spec.human_score is not None and spec.min_score is not None:
             clip = CLIP * (spec.human_score - spec.min_score)

@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
-from smartplay_tools.records.rows import FILES, LATER as ROWS_LATER, Row
+from smartplay_tools.records.rows import FILES, LATER as ROWS_LATER, OPTIONAL, Row
 from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
 
 _STRINGS = ("key", "game", "engine", "player", *(name for name in RULES if name != "chain"), "tokenizer", "prompts")
@@ -55,7 +55,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{f"budget_{name}": (f"budget.{name}", "string" if name in WORDS else "int64") for name in STRATEGIES},
     **{name: (name, "int64") for name in sorted(EpisodeResult.later)},
     **{f"{name}_tokens": (f"tokens.{name}", "int64") for name in sorted(Tokens.later)},
-    **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions")},
+    **{name: (name, "json") for name in ("asked", "options", "player_options", "deviations", "versions", *OPTIONAL)},
     **{name: (name, "string") for name in ("state_hash", *FILES)},
 }
 """Every column: the location of its value in a row, and its type. `run` is empty if all rows are of one run."""
@@ -67,7 +67,7 @@ LATER: Mapping[str, Any] = {
     **Usage.later,
     "observation": Rules().observation,
     **Rules.later,
-    **dict.fromkeys(FILES),
+    **dict.fromkeys((*FILES, *OPTIONAL)),
 }
 """Values that a row leaves out, and what they then are."""
 
@@ -121,10 +121,10 @@ def summary_json(summary: RunSummary) -> dict[str, Any]:
 
 def _value(row: Any, path: list[str], kind: str) -> Any:
     if path[0] in ("run", *ROWS_LATER):
-        return row.get(path[0], LATER.get(path[0]))
+        row, path = row.get(path[0], LATER.get(path[0])), []
     for name in path:
         row = None if row is None else row[name] if name in row else LATER[name]
-    if kind == "json":
+    if kind == "json" and row is not None:
         return json.dumps(row, sort_keys=True, ensure_ascii=False)
     return float(row) if kind == "float64" and row is not None else row
 

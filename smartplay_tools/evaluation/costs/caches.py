@@ -13,8 +13,7 @@ from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
-from urllib.parse import urlsplit
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -23,7 +22,7 @@ from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 if TYPE_CHECKING:
     from smartplay_tools.records.prices import Price
 
-__all__ = ["CacheFields", "CacheRule", "cache_rules", "is_openai", "openai_cache_fields", "rule_of"]
+__all__ = ["CacheRule", "cache_rules", "rule_of"]
 
 Rate = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Tokens = Annotated[int, Field(strict=True, ge=0)]
@@ -98,30 +97,6 @@ def rule_of(player: str, player_options: Mapping[str, Any], rules: Mapping[str, 
     from smartplay_tools.records.prices import provider_of
 
     return None if "base_url" in player_options else _rule_for(":".join(provider_of(player)), rules)
-
-
-class CacheFields(NamedTuple):
-    """Which fields for the cache a request to OpenAI's interface may have."""
-
-    key: bool = False
-    """A key, the same for all requests of an episode."""
-    marks: bool = False
-    """Marks in the messages."""
-
-
-def is_openai(base_url: str) -> bool:
-    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
-
-    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
-    """
-    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
-
-
-def openai_cache_fields(model: str, base_url: str) -> CacheFields:
-    """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
-    has_key = is_openai(base_url)
-    rule = _rule_for(f"openai:{model}", _own_rules()) if has_key else None
-    return CacheFields(has_key, rule is not None and rule.marks != "auto")
 
 
 @lru_cache(64)

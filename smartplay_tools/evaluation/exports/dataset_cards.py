@@ -10,7 +10,7 @@ from typing import Any
 from smartplay_tools.evaluation.exports.sft import FILE, EpisodeSelection
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.records.rows import grouped, recorded_score
 
 EVALUATED = 100
 """The number of worlds, the first that an evaluation plays by default, of which a card counts those in the data."""
@@ -68,7 +68,7 @@ def _front_matter(format: str) -> list[str]:  # noqa: A002
 
 
 def _row(game: str, player: str, asked: str, episodes: Sequence[Record]) -> str:
-    scores = [episode.result.score for episode in episodes]
+    scores = list(map(recorded_score, episodes))
     completed = sum(episode.result.completed for episode in episodes)
     mean = f"{sum(scores) / len(scores):.4g}"
     cells: list[Any] = [game, f"`{player}`", asked, len(episodes), mean, completed]

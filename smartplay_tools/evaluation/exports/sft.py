@@ -34,7 +34,7 @@ from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import recorded_pictures
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.records.rows import grouped, recorded_score
 from smartplay_tools.types import Purpose, SampledTokens
 from smartplay_tools.types.messages import Message, pictures_of, text_of
 from smartplay_tools.types.pictures import is_picture
@@ -228,7 +228,7 @@ class EpisodeSelection(BaseModel):
     completed: bool = False
     """Only episodes whose game was completed."""
     min_score: float | None = None
-    """Only episodes with at least this score."""
+    """Only episodes with at least this score, as means count it (`records.rows.mean_score`); `best` does, too."""
     min_normalized_score: float | None = None
     """Only episodes with at least this normalised score; settings without a human score have none."""
     best: int | None = Field(default=None, ge=1)
@@ -259,7 +259,7 @@ class EpisodeSelection(BaseModel):
     def _reason_against(self, record: Record, *, pictures: bool) -> str | None:
         result = record.result_data
         assert result is not None
-        score, normalized = result["score"], result["normalized_score"]
+        score, normalized = recorded_score(record), result["normalized_score"]
         if record.config.observation != "text" and not pictures:
             return "observations are pictures"
         if self.games and result["game"] not in self.games:
@@ -277,7 +277,7 @@ class EpisodeSelection(BaseModel):
     def _best(self, matching: Sequence[tuple[Path, Record]]) -> list[tuple[Path, Record]]:
         if self.best is None:
             return list(matching)
-        ordered = sorted(matching, key=lambda pair: (-pair[1].result.score, pair[1].result.seed, pair[0]))
+        ordered = sorted(matching, key=lambda pair: (-recorded_score(pair[1]), pair[1].result.seed, pair[0]))
         groups = grouped(ordered, lambda pair: (pair[1].game, pair[1].player))
         kept = {path for group in groups.values() for path, _ in group[: self.best]}
         return [pair for pair in matching if pair[0] in kept]

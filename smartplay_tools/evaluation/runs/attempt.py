@@ -34,6 +34,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import get_player, player_registry
+from smartplay_tools.players.player_registry import SECOND, second_player, without_second
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -88,11 +89,17 @@ class StoppedError(Exception):
 def make_player(task: Task) -> Player | AsyncPlayer:
     """Return a new player for an attempt."""
     cell, seed = task.planned.cell, player_seed(task.planned.seed, task.planned.repeat)
-    options = {**cell.player_options, **task.player.secret_values()}
+    options = {**without_second(cell.player_options), **task.player.secret_values()}
     if task.player.factory is not None:
         player: Player | AsyncPlayer = player_registry.make_player(task.player.factory, seed=seed, **options)
         return player
     return get_player(player_of(cell), seed=seed, **options)
+
+
+def make_second(task: Task) -> Player | AsyncPlayer | None:
+    """Return a new player that answers a compactor's questions in an attempt; None if its player does."""
+    planned = task.planned
+    return second_player(planned.cell.player_options, seed=player_seed(planned.seed, planned.repeat))
 
 
 def continued(task: Task, player: Player | AsyncPlayer, clock: _Clock) -> AnyConversation | None:
@@ -167,11 +174,13 @@ def remembers_nothing(player: Player | AsyncPlayer) -> bool:
 
 def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:
     """Restore the state of a player: ask it the recorded prompts, and compare its replies."""
-    replies = Record(events).sent_replies
-    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
-        if sent.turn in replies:
+    record = Record(events)
+    has_second = SECOND in record.config.player_options
+    prompts = sent_prompts(events, pictures=recorded_pictures(events))
+    for sent, replied in record.with_replies(prompts, record.sent_replies):
+        if replied is not None and not (has_second and sent.prompt.purpose == "compaction"):
             reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
-            if assistant_message(reply.message) != replies[sent.turn]:
+            if assistant_message(reply.message) != replied:
                 raise _DifferentReplyError(f"The player replies differently: in turn {sent.turn}.")
 
 
@@ -198,6 +207,9 @@ def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record
                 _open(player, stack)
             conversation = conversation or begun(task, player)
             hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
+            if (second := make_second(task)) is not None:
+                hooks["compactor_player"] = second
+                _open(second, stack)
             if play(conversation, player, **hooks).end_reason == "closed":
                 stop.set()  # the person who plays has left, so no further episode begins
     return clock.times()
@@ -263,10 +275,13 @@ async def _aplay(
             conversation = await _in_thread(partial(begun, task, player))
         assert conversation is not None
         hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
+        if (second := make_second(task)) is not None:
+            hooks["compactor_player"] = second
+            await _aopen(second, stack)
         await aplay(conversation, player, **hooks)
 
 
-def _open(player: Player, stack: ExitStack) -> None:
+def _open(player: Player | AsyncPlayer, stack: ExitStack) -> None:
     if isinstance(player, AbstractContextManager):
         stack.enter_context(player)
 

@@ -29,6 +29,7 @@ from smartplay_tools.evaluation.costs.caches import cache_rules, rule_of
 from smartplay_tools.evaluation.costs.charges import charge, marks_of
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
+from smartplay_tools.players.player_registry import without_second
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
@@ -278,7 +279,7 @@ def _cached(cell: CellConfig, record: Record) -> tuple[float, float]:
 def _player(cell: CellConfig, name: str, seed: int) -> Any:
     """The player that plays the sample; without the cell's options if they are for a function of the user's."""
     try:
-        return get_player(name, seed=seed, **(cell.player_options if name == player_of(cell) else {}))
+        return get_player(name, seed=seed, **(without_second(cell.player_options) if name == player_of(cell) else {}))
     except InvalidArgumentError:
         return get_player(name, seed=seed)
 

@@ -16,6 +16,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
@@ -127,7 +128,8 @@ def audit(
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
     registered. `tokenizer` names the records' tokenizer if its file was moved, `game` and `strategy` are the names of
-    their game and their strategy, if these are in files. Rows are read from the folder unless they are given.
+    their game and their strategy, if these are in files; a compactor that is named is called again. Rows are read from
+    the folder unless they are given.
     """
     rows = folder.rows() if rows is None else rows
     before = {key: folder.transcript(earlier) for key, earlier in folder.manifest().predecessors.items()}
@@ -151,14 +153,17 @@ def _audit_all(
     records: Sequence[tuple[Path, Path | None, Row]], *, tokenizer: str | None, game: str | None, strategy: str | None
 ) -> list[EpisodeAudit]:
     import_named(game, strategy)
-    return [_audit(record, before, row, tokenizer=tokenizer) for record, before, row in records]
+    given: dict[str, Any] = {"tokenizer": tokenizer, "calls_compactor": strategy is not None}
+    return [_audit(record, before, row, **given) for record, before, row in records]
 
 
-def _audit(record: Path, before: Path | None, row: Row, *, tokenizer: str | None) -> EpisodeAudit:
+def _audit(
+    record: Path, before: Path | None, row: Row, *, tokenizer: str | None, calls_compactor: bool
+) -> EpisodeAudit:
     not_compared = None
     try:
         read = Record.read(record)
-        replayed = replay_record(read, tokenizer=tokenizer)
+        replayed = replay_record(read, tokenizer=tokenizer, calls_compactor=calls_compactor)
         differences, not_compared = [*replayed.differences], replayed.not_compared
         if replayed.complete or not read.is_complete:
             differences += _row_differences(read, row)

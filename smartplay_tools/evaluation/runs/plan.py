@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_crede
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import IN_FILES, get_spec
+from smartplay_tools.players.player_registry import second_name
 from smartplay_tools.records.prices import Price, find_price
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
@@ -168,6 +169,8 @@ def prices_in_tables(cells: Iterable[CellConfig]) -> dict[str, Price]:
     by_player: dict[str, set[Price | None]] = {}
     for player, options in {player_key(cell): (player_of(cell), cell.player_options) for cell in cells}.values():
         by_player.setdefault(player, set()).add(find_price(player, options))
+        if (second := second_name(options)) is not None:
+            by_player.setdefault(second, set()).add(find_price(second, {}))
     return {player: price for player, prices in by_player.items() if len(prices) == 1 for price in prices if price}
 
 

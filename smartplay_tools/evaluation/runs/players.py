@@ -32,6 +32,7 @@ from smartplay_tools.players.player_registry import takes_seed
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
+from smartplay_tools.records.rows import recorded_score
 from smartplay_tools.registry import is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply
 
@@ -228,8 +229,8 @@ class BlindPlayer:
 def best_record(source: Path, game: str, seed: int) -> Record:
     """Return the finished record of a game with the highest score that was played with another seed."""
     heads = ((path, Record.head(path)) for path in records_in(source))
-    results = ((path, head.result) for path, head in heads if head.outcome == "finished" and head.game == game)
-    others = ((result.score, -result.seed, path) for path, result in results if result.seed != seed)
+    finished = ((path, head) for path, head in heads if head.outcome == "finished" and head.game == game)
+    others = ((recorded_score(head), -head.result.seed, path) for path, head in finished if head.seed != seed)
     best = max(others, key=itemgetter(0, 1), default=None)
     if best is None:
         raise InvalidArgumentError(f"{source} has no finished episode of {game} with another seed than {seed}.")

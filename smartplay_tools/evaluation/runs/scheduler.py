@@ -297,6 +297,7 @@ class Scheduler:
         if not record.exists:
             error = "There is no record of the attempt."
         if record.outcome == "finished":
+            record.path = self._folder.transcript(episode.key)  # it was moved
             row = self._rows[episode.key] = row_of(record, episode.trial)
             self._folder.append_row(row)
             self._needed = None

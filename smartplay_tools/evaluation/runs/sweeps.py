@@ -19,6 +19,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Unpack
 
+from smartplay_tools.context.strategies.custom import load_strategy, refused_with
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.config import CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
@@ -140,7 +141,10 @@ def grid(
     specs = [get_spec(game) for game in games]
     for spec, budget, observation in product(specs, budgets, varied["observation"]):
         which = {"context": "window", "protocol": protocol, "observation": observation}
-        if reason := refused_strategy(budget, spec, **which):
+        reason = refused_strategy(budget, spec, **which)
+        if reason is None and budget.strategy is not None:
+            reason = refused_with(load_strategy(budget.strategy).make, budget)
+        if reason:
             refused.add((spec.id, budget.model_dump_json(), observation))
             left_out.append(f"{spec.id}, {budget.describe()}: {reason}")
 

@@ -205,7 +205,7 @@ def _steps_in(reading: Reading) -> int:
 
 def _texts(message: Message) -> list[str]:
     """The texts of a message in which a memory of this world may stand."""
-    if message["role"] == "user":
+    if message["role"] in ("user", "system"):
         return [] if is_carried(message) else [text_of(message)]
     if message["role"] == "tool" and text_of(message).startswith(CONTENT):
         return [NUMBERED.sub("", text_of(message))]

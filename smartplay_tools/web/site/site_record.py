@@ -75,11 +75,12 @@ class SiteRecord:
         facts = record.facts
         shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 11]]
+            return [[PLAYING, "running", *shown, *[None] * 12]]
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 7, record.error, None, None, self._date]]
+            return [[FINISHED, record.outcome, *shown, *[None] * 8, record.error, None, None, self._date]]
         status = "failed" if record.outcome == "failed" else "finished"
-        result, notes = Result.of({**record.result_data, "cost": None}), len(read_notes(self.path)) or None
+        result = Result.of({**record.result_data, "cost": None, "scoring": facts["scoring"]})
+        notes = len(read_notes(self.path)) or None
         return [[FINISHED, status, *shown, *figures(result), None, notes, self._date]]
 
     @property

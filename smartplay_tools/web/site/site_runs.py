@@ -26,9 +26,10 @@ from smartplay_tools.transcript.lines import GrowingLines, parse_json
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "end", "time", "notes", "date"),
+    *("tokens", "cost", "mistakes", "cut", "counted", "end", "time", "notes", "date"),
 )
-"""The values of an episode in the list; its date is when its record was written last, in seconds since the epoch."""
+"""The values of an episode in the list; its date is when its record was written last, in seconds since the epoch, and
+`counted` its score as means count it."""
 
 SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
 """What the site shows of a snapshot."""
@@ -208,9 +209,9 @@ class SiteRun:
                 rows.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
                 attempts = [attempt for attempt in attempts if attempt[1] == "failed"]
             for record, status, error in attempts:
-                rows.append([record, status, *facts, None, None, None, None, None, None, None, error])
+                rows.append([record, status, *facts, *[None] * 8, error])
             if key not in results and not attempts:
-                rows.append([None, "waiting", *facts, None, None, None, None, None, None, None, None])
+                rows.append([None, "waiting", *facts, *[None] * 9])
         for row in rows:
             key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
             row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
@@ -237,8 +238,8 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 def figures(result: Result) -> list[Any]:
     """Return the values of an episode from `score` on (`COLUMNS`)."""
-    scores = [result.score, result.normalized_score, result.steps]
-    return [*scores, result.spent.tokens, result.spent.cost, result.mistakes, result.cut_results, result.end_reason]
+    scores, spent = [result.score, result.normalized_score, result.steps], [result.spent.tokens, result.spent.cost]
+    return [*scores, *spent, result.mistakes, result.cut_results, result.mean_score, result.end_reason]
 
 
 def live_figures(record: Record) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The cases of the conformance tests, one module for each adapter; every module of this folder is imported.
+"""The cases of the conformance tests, one module for each adapter; every module of this folder is found.
 
 A module has cases by name: `WINDOW` for adapters that manage the context, `HOST` for those whose host does, or both. A
 module whose framework is not installed is left out. An adapter whose framework needs a separate environment has its
@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections.abc import Iterable
 from typing import Any
 
 from smartplay_tools.errors import MissingExtraError
 from tests.adapters.conformance import Host, Window
 
-WINDOW: dict[str, Window] = {}
-HOST: dict[str, Host] = {}
+QUICK = ("core", "mcp", "openai")
+"""The modules whose rows fast tests play; the libraries of the others take seconds to import."""
+FRAMEWORKS = tuple(each.name for each in pkgutil.iter_modules(__path__) if each.name not in QUICK)
+"""The other modules."""
 
 
 def module(name: str) -> Any:
@@ -30,7 +33,11 @@ def module(name: str) -> Any:
         return None
 
 
-for each in pkgutil.iter_modules(__path__):
-    found = module(each.name)
-    WINDOW |= getattr(found, "WINDOW", {})
-    HOST |= getattr(found, "HOST", {})
+def rows(names: Iterable[str]) -> tuple[dict[str, Window], dict[str, Host]]:
+    """The rows of modules: those of adapters that manage the context, and those of adapters whose host does."""
+    window: dict[str, Window] = {}
+    host: dict[str, Host] = {}
+    for found in map(module, names):
+        window |= getattr(found, "WINDOW", {})
+        host |= getattr(found, "HOST", {})
+    return window, host

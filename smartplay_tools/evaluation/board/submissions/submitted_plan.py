@@ -31,7 +31,7 @@ from smartplay_tools.evaluation.board.submissions.metadata import CellResult
 from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, trial_seed
 from smartplay_tools.evaluation.suites import SUITES, Suite
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row, grouped, mean_score
 from smartplay_tools.transcript.hashing import canonical_json
 
 ENGINES_HERE = (None, "fast", "crafter", "voxel")
@@ -268,7 +268,7 @@ def _result(game: str, rows: list[Row]) -> CellResult:
         game=game,
         budget=rows[0]["asked"],
         episodes=len(rows),
-        score=round(fmean(row["score"] for row in rows), DIGITS),
+        score=round(fmean(map(mean_score, rows)), DIGITS),
         normalized_score=round(fmean(normalized), DIGITS) if normalized else None,
         cost=None if cost is None else round(cost, DIGITS),
     )

@@ -28,7 +28,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import CallEvent, concerns_summary
+from smartplay_tools.transcript.events import CallEvent, concerns_summary, purpose_of
 from smartplay_tools.types import Budget, ResolvedBudget
 from smartplay_tools.types.messages import text_of
 
@@ -103,6 +103,8 @@ def turns(record: Record) -> list[dict[str, Any]]:
     """
     contents: dict[int, dict[str, Any]] = defaultdict(lambda: {"items": []})
     for view in record.views:
+        if purpose_of(view) == "compaction":
+            continue  # a turn can have several questions, and the page has none of them
         kind = "request" if concerns_summary(view) else "view"
         contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _LEFT_OUT}
         if (head := record.head_of[view["turn"]]) is not record.heads[0]:  # the host has changed its part
@@ -111,6 +113,8 @@ def turns(record: Record) -> list[dict[str, Any]]:
         shown = {name: summary[name] for name in ("covers", "message", "text", "cut", "empty")}
         contents[summary["turn"]]["summary"] = shown
     for usage in record.usages:
+        if purpose_of(usage) == "compaction":
+            continue
         turn = contents[usage["turn"]]
         owner = turn["summary"] if concerns_summary(usage) else turn
         owner["usage"] = {name: usage.get(name) for name in ("reply", "overrun", "provider")}

@@ -27,7 +27,7 @@ function groupCells({ group, members }, by, columns, isClosed) {
   const title = `${isClosed ? "▸" : "▾"} ${typeset(group) || "usual"}: ${plural(members.length, "episode")}, means`;
   const finished = members.filter((one) => value(one, "status") === "finished");
   const means = columns.slice(words).map((name) => {
-    const mean = MEANS.includes(name) ? meanOf(finished, name) : null;
+    const mean = MEANS.includes(name) ? meanOf(finished, name === "score" ? "counted" : name) : null;
     return element("span", { role: "gridcell", class: "number", title: `mean ${name} of ${plural(finished.length, "finished episode")}` }, mean === null ? "" : figureOf(name, name === "tokens" ? Math.round(mean) : mean));
   });
   return [element("span", { role: "gridcell", class: `words span${words}`, "aria-colspan": words, title: by }, title), ...means];

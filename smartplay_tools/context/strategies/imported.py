@@ -1,0 +1,113 @@
+"""Imported compactors: the compaction of other projects by name, each with its code unchanged.
+
+`IMPORTED` lists them. Each is a class of the adapter of its framework, which converts messages with the adapter's
+functions and calls what the framework's own agents call. `ImportedCompactor` is what these classes share: the
+framework's questions to a model become questions of the compactor, our counter takes the place of its tokenizer, and
+the versions of its packages are in the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory, Questions, Room, asked
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.types import Prompt, Reply
+from smartplay_tools.types.messages import Message, pictures_of
+
+__all__ = ["IMPORTED", "ImportedCompactor"]
+
+IMPORTED = {
+    "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
+    "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
+    "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
+    "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
+    "inspect-trim": "smartplay_inspect.compaction:InspectTrim",
+    "langchain-clear": "smartplay_langchain.compaction:LangChainClearing",
+    "langchain-summary": "smartplay_langchain.compaction:LangChainSummary",
+    "langmem-summary": "smartplay_langchain.compaction:LangMemSummary",
+    "llama-index-summary": "smartplay_compactors.llama_index:LlamaIndexSummary",
+    "memory-bm25": "smartplay_tools.context.strategies.retrieval:WordMemory",
+    "memory-wordllama": "smartplay_compactors.embeddings:VectorMemory",
+    "pydantic-ai-newest": "smartplay_pydantic_ai.compaction:NewestMessages",
+    "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:HarnessSummary",
+    "pydantic-ai-window": "smartplay_pydantic_ai.compaction:HarnessWindow",
+}
+"""The place of each class by the name of the strategy."""
+
+SHARE = 0.8
+"""How full the room for the conversation is when a compactor acts that was not told at how many tokens."""
+
+
+@dataclass(eq=False)
+class ImportedCompactor:
+    """The compaction of a framework, for one episode.
+
+    It is also the player behind the framework's class for models: a prompt that it is asked to reply to is a question.
+    """
+
+    tokens: int | None = None
+    """Where it begins to act, in tokens of the conversation; None for four fifths of the room that this has."""
+
+    name: str = field(default="compactor", init=False)
+    persistent: ClassVar[bool] = False
+    packages: ClassVar[tuple[str, ...]] = ()
+    """The packages of the framework, whose versions are recorded."""
+    overflow: ClassVar[Any] = ContextOverflowError
+    """Makes what the framework takes for a full context."""
+
+    def make(self) -> Any:
+        """Return the framework's object."""
+        raise NotImplementedError
+
+    def rewrite(self, history: GivenHistory) -> Any:
+        """Return the messages that the framework makes of a history; blocking or asynchronous."""
+        raise NotImplementedError
+
+    @cached_property
+    def made(self) -> Any:
+        """The framework's object, made for the first prompt."""
+        return self.make()
+
+    def compact(self, history: GivenHistory, room: Room) -> Questions[list[Message]]:
+        """Have the framework rewrite the history, and yield what it asks a model."""
+        if any(map(pictures_of, history)):
+            raise InvalidArgumentError(f"{type(self).__name__} rewrites words; leave out observation and pictures.")
+        self.room = room
+
+        def work(ask: Callable[[Sequence[Message]], Message]) -> Any:
+            self.ask = ask
+            return self.rewrite(history)
+
+        return asked(work, overflow=self.overflow)
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Answer a prompt of the framework's class for models."""
+        return Reply(self.ask(prompt.messages))
+
+    @property
+    def limit(self) -> int:
+        """The tokens of the conversation at which it begins to act."""
+        if self.tokens is None and self.room.tokens is None:
+            raise InvalidArgumentError("A compactor needs prompt_tokens, or its option tokens=N, to know when to act.")
+        return self.tokens or int(SHARE * (self.room.tokens or 0))
+
+    def is_full(self, messages: Iterable[Message]) -> bool:
+        """Whether messages are longer than their room."""
+        return self.room.tokens is not None and self.count(messages) > self.room.tokens
+
+    def count(self, messages: Iterable[Message]) -> int:
+        """Return the tokens of messages as the window counts them."""
+        return self.room.count([*messages])
+
+    def count_tokens(self, text: str) -> int:
+        """Return the tokens of a text, for frameworks that count no messages."""
+        return self.count([{"role": "user", "content": text}]) - self.count([{"role": "user", "content": ""}])
+
+    def new_of(self, history: GivenHistory) -> Sequence[Message]:
+        """Return the messages that have come since the last call, for frameworks that keep the conversation."""
+        seen, self._seen = getattr(self, "_seen", 0), len(history)
+        return history[seen:]

@@ -1,0 +1,80 @@
+"""Tables of what models still saw of what they needed, and of the tokens that were not those of play.
+
+The figures of an episode are in its row (`records.remembered`, `Tokens`). A share is that of one episode, or of all
+episodes of a world; intervals are those of means between 0 and 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, interval_notes, sections, with_interval
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
+from smartplay_tools.evaluation.analysis.intervals import Bounds, mean_estimate
+from smartplay_tools.evaluation.analysis.pairs import Measure, sample
+from smartplay_tools.records.remembered import EVICTIONS, LOOKED, RULED, SEEN, UNRULED, UNSEEN
+from smartplay_tools.records.rows import Row, grouped
+
+SHARE = Bounds(0, 1)
+
+Groups = Sequence[tuple[PlayedCell, list[Row]]]
+
+
+def share_of(name: str) -> Measure:
+    """Return the measure of a share of `records.remembered`; an episode without such answers has none."""
+
+    def share(row: Row) -> float | None:
+        holds, of = row.get("memory", {}).get(name, (0, 0))
+        return holds / of if of else None
+
+    return share
+
+
+def seen_share(row: Row) -> float | None:
+    """The share of the answers for which everything needed was in view."""
+    seen, unseen = (row.get("memory", {}).get(name, (0, 0))[1] for name in (SEEN, UNSEEN))
+    return seen / (seen + unseen) if seen + unseen else None
+
+
+def tokens_of(*names: str) -> Measure:
+    """Return the measure of the sum of some of an episode's `Tokens`."""
+    return lambda row: float(sum(row["tokens"].get(name, 0) for name in names))
+
+
+ANSWERS: Mapping[str, Measure] = {"seen": seen_share} | {
+    name: share_of(name) for name in (SEEN, UNSEEN, LOOKED, RULED, UNRULED)
+}
+SURVIVED: Mapping[str, Measure] = {name: share_of(name) for name in reversed(EVICTIONS.values())}
+BESIDE_PLAY: Mapping[str, Measure] = {
+    "summaries": tokens_of("summary_prompt", "summary_reply"),
+    "questions": tokens_of("question_prompt", "question_reply"),
+    "texts": tokens_of("texts"),
+}
+
+
+def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
+    """Yield the tables of these measures that have anything to show."""
+    groups = by_cell(rows)
+    declaring = [(cell, members) for cell, members in groups if any(row.get("memory") for row in members)]
+    if declaring:
+        yield _table("what was in view, in percent", declaring, ANSWERS, SHARE)
+        yield _table("right answers by evictions survived, in percent", declaring, SURVIVED, SHARE)
+    beside = [
+        (cell, members) for cell, members in groups if any(m(row) for m in BESIDE_PLAY.values() for row in members)
+    ]
+    if beside:
+        yield _table("tokens of an episode beside those of play", beside, BESIDE_PLAY, None)
+
+
+def _table(title: str, groups: Groups, measures: Mapping[str, Measure], bounds: Bounds | None) -> TextTable:
+    named = zip(labels([cell for cell, _ in groups]), groups, strict=True)
+    lines, estimates = [], []
+    for label, (cell, members) in named:
+        samples = [sample(members, measure, bounds) for measure in measures.values()]
+        own = [mean_estimate(each.values, each.bounds) if each.values else None for each in samples]
+        shown = [with_interval(each, 0, factor=100 if bounds else 1) for each in own]
+        lines.append((cell.game, ("  " + ", ".join(filter(None, [cell.player, label])), *shown)))
+        estimates += own
+    by_game = grouped(lines, lambda line: line[0]).items()
+    body = sections((game, (line for _, line in own_lines)) for game, own_lines in by_game)
+    return TextTable(title, columns("game and player", *measures), body, tuple(interval_notes(estimates)))

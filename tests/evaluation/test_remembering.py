@@ -1,0 +1,148 @@
+"""What was in view when it was needed: counted from records, whoever played, and shown cell by cell."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.headline import TERMS
+from smartplay_tools.evaluation.analysis.remembering import ANSWERS, remembering_tables
+from smartplay_tools.games import GAMES, with_action_list
+from smartplay_tools.players.prompt_reading import call
+from smartplay_tools.records import Record, replay
+from smartplay_tools.records.remembered import remembered
+
+STEPS = 8
+
+
+class Echo(sp.TextGame):
+    """Name the digit of two steps before; a skip breaks the rules."""
+
+    actions = ("0", "1", "Skip")
+    manual = with_action_list("Name the digit of two steps before. Never skip.", actions)
+
+    def _reset(self):
+        self.digits = [0]
+        return "Digit 0."
+
+    def _step(self, action):
+        right = bool(self.needs) and action == self.digits[-3]
+        self.score += right
+        self.digits.append(len(self.digits) % 2)
+        return f"Digit {self.digits[-1]}.", float(right), False, len(self.digits) > STEPS
+
+    def _state(self):
+        return self.digits
+
+    @property
+    def needs(self):
+        return [self._steps - 2] if self._steps > 1 else []
+
+    @property
+    def breaks(self):
+        return [2]
+
+
+@pytest.fixture
+def echo(monkeypatch):
+    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
+    spec = sp.GameSpec(id="Echo-v0", family="echo", entry_point=Echo, history=STEPS, rollout=STEPS, trials=3)
+    return sp.register(spec).id
+
+
+def played(game, *replies, **budget):
+    """The record of an episode of these replies: actions, and calls of other tools."""
+    events = []
+    with sp.Episode(game, seed=1, budget=sp.Budget(**budget), transcript=events) as episode:
+        conversation = sp.Conversation(episode)
+        for reply in replies:
+            while conversation.prompt().purpose != "play":
+                conversation.receive({"role": "assistant", "content": "Nothing."})
+            conversation.receive(call("act", action=reply) if isinstance(reply, str) else reply)
+    return events
+
+
+RIGHT = ("0", "1", "0", "1", "0", "1", "0", "1")
+LOOK = call("observe")
+
+
+def test_an_answer_is_in_view_where_the_prompt_shows_what_it_needs(echo):
+    shares = remembered(Record(played(echo, LOOK, *RIGHT, history=None)))
+    assert shares == {"in view": [6, 6], "0": [6, 6]}
+    shares = remembered(Record(played(echo, LOOK, *RIGHT[:6], "1", "0", history=1)))
+    assert shares == {"out of view": [4, 6], "1": [1, 1], "2-3": [3, 5]}
+
+
+def test_what_was_never_shown_has_survived_nothing(echo):
+    shares = remembered(Record(played(echo, *RIGHT, history=None)))
+    assert shares == {"out of view": [1, 1], "in view": [5, 5], "0": [5, 5]}
+
+
+def test_who_asks_a_tool_before_an_answer_has_looked(echo):
+    recall = call("recall", query="Digit")
+    shares = remembered(Record(played(echo, LOOK, *RIGHT[:4], recall, *RIGHT[4:], history=1, recall_tokens=100)))
+    assert shares["looked"] == [1, 6]
+
+
+def test_rules_are_kept_or_broken_once_the_manual_was_read(echo):
+    manual = call("read_manual")
+    shares = remembered(Record(played(echo, "Skip", manual, "Skip", "Skip", *RIGHT[3:], history=2)))
+    assert shares["rules"] == [5, 7]
+
+
+def test_a_game_that_declares_nothing_has_no_shares():
+    assert remembered(Record(played("Hanoi3Disk-v0", LOOK, "A->B"))) is None
+
+
+def test_a_row_has_the_shares_and_the_tables_show_and_explain_them(echo, tmp_path):
+    budgets = [sp.Budget(history=None), sp.Budget(history=1)]
+    run = sp.evaluate([echo, "Hanoi3Disk-v0"], ["random"], budgets=budgets, trials=3, executor="inline", out=tmp_path)
+    assert ["memory" in row for row in run.rows] == [True] * 6 + [False] * 6
+    seen, survived = remembering_tables(run.rows)
+    assert [column.heading for column in seen.columns][1:] == [*ANSWERS]
+    assert seen.columns[1].heading in TERMS
+    assert [line[1] for line in seen.rows[1:]] == ["83 [31, 94]", "0 [0, 63]"]
+    assert survived.rows[2][1] == "-"
+    assert list(remembering_tables(run.rows[6:])) == []
+
+
+def test_a_compactor_loses_the_manual_and_what_it_asks_and_writes_is_counted(echo, tmp_path):
+    (tmp_path / "short.py").write_text(SHORT, encoding="utf-8")
+    events = played(
+        echo,
+        LOOK,
+        call("read_manual"),
+        *RIGHT[:2],
+        "Skip",
+        *RIGHT[3:],
+        history=None,
+        strategy=f"{tmp_path}/short.py:Short",
+    )
+    shares, tokens = remembered(Record(events)), Record(events).result.tokens
+    assert (shares["rules"], shares["rules lost"]) == ([1, 1], [6, 7])
+    assert shares["out of view"] == [5, 6]
+    assert 0 < tokens.question_reply < tokens.question_prompt < tokens.prompt
+    assert tokens.texts > 7
+    assert replay(events).identical
+    older = json.loads(json.dumps(events))
+    del older[0]["scoring"], older[-1]["result"]["tokens"]["texts"]
+    for event in older:
+        if event["event"] == "usage":
+            event.pop("texts", None)
+    assert all(difference.endswith("its chain is broken.") for difference in replay(older).differences)
+
+
+SHORT = """
+class Short:
+    persistent = False
+
+    def compact(self, history, room):
+        messages = list(history)
+        at = max((at for at, message in enumerate(messages) if message["role"] == "assistant"), default=0)
+        if at < 2:
+            return messages
+        asked = yield [{"role": "user", "content": "What matters?"}]
+        return [messages[0], {"role": "user", "content": asked["content"]}, *messages[at:]]
+"""
