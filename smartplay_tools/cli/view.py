@@ -82,7 +82,7 @@ def view(
     where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}
     server = ViewServer(runs, play=playing, plugins=plugins, annotate=annotate, **where)
     count = len(runs.current())
-    counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet (new ones appear here)"
+    counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet (new ones appear)"
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
     # The first address has the token; its page passes it on.
     entry = f"{server.url}{begin}" if server.entry == server.url else server.entry
