@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import islice, zip_longest
 
 from smartplay_tools.context.prefix import common_head, common_messages
-from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, PastTurns
+from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, PastTurns, Strategy
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.context.window import ContextWindow
@@ -67,7 +67,7 @@ class ChoosingWindow(ContextWindow):
         return lines
 
     def _choose(self, state: WindowState, room: int | None) -> Selection:
-        assert self._strategies.custom is not None
+        assert isinstance(self._strategies.custom, Strategy)
         choice = self._strategies.custom.choose(past_of(state, self._text_tokens), room)
         selection = chosen_selection(state, choice)
         cap = self.budget.prompt_tokens

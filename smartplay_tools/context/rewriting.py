@@ -74,7 +74,7 @@ def on_record(pieces: Iterable[Piece]) -> list[Any]:
 
 def from_record(recorded: Iterable[Any]) -> list[Piece]:
     """Return the pieces that a record holds."""
-    return [Own(each) if isinstance(each, dict) else range(each[0], each[1] + 1) for each in recorded]
+    return [range(each[0], each[1] + 1) if isinstance(each, list) else Own(each) for each in recorded]
 
 
 class NumberedMessages:
@@ -318,8 +318,8 @@ class Reader:
                 message = assistant_message({"role": role, "content": words, "tool_calls": fields["tool_calls"]})
             else:
                 message = host_message({"role": role, "content": words, **fields})
-            shown = [self.messages.picture(part["sha256"]) for part in pictures]
-            if None in shown or (shown and role not in ("user", "tool")):
+            shown = [picture for part in pictures if (picture := self.messages.picture(part["sha256"])) is not None]
+            if len(shown) < len(pictures) or (shown and role not in ("user", "tool")):
                 raise InvalidArgumentError("It has a picture that it was not given, or that nobody can be shown there.")
         except (AttributeError, KeyError, TypeError, InvalidArgumentError) as error:
             raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from None

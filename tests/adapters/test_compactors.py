@@ -166,7 +166,7 @@ def test_a_refused_question_is_its_framework_s_full_context(row):
 
 @rows([row for row in ROWS if row not in HERE and not row.name.endswith(":Summary")])
 def test_a_framework_that_is_not_installed_is_one_sentence(row):
-    with pytest.raises(MissingExtraError, match=r"^\S.* needs an optional dependency: pip install 'smartplay-tools\["):
+    with pytest.raises(MissingExtraError, match=r"^\S.* needs an optional dependency: .*pip install .*\["):
         sp.Episode(GAME, seed=1, budget=sp.Budget(strategy=row.name, prompt_tokens=CAP))
 
 

@@ -240,7 +240,7 @@ def test_a_page_says_caps_totals_differences_and_deviations(tmp_path):
         "calls ≤ 30",
         "In all: 4 finished episodes, 120 steps",
         "What a smaller window costs",
-        "full context",
+        "reference",
         "Different from the paper",
         "one action a prompt",
     ):

@@ -110,7 +110,8 @@ class Strategies:
     def asking(self) -> str | None:
         """The field of the budget that asks the agent for words; None if none does."""
         if self.summaries is not None:
-            return self.summaries.name
+            name: str = self.summaries.name
+            return name
         return "strategy" if self.compacts else None
 
     def check(self, budget: Budget, least: int) -> None:

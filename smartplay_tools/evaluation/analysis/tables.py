@@ -29,6 +29,7 @@ _CAPS = (
     "history",
     "prompt_tokens",
     "reply_tokens",
+    "question_tokens",
     "episode_tokens",
     "result_tokens",
     "manual_tokens",
