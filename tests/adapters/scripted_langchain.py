@@ -43,7 +43,7 @@ class ScriptedModel(BaseChatModel):
         """What the model was sent, in canonical form."""
         requests = []
         for messages, settings in zip(self.sent, self.settings, strict=True):
-            functions = [convert_to_openai_tool(tool)["function"] for tool in settings["tools"]]
+            functions = [convert_to_openai_tool(tool)["function"] for tool in settings.get("tools", ())]
             tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
             requests.append(Received(messages, tools, settings.get("max_tokens", self.max_tokens)))
         return requests
