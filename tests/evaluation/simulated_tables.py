@@ -34,8 +34,8 @@ REPETITIONS = 10_000
 
 AREA = "area under four caps in the bandit, jackknife"
 
-NEAR = 0.015
-"""How far a share of 2,000 may be from the page's: three standard errors of 95 %."""
+NEAR = 0.02
+"""How far a share of 2,000 may be from the page's: three standard errors of 90 %, with those of the page."""
 
 
 def coverages() -> Mapping[str, tuple[float, ...]]:
