@@ -72,7 +72,7 @@ def test_every_table_of_every_command_compiles(tmp_path, monkeypatch):
             labels = Counter(re.findall(r"\\label{(.*)}", done.stdout))
             assert set(labels.values()) == {1}
             for title in TABLES[command]:
-                assert f"\\caption{{{title}" in done.stdout, title
+                assert f"\\caption{{{title[0].upper()}{title[1:]}" in done.stdout, title
     assert compiled("\n".join(pages), tmp_path)
 
 

@@ -58,10 +58,7 @@ def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_pa
     assert "http://127.0.0.1:9/v1/chat/completions" in stderr
 
 
-@pytest.mark.parametrize(
-    "player",
-    ["openai:m", "openai-responses:m", *(pytest.param(player, marks=pytest.mark.slow) for player in FRAMEWORKS)],
-)
+@pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", *FRAMEWORKS])
 def test_a_missing_key_is_one_sentence_before_anything_is_written(tmp_path, monkeypatch, player):
     for name in ("OPENAI_API_KEY", "OPENAI_BASE_URL", "ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"):
         monkeypatch.delenv(name, raising=False)
