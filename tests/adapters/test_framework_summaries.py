@@ -306,12 +306,20 @@ def counting() -> Callable[..., str]:
 
 def test_a_head_that_changes_is_refused_in_a_sentence():
     episode, _ = fresh(BUDGET)
-    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"):
+    with (
+        Provider() as stub,
+        episode,
+        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
+    ):
         create_agent(client(stub), middleware=[dynamic_prompt(counting()), SmartPlayMiddleware(episode)]).invoke(
             {"messages": []}, THREAD
         )
     episode, _ = fresh(BUDGET)
-    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"):
+    with (
+        Provider() as stub,
+        episode,
+        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
+    ):
         agents_sdk(episode, stub, instructions=counting())
 
 

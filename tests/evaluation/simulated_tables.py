@@ -71,9 +71,9 @@ def table(name: str, figures: Mapping[str, Sequence[float]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def agrees(name: str, row: str, figures: Sequence[float]) -> bool:
+def agrees(name: str, row: str, figures: Sequence[float], near: float = NEAR) -> bool:
     """Whether figures are those of the page, but for chance."""
-    return all(abs(own - other) <= NEAR for own, other in zip(figures, published(name)[row], strict=True))
+    return all(abs(own - other) <= near for own, other in zip(figures, published(name)[row], strict=True))
 
 
 def published(name: str) -> Mapping[str, tuple[float, ...]]:

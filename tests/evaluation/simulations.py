@@ -137,13 +137,13 @@ def held_together(compared: Sequence[tuple[Values, Bounds]], n: int, seed: int, 
     return bool(np.all(holds(np.array(ends, dtype=float), truths)))
 
 
-def joint() -> Mapping[str, tuple[float, ...]]:
+def joint(repetitions: int | None = None) -> Mapping[str, tuple[float, ...]]:
     """How often all intervals of a sweep hold, each by itself and together by max-T."""
     figures = {}
     for name, compared in families().items():
         for words, method in (("each of 95 %", Method(bootstrap=False)), ("by max-T", None)):
             figures[f"{name}: {len(compared)} intervals, {words}"] = tuple(
-                float(np.mean([held_together(compared, n, seed, method) for seed in range(REPETITIONS)]))
+                float(np.mean([held_together(compared, n, seed, method) for seed in range(repetitions or REPETITIONS)]))
                 for n in JOINT_SIZES
             )
     return figures

@@ -222,7 +222,7 @@ def test_the_fixed_suite_is_planned_as_it_is_checked(tmp_path):
 def test_what_cannot_be_prepared(bundle, tmp_path):
     run = tmp_path / "run"
     sp.evaluate([HANOI], ["rule", "random"], out=run, trials=1, executor="inline")
-    with pytest.raises(sp.InvalidArgumentError, match="The run has the players rule, random; name the one"):
+    with pytest.raises(sp.InvalidArgumentError, match="The run has the players rule, random; name the submitted one"):
         prepare_submission(run, tmp_path / "two.zip", FACTS)
     prepare_submission(run, tmp_path / "one.zip", FACTS, player="random")
     assert check_submission(tmp_path / "one.zip", workers=0).verified
