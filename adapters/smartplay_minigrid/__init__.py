@@ -35,3 +35,4 @@ ROOMS = Pack(
         for env, steps in _STEPS.items()
     ),
 )
+"""Memory, LockedRoom and GoToLocal."""

@@ -67,4 +67,7 @@ def _labyrinths() -> Iterator[GameSpec]:
 
 
 CARDS = Pack("popgym", ("popgym",), tuple(_cards()))
+"""The families with cards."""
+
 LABYRINTHS = Pack("popgym", ("popgym", "mazelib"), tuple(_labyrinths()))
+"""The families with mazes."""
