@@ -145,6 +145,10 @@ def test_whatever_a_compactor_does_no_prompt_is_over_its_cap_and_the_record_has_
     assert sum(check(number) for number in range(20)) > 100
 
 
+def test_a_result_whose_picture_was_left_out_is_masked_later():
+    assert check(2_000_400, pictures=True) > 10
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
 def test_the_same_in_a_hundred_thousand_prompts(part):

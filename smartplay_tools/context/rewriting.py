@@ -117,9 +117,12 @@ class NumberedMessages:
         changed: list[range] = []
         if (oldest, pictures) == (self._oldest, self._pictures):
             return changed
-        self._oldest, self._pictures = oldest, pictures
+        before, self._oldest, self._pictures = self._pictures, oldest, pictures
         for index in range(self._aged, len(self._turns)):
             turn, numbers = self._turns[index], range(self._starts[index], self._starts[index + 1])
+            pictured = turn.first_picture + len(turn.pictured)
+            if turn.is_young(oldest) and pictured <= before:
+                continue  # its pictures were left out before, and it is not masked yet
             self.now[numbers.start : numbers.stop] = seen = turn.seen(oldest, pictures=pictures)
             shows = [
                 None if item.is_masked(m) else item.observation_step
@@ -128,8 +131,7 @@ class NumberedMessages:
             self.steps[numbers.start : numbers.stop] = [None, *shows]
             self._lines[numbers.start : numbers.stop] = [None] * len(numbers)
             changed.append(numbers)
-            pictured = turn.first_picture + len(turn.pictured)
-            if turn.step < oldest or (not oldest and pictured <= pictures):
+            if turn.step < oldest:
                 self._aged = index + 1
             elif turn.is_young(oldest) and pictured >= pictures:
                 break  # and so is every later turn
