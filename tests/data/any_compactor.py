@@ -174,6 +174,7 @@ class AnyCompactor:
 
     def __init__(self, seed: int, wild: bool = False, persistent: bool = True) -> None:
         self._seed, self._calls, self.persistent = seed, 0, persistent
+        self._is_wild = wild
         self._kinds = [*GENTLE, *WILD] if wild else [*GENTLE]
         self._asks = [*QUESTIONS] if wild else [*QUESTIONS][:4]
         self.said: list[str] = []
@@ -203,7 +204,7 @@ class AnyCompactor:
                 reply = yield QUESTIONS[ask]([*history], chance)
                 self.said.append(reply["content"])
             except ContextOverflowError:
-                if chance.random() < 0.03:
+                if chance.random() < 0.03 and self._is_wild:
                     raise
         return self._changed(history, kinds, chance)
 
