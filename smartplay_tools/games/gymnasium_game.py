@@ -66,7 +66,7 @@ class GymnasiumGame(TextGame):
         given = {
             "make_env": make_env, "describe": describe, "actions": actions, "action_of": action_of, "manual": manual
         }  # fmt: skip
-        vars(self).update({name: value for name, value in given.items() if value is not None})
+        self.__dict__.update({name: value for name, value in given.items() if value is not None})
         for name in ("actions", "manual"):
             if not getattr(self, name, None):
                 raise self._without(name)
@@ -123,7 +123,7 @@ class GymnasiumGame(TextGame):
         return {name: value for name, value in vars(self).items() if name not in remade}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
+        self.__dict__.update(state)
         self._begin(self._env_seed)
         for action in self._played:
             self._play(action)
