@@ -19,7 +19,7 @@ ELSEWHERE = {"16_evaluate_pydantic_ai", "20_train_a_tiny_agent"}
 def test_it_runs(path, tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_API_KEY")}
     command = [sys.executable, "-W", "error", str(path)]
-    shown = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    shown = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
     assert shown.returncode == 0, shown.stderr
     assert shown.stdout.strip()
 
