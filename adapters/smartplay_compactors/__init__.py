@@ -6,3 +6,5 @@ Each is a strategy by name, with the project's code unchanged:
 
 `embeddings` is a memory with the word vectors of WordLlama. This module imports none of the packages.
 """
+
+__all__: list[str] = []
