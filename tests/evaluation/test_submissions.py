@@ -265,10 +265,17 @@ def test_the_reference_rows_are_of_the_suite_as_it_is_planned(player):
     folder = Path(__file__).parents[2] / "experiments" / "tools-v1" / player
     if not folder.exists():
         pytest.skip("not in a checkout")
-    planned = plan_suite(get_suite("tools-v1"), [player]).with_prompts("v1")  # the version under which they were played
+    planned = plan_suite(get_suite("tools-v1"), [player])
     keys = [episode.key for episode in planned.episodes]
     manifest = json.loads((folder / "manifest.json").read_text())
     assert [episode["key"] for episode in manifest["episodes"]] == keys
-    plan = read_plan({**manifest, "spending": None})  # as in a bundle
-    assert not list(check_suite(plan, "tools-v1", "standard")), "a run of an earlier version is one of the suite"
+    assert not list(check_suite(read_plan({**manifest, "spending": None}), "tools-v1", "standard"))  # as in a bundle
+    v1 = zip(manifest["episodes"], planned.with_prompts("v1").episodes, strict=True)
+    earlier = {
+        **manifest,
+        "spending": None,
+        "cells": [{**cell, "prompts": "v1"} for cell in manifest["cells"]],
+        "episodes": [{**now, "key": then.key} for now, then in v1],
+    }
+    assert not list(check_suite(read_plan(earlier), "tools-v1", "standard")), "a run of an earlier version is one, too"
     assert [row["key"] for row in RunFolder(folder).rows()] == keys
