@@ -51,7 +51,7 @@ class Loading:
     threads: int | None = None
     """How many threads compute; the order of additions, hence a close choice, can depend on it."""
     slots: int = 1
-    """How many prompts are answered at a time, each with a context and a cache of its own."""
+    """How many prompts are answered at a time, each with a separate context and cache."""
 
     def check(self) -> GGUF:
         """Return the model's file; an `InvalidArgumentError` if it cannot be loaded like this on this machine."""

@@ -52,13 +52,13 @@ class LocalPlayer(OpenAIPlayer):
 
     Arguments:
         model: a known model's name, or the path of a GGUF file; by default the one of `smartplay-tools model get`.
-        adapter: the path of a LoRA adapter in GGUF, which is loaded beside the model, in place of its own.
+        adapter: the path of a LoRA adapter in GGUF, loaded instead of the model's default adapter.
         format: "template" sends tools in the model's own chat template, and llama.cpp reads the calls; "text" writes
             them into the messages. By default "template" where the file's template has tools and the model calls one
             when it is tried.
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
         threads: how many threads compute; by default as many as there are processors, at most four.
-        slots: how many prompts are answered at a time. Each takes the memory of a context of its own.
+        slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
         timeout: seconds that a reply may take, the time included for which it waits for a slot.
         options: those of `OpenAIPlayer`, such as `parameters`, for whatever else llama.cpp's server takes.

@@ -6,7 +6,7 @@ turns        a turn: a reply, its calls and their results
 strategies/  what happens to the past, one class for each way
 window       which turns a prompt shows; `choosing` for strategies that choose
 compaction   compactors: what they are given, and how code that does not yield becomes one
-rewriting    what a compactor returns: messages of the conversation, or of its own
+rewriting    what a compactor returns: messages of the conversation, and new ones
 compacting   the window of a compactor
 view         what a prompt showed, for its record
 """

@@ -2,7 +2,7 @@
 
 The compactor is asked once for each prompt to play. What it returns takes the place of the history, and is shown with
 its oldest turns left out until it fits: whatever it does, no prompt is over its cap, and no result that is too old
-shows an observation. A question that it asks is a prompt of its own. While nothing is rewritten, the time for a prompt
+shows an observation. A question that it asks is a separate prompt. While nothing is rewritten, the time for a prompt
 grows with what it shows, and hardly with the conversation.
 """
 
@@ -200,7 +200,7 @@ class CompactingWindow(ContextWindow):
     def _next(
         self, running: Answered | None, answer: Message | ContextOverflowError | None
     ) -> tuple[bool, list[Piece]]:
-        """Return whether the compactor asks next, and the messages; what is on record counts, as far as it goes."""
+        """Return whether the compactor asks next, and the messages; recorded ones are used as long as there are any."""
         try:
             made = None if running is None else (True, running.send(answer))
         except StopIteration as end:
@@ -271,7 +271,7 @@ class CompactingWindow(ContextWindow):
     def _fitting(self, pieces: Sequence[Piece], lead: Sequence[Place], room: int) -> tuple[int, int] | None:
         """Return how many of the messages before the first reply leave, and how many of the turns stay.
 
-        The oldest turns leave first, but for the newest; then what stands before the first reply. None if even that
+        The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
         lead_sizes = [size for place in lead for size in self._tokens(place)]

@@ -1,4 +1,4 @@
-"""Rewritings: what a compactor returns, as numbers of the conversation's messages and messages of its own.
+"""Rewritings: what a compactor returns, as numbers of the conversation's messages, and new messages.
 
 Messages are numbered from the first one after the system message: the task, what the host said before the first reply,
 the turns. A message that a compactor returns is one of them if it says the same as that message does or did when it
@@ -81,7 +81,7 @@ class NumberedMessages:
     """The messages of a conversation by their numbers, as they are shown now."""
 
     def __init__(self, head: Sequence[Message]) -> None:
-        """`head` is what stands before the first reply, without the system message."""
+        """`head` is the messages before the first reply, without the system message."""
         self.now: list[Message] = list(head)
         """Every message as a prompt shows it now."""
         self.steps: list[int | None] = [None] * len(head)
@@ -380,7 +380,7 @@ class Rewriting:
     """The history of a record that a compactor has rewritten, rebuilt without the compactor."""
 
     def __init__(self, head: Sequence[Message]) -> None:
-        """`head` is what stands before the first reply, without the system message."""
+        """`head` is the messages before the first reply, without the system message."""
         self._messages = NumberedMessages(head)
         self._turns = self._known = 0
         """How many turns are read, and how many messages the history has had so far."""

@@ -272,7 +272,7 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
 
 
 def judge_interleaved(row: Window) -> None:
-    """Play two episodes, each in a thread of its own; their replies alternate."""
+    """Play two episodes in two threads; their replies alternate."""
 
     async def both() -> None:
         mine = Turns()

@@ -263,7 +263,7 @@ def without(modules: str, code: str) -> str:
 
 
 slowly = partial(pytest.param, marks=pytest.mark.slow)
-"""A case of its own process that only the slow tests run."""
+"""A case in a separate process, which only the slow tests run."""
 
 
 @pytest.mark.slow

@@ -14,13 +14,13 @@ Messages = list[Any]
 
 
 class Text(str):
-    """Text of a class of its own."""
+    """Text of a subclass of `str`."""
 
     __slots__ = ()
 
 
 def turns_of(messages: Messages) -> list[Messages]:
-    """Return what stands before the first reply, and every reply with what follows it."""
+    """Return the messages before the first reply, and every reply with the messages after it."""
     turns: list[Messages] = [[]]
     for message in messages:
         if message["role"] == "assistant":
