@@ -14,7 +14,7 @@ from smartplay_tools.games.crafter.noise import Points
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.stream import Stream, world_seed
-from smartplay_tools.games.crafter.world import place
+from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place
 from smartplay_tools.games.specs import GAMES
 
 
@@ -137,6 +137,20 @@ def test_killed_in_sleep(text: str, status: str) -> None:
     assert observation.startswith(f"You took action noop.{status}")
     assert "\n\n\n\nYou see:" in observation
     assert "- health: 0/9" in observation
+
+
+def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
+    game = started(5)
+    go_to(game, 30, 30)
+    player = game._world.player
+    player.facing = DIRECTIONS[3]
+    plant = Thing(facts.PLANT, place(30, 31))
+    player.world.set_ground(plant.at, facts.GRASS)
+    player.world.add(plant)
+    for plant.clock, eaten in ((300, 0), (301, 1)):
+        player._do()
+        assert player.unlocked.get("eat_plant", 0) == eaten
+    assert plant.clock == 0
 
 
 def test_unknown_options_are_refused_in_one_sentence() -> None:

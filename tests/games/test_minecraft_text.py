@@ -321,7 +321,8 @@ def test_rows_are_told_steeper_than_they_are():
     observation = nothing(SOUTH)
     see(observation, 10, 8, "sand", 5)  # really 12 degrees up, a sine of 0.21
     see(observation, 6, 8, "clay", 5)
-    assert [line.split(", ")[2].split(" to")[0] for line in view(observation, "paper")] == ["below you", "above you"]
+    for mode in ("paper", "corrected"):
+        assert [line.split(", ")[2].split(" to")[0] for line in view(observation, mode)] == ["below you", "above you"]
     see(observation, 9, 0, "ice", 5)
     assert view(observation, "paper")[1].split(", ")[2].startswith("at your level")
 
