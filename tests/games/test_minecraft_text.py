@@ -216,6 +216,14 @@ def test_of_the_blocks_around_one_group_a_name_is_told(name, places, lines):
     assert around(observation) == lines
 
 
+def test_the_rounding_of_32_bits_decides_between_equal_distances_in_the_papers_text():
+    """As in the original: both groups are the square root of 2 away, and the smaller one is the second."""
+    observation = nothing()
+    for x, y, z in ((0, -1, 1), (1, -1, 1), (1, 0, 1), (1, 0, 0), (1, -1, 2), (-1, 1, 0)):
+        observation.blocks[FEET + x, FEET + y, FEET + z] = "water"
+    assert around(observation, "paper") == [" - water, 1.41 blocks away, above you to west"]
+
+
 def test_a_name_stands_where_its_first_group_does():
     """First by x, then y, then z; the first cell of a group decides the order, not the one that is described."""
     observation = nothing()

@@ -216,10 +216,13 @@ def test_an_action_looks_for_the_goal_after_every_tick_but_that_of_its_turn():
     plains = {"pos": np.zeros(3), "yaw": [0], "pitch": [0], "biome_id": 1}
     names = ("block_name", "block_distance", "entity_name", "entity_distance")
     seen = {"location_stats": plains, "voxels": {"block_name": np.zeros(1)}, "rays": dict.fromkeys(names, np.zeros(1))}
+
+    def step(action: np.ndarray) -> tuple[dict, float, bool, dict]:
+        played.append(action.tolist())
+        return seen, 0.0, False, {}
+
     minedojo = worker.Minedojo()
-    minedojo._environment = SimpleNamespace(
-        step=lambda action: (played.append(action.tolist()), (seen, 0, False, {}))[1]
-    )
+    minedojo._environment = SimpleNamespace(step=step)
     turned, *walked = _turned(90), _walked(Stride(1, jump=True)), _walked(Stride(-1, jump=False))
     assert minedojo.act([turned, *walked], goal=[1])["biome"] == 1
     minedojo.act([turned, *walked], goal=[2])
