@@ -17,20 +17,20 @@ PLAYED = Path(__file__).parents[1] / "experiments" / "tools-v1"
 
 
 SETTINGS = """
-BanditTwoArmedDeterministicFixed-v0     50    50  20   2  111123211
-BanditTwoArmedHighHighFixed-v0          50    50  20   2  111123211
-BanditTwoArmedHighLowFixed-v0           50    50  20   2  111123211
-BanditTwoArmedLowLowFixed-v0            50    50  20   2  111123211
-RockPaperScissorBasic-v0                50    50  20   3  213123311
-RockPaperScissorDifferentScore-v0       50    50  20   3  213123311
-Hanoi3Disk-v0                           30    30  10   6  232311121
-Hanoi4Disk-v0                           30    30  10   6  232311121
-MessengerL1-v0                           2     4 100   5  312122112
-MessengerL2-v0                           2    64 100   5  322222112
-MessengerL3-v0                           2   128 100   5  322222112
-Crafter-v0                               5 10000  10  17  433332432
-""" + "".join(f"MinedojoCreative{task}-v0 2 200 20 4 112132123\n" for task in (0, 1, 2, 4, 5, 7, 8, 9))
-"""The paper's settings: history, rollout, trials, actions, and the degree of each capability."""
+BanditTwoArmedDeterministicFixed-v0     50    50  20   2  111123211   0..50
+BanditTwoArmedHighHighFixed-v0          50    50  20   2  111123211   0..50
+BanditTwoArmedHighLowFixed-v0           50    50  20   2  111123211   0..50
+BanditTwoArmedLowLowFixed-v0            50    50  20   2  111123211   0..50
+RockPaperScissorBasic-v0                50    50  20   3  213123311   0..50
+RockPaperScissorDifferentScore-v0       50    50  20   3  213123311   0..50
+Hanoi3Disk-v0                           30    30  10   6  232311121   0..3
+Hanoi4Disk-v0                           30    30  10   6  232311121   0..4
+MessengerL1-v0                           2     4 100   5  312122112  -1..1
+MessengerL2-v0                           2    64 100   5  322222112  -1..1
+MessengerL3-v0                           2   128 100   5  322222112  -3..1
+Crafter-v0                               5 10000  10  17  433332432   ..
+""" + "".join(f"MinedojoCreative{task}-v0 2 200 20 4 112132123 0..1\n" for task in (0, 1, 2, 4, 5, 7, 8, 9))
+"""The paper's settings: history, rollout, trials, actions, the degree of each capability, and the bounds of a score."""
 
 DEGREES_OF = (
     "long text understanding, reasoning, instruction following, planning, generalization, understanding the odds, "
@@ -55,13 +55,13 @@ vicuna-13b        28.81 7.1   0.2 -1    -0.76  56.7   0.43   0.64 0.17 0.07 0.00
 
 
 def test_the_settings_are_the_papers_table():
-    rows = [line.split() for line in SETTINGS.strip().splitlines()]
-    assert [
-        [spec.id, *map(str, (spec.history, spec.rollout, spec.trials, spec.count_actions())), degrees]
-        for spec in sp.GAMES.values()
-        if (degrees := "".join(map(str, spec.challenges.values())))
-    ] == rows
-    assert {tuple(spec.challenges) for spec in sp.GAMES.values()} == {CAPABILITIES} == {tuple(DEGREES_OF.split(", "))}
+    rows = []
+    for spec in sp.GAMES.values():
+        assert tuple(spec.challenges) == CAPABILITIES == tuple(DEGREES_OF.split(", "))
+        degrees = "".join(map(str, spec.challenges.values()))
+        bounds = "..".join(map(str, spec.score_bounds or ("", "")))
+        rows.append(f"{spec.id} {spec.history} {spec.rollout} {spec.trials} {spec.count_actions()} {degrees} {bounds}")
+    assert rows == [" ".join(line.split()) for line in SETTINGS.strip().splitlines()]
 
 
 def test_the_odds_of_the_bandits_and_of_rock_paper_scissors_are_the_papers():

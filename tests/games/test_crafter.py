@@ -124,6 +124,7 @@ def test_the_corrected_text_tells_what_can_be_seen_at_the_border() -> None:
 @pytest.mark.parametrize(("text", "status"), [("original", "You are sleeping, "), ("corrected", "You died.")])
 def test_killed_in_sleep(text: str, status: str) -> None:
     game = started(7, text=text)
+    assert game.deviations() == ({} if text == "original" else {"text": {"paper": "original", "played": text}})
     player, world = game._world.player, game._world.world
     player.inventory["energy"] = 1
     game.step(game.actions.index("Sleep"))
