@@ -26,8 +26,6 @@ from smartplay_tools.registry import declared_in, load_declared, package_of, res
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-    import gymnasium
-
     from smartplay_tools.games.base import TextGame
 
 __all__ = ["Pack"]
