@@ -24,8 +24,12 @@ from typer.main import get_command, get_group
 from smartplay_tools.errors import FULL, SmartPlayError
 from smartplay_tools.registry import resolve
 
+TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
+ANYWHERE = (*FULL, *TOO_MANY_OPEN)
+"""Errors of a machine that has no room for a file, or for another one that is open."""
+
 OF_FILES = frozenset(
-    {*FULL, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
+    {*ANYWHERE, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 )
 """Errors of a place where a user wants a file: read-only, full, missing, or a folder."""
 
@@ -222,10 +226,11 @@ class _Commands(TyperGroup):
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
-            if error.errno not in (OF_FILES if error.filename else FULL):
+            if error.errno not in (OF_FILES if error.filename else ANYWHERE):
                 raise
             named = error.filename or "A file"
-            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}.", err=True)
+            remedy = "; raise the limit (ulimit -n), or use fewer --workers" if error.errno in TOO_MANY_OPEN else ""
+            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}{remedy}.", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:  # outside of the code that handles it
             typer.echo("Stopped by SIGINT.", err=True)

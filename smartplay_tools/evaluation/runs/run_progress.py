@@ -44,11 +44,12 @@ def following(folder: RunWriter, show: OnSnapshot) -> Iterator[None]:
     follower, over = RunFollower(folder), threading.Event()
 
     def tick() -> None:
-        snapshot = follower.count()
-        # A file that cannot be replaced now (a full disk, a reader on Windows) is tried again in a second.
+        # A file that cannot be opened or replaced now (a full disk, too many open files, a reader on Windows) is tried
+        # again in a second.
         with suppress(OSError):
+            snapshot = follower.count()
+            show(snapshot)
             folder.write_status(snapshot.figures())
-        show(snapshot)
 
     def follow() -> None:
         tick()
