@@ -13,6 +13,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.transcript.file import read_transcript
 from tests.adapters.openai_stub import OpenAIStub
 from tests.processes import needs_unix
@@ -83,3 +84,16 @@ def test_a_player_opens_new_connections():
             return player.reply(prompt).message["content"]
 
         assert [ask(), in_a_fork(ask), ask()] == ["0", "1", "2"]
+
+
+def test_a_daemonic_process_plays_without_further_processes(tmp_path):
+    """As in a worker of `multiprocessing.Pool`: what cannot be done is told before there is a folder."""
+    asked = {"games": [HANOI], "players": ["rule"], "trials": 2}
+    assert 'executor="inline"' in in_a_fork(lambda: sp.evaluate(**asked, out=tmp_path / "refused"))
+    assert not (tmp_path / "refused").exists()
+
+    def play() -> list[tuple[str, ...]]:
+        run = sp.evaluate(**asked, out=tmp_path / "run", executor="inline")
+        return [found.differences for found in audit(run.folder, 2)]
+
+    assert in_a_fork(play) == [(), ()]
