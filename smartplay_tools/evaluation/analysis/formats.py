@@ -128,8 +128,8 @@ def _uncomputed(value: Any) -> Any:
     """A cell that a spreadsheet shows as it is."""
     if not isinstance(value, str):
         return value
-    text = encodable(value)
-    return f"'{text}" if text[:1] in tuple("=+-@\t\r\n") and not NUMBER.fullmatch(text) else text
+    text = encodable(value).replace("\r", "\\r")  # `csv` would write it without quotes, and a reader see two lines
+    return f"'{text}" if value[:1] in tuple("=+-@\t\r\n") and not NUMBER.fullmatch(text) else text
 
 
 def encodable(text: str) -> str:
