@@ -13,6 +13,7 @@ import io
 import json
 import shutil
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -21,7 +22,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from smartplay_tools.errors import FULL, SmartPlayError
+from smartplay_tools.errors import FULL, DamageWarning, SmartPlayError
 from smartplay_tools.registry import resolve
 
 TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
@@ -219,9 +220,24 @@ class _Commands(TyperGroup):
         TyperGroup.format_help(listed, ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; a bug keeps its traceback."""
+        """Run the command; a bug keeps its traceback. What is damaged and left out makes the exit code 1."""
+        told: list[str] = []
+
+        def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, DamageWarning):
+                usual(message, category, *where, **more)
+            elif str(message) not in told:
+                told.append(str(message))
+                typer.echo(f"smartplay-tools: {message}", err=True)
+
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", DamageWarning)
+                usual, warnings.showwarning = warnings.showwarning, tell
+                result = super().invoke(ctx)
+            if told:
+                raise typer.Exit(1)
+            return result
         except SmartPlayError as error:
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error

@@ -27,6 +27,8 @@ from typing import Any
 
 from pydantic_core import from_json
 
+from smartplay_tools.errors import TranscriptError
+
 LAST_BYTES = 8_192
 """How much of the end of a file is read at first to find its last line: most records end with shorter ones."""
 
@@ -80,6 +82,8 @@ class GrowingLines:
                 lines = complete_lines(file.read())
         except FileNotFoundError:
             return [], False
+        except OSError as error:
+            raise TranscriptError(f"{self.path} cannot be read: {error.strerror}.") from None
         self._position += sum(map(len, lines))
         return lines, replaced
 
