@@ -14,7 +14,7 @@ from functools import partial
 from operator import itemgetter
 from typing import Any
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.errors import DamageError, TranscriptError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data, excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
@@ -24,7 +24,6 @@ from smartplay_tools.evaluation.run_folder.folder import as_list, read_notes
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
-from smartplay_tools.types import EpisodeResult
 from smartplay_tools.types.arguments import encoder
 
 WORTH_A_PROCESS = 8_000_000
@@ -49,8 +48,10 @@ class ShownEpisode:
 @contextmanager
 def reading(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
-) -> Iterator[Callable[[], list[ShownEpisode]]]:
+) -> Iterator[Callable[[], tuple[list[ShownEpisode], list[str]]]]:
     """Read the episodes of a run; return a function that returns them, in the order of their sources.
+
+    It also returns a sentence for each damaged record, which is left out.
 
     At most `workers` processes read them, including this one, and fewer if there is little to read. The others begin at
     once, this one when that function is called. `plugins` says whether they import games of installed packages; a game
@@ -58,37 +59,40 @@ def reading(
     """
     processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
     with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as chunks:
-        yield lambda: [episode for _, episodes in sorted(chunks, key=itemgetter(0)) for episode in episodes]
+        yield lambda: _parted([each for _, part in sorted(chunks, key=itemgetter(0)) for each in part])
 
 
-def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
+def _parted(read: Sequence[ShownEpisode | str]) -> tuple[list[ShownEpisode], list[str]]:
+    return [each for each in read if not isinstance(each, str)], [each for each in read if isinstance(each, str)]
+
+
+def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode | str]:
     with importing_packages(plugins), Drawings() as drawings:
-        return [_read(source, letter, drawings) for source in sources]
+        return [_read_or_fault(source, letter, drawings) for source in sources]
+
+
+def _read_or_fault(source: Source, letter: str, drawings: Drawings) -> ShownEpisode | str:
+    try:
+        with damage_named(source.transcript):
+            return _read(source, letter, drawings)
+    except (DamageError, TranscriptError) as error:
+        return str(error)
 
 
 def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
     record = Record.read(source.transcript)
-    try:
-        data = {
-            **episode_data(source.key, record, source.facts),
-            "drawing": drawings.draw(record),
-            "pictures": drawings.pictures(record),
-            "run": letter,
-            "notes": as_list(read_notes(source.transcript)),
-        }
-        if source.turns is not None:
-            data = excerpt(data, *source.turns)
-        if data["result"] is not None:
-            EpisodeResult.model_validate(data["result"])
-        row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
-        facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
-        facts["rules"] = rules(facts)
-    except InvalidArgumentError:
-        raise
-    except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
-        kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "
-        what = f"{kind}{in_one_line(error)[:200]}".rstrip(".")
-        raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
+    data = {
+        **episode_data(source.key, record, source.facts),
+        "drawing": drawings.draw(record),
+        "pictures": drawings.pictures(record),
+        "run": letter,
+        "notes": as_list(read_notes(source.transcript)),
+    }
+    if source.turns is not None:
+        data = excerpt(data, *source.turns)
+    row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
+    facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
+    facts["rules"] = rules(facts)
     return ShownEpisode(facts, pack(data), row)
 
 

@@ -28,7 +28,7 @@ from string import ascii_uppercase
 from typing import Any, Literal
 
 from smartplay_tools.context.prompts.wording import versions
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, left_out
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
@@ -253,7 +253,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "episodes": episodes,
         "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
-        "warnings": [warning for page in pages for warning in unplayed(page.rows)],
+        "warnings": [warning for page in pages for warning in (*page.damaged, *unplayed(page.rows))],
         "chosen": _chosen(runs),
         "waiting": sum(run.sources.waiting for run in runs),
         "style": style,
@@ -289,6 +289,8 @@ class _RunPage:
     summary: RunSummary
     figures: Sequence[Mapping[str, str]]
     costs: Sequence[TextTable]
+    damaged: Sequence[str]
+    """A sentence for each record that is left out."""
 
 
 def _page_of_run(
@@ -298,7 +300,11 @@ def _page_of_run(
         drawn = list(figures(drawing))
         # Computes the intervals while the others read; the summary below finds them remembered.
         summarize(run.sources.rows, ())
-        shown = read()
+        shown, damaged = read()
+    if damaged and not shown:
+        raise TranscriptError(damaged[0])
+    for sentence in damaged:
+        left_out(sentence)
     episodes = [episode.facts for episode in shown]
     packed = {episode.facts["key"]: episode.packed for episode in shown}
     rows = [episode.row for episode in shown if episode.row is not None]
@@ -307,7 +313,7 @@ def _page_of_run(
     if failures is None:
         failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
     costs = _costs(run, rows, tariffs, workers) if tariffs else ()
-    return _RunPage(run, episodes, packed, rows, summarize(rows, failures), drawn, costs)
+    return _RunPage(run, episodes, packed, rows, summarize(rows, failures), drawn, costs, damaged)
 
 
 def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], workers: int) -> Sequence[TextTable]:
@@ -375,7 +381,10 @@ def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], 
 def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
     """Return what such a page unpacks of an episode, as far as its record goes."""
     with reading([Source(key, record)], "", plugins=plugins) as read:
-        return read()[0].packed
+        shown, damaged = read()
+    if damaged:
+        raise TranscriptError(damaged[0])
+    return shown[0].packed
 
 
 def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:
