@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.games import PAPER_RESULTS
 
 SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
 
@@ -89,13 +88,6 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         "budget": sp.Budget(tool_calls=300),
         "trials": 10,
-    },
-    "capabilities": {
-        "games": tuple(PAPER_RESULTS[0].raw)[
-            :-1
-        ],  # the last is Minecraft, for which the default engine is not the paper's
-        "players": ("rule", "random"),
-        "trials": 20,
     },
 }
 """A sweep for each question."""
