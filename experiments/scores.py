@@ -25,7 +25,7 @@ from smartplay_tools.records.rows import Row, grouped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TRIALS = {"crafter": 10, "minecraft": 20}
+TRIALS = {"crafter": 10, "messenger": 50, "minecraft": 10}
 """Worlds of each setting of a game, where they are not 100."""
 PLAYERS = ("random", "rule", "blind")
 SEED = 0
