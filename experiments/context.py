@@ -22,11 +22,9 @@ from typing import TYPE_CHECKING
 from context_questions import CONTROL, QUESTIONS
 from context_tables import TARIFFS, table
 from page_tables import DOCS, Experiment, arguments, priced, records_of
-from strategy_figure import ALONG, effects_of_strategies
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
-from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
 from smartplay_tools.records.rows import Row
 
@@ -38,10 +36,9 @@ __all__ = ["CONTROL", "EXPERIMENTS", "QUESTIONS", "main", "table"]
 
 def figures(name: str, rows: Sequence[Row]) -> dict[str, Figure]:
     """The figures of a question's answer that the pages show."""
-    drawn = {"strategies": effects_of_strategies(compare_windows(rows, along=ALONG))} if name == "strategies" else {}
     pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
-    named = {f"{name}-{figure}": each for figure, each in (run_figures(rows) | drawn).items()}
-    return {figure: each for figure, each in named.items() if f"figures/{figure}.svg)" in pages}
+    named = {f"{name}-{figure}": drawn for figure, drawn in run_figures(rows).items()}
+    return {figure: drawn for figure, drawn in named.items() if f"figures/{figure}.svg)" in pages}
 
 
 EXPERIMENTS = {

@@ -19,7 +19,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.games.paper_tables import PAPER_RESULTS, PAPER_SETTINGS
+from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 from smartplay_tools.records.rows import Row, grouped
 
 if TYPE_CHECKING:
@@ -71,6 +71,16 @@ def visible(rows: Sequence[Row]) -> str:
     return markdown_table((*headings, "MDE, `rule` against `random`", "MDE, two as variable as `random`"), lines)
 
 
+def degrees() -> str:
+    """How much each setting asks for each capability; the settings of a family that agree share a column."""
+    columns: dict[tuple[str, tuple[int, ...]], list[str]] = {}
+    for spec in (sp.GAMES[game] for game in sp.GAMES if game in sp.GAMES.benchmark):
+        columns.setdefault((spec.family, tuple(spec.challenges.values())), []).append(spec.id)
+    headings = [ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more" for ids in columns.values()]
+    lines = [(name, *(str(own[at]) for _, own in columns)) for at, name in enumerate(CAPABILITIES)]
+    return markdown_table(("capability", *headings), lines)
+
+
 def _three(value: float) -> str:
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
 
@@ -81,6 +91,7 @@ def capabilities(rows: Sequence[Row]) -> dict[str, Figure]:
     return {"capabilities-capabilities": run_figures(players)["capabilities"]}
 
 
+DEGREES = Experiment("degrees", lambda _: {"degrees": degrees()}, read=lambda: None)
 EXPERIMENT = Experiment("scores", lambda rows: {"scores": scores(rows), "visible": visible(rows)}, capabilities)
 
 

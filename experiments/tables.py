@@ -12,6 +12,7 @@ from importlib import import_module
 
 from context import EXPERIMENTS
 from page_tables import Experiment
+from scores import DEGREES
 
 SCRIPTS = (
     "arena", "arena_curves", "arena_claims", "caps", "carry", "learned_tables", "local", "pictures", "ruler", "scores",
@@ -20,7 +21,7 @@ SCRIPTS = (
 
 def experiments() -> dict[str, Experiment]:
     """Return the experiments by their names."""
-    own = [import_module(script).EXPERIMENT for script in SCRIPTS]
+    own = [DEGREES, *(import_module(script).EXPERIMENT for script in SCRIPTS)]
     return EXPERIMENTS | {experiment.name: experiment for experiment in own}
 
 
