@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 TRIALS = {"crafter": 10, "messenger": 50, "minecraft": 10}
 """Worlds of each setting of a game, where they are not 100."""
-PLAYERS = ("random", "rule", "blind")
+PLAYERS = ("random", "rule", "rule-notes", "blind")
 SEED = 0
 
 
@@ -53,7 +53,7 @@ def scores(rows: Sequence[Row]) -> str:
         means = {cell.player: interval(mean_score(own)) for cell, own in cells}
         papers = f"{max(model.raw[game] for model in models):,g}", f"{people.raw[game]:,g}"
         shown = papers if game in people.raw else ("", "")
-        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), *shown))
+        lines.append((f"`{game}`", str(len(cells[0][1])), *(means.get(player, "") for player in PLAYERS), *shown))
     return markdown_table(("setting", "worlds", *PLAYERS, "best model of the paper", "human"), lines)
 
 
