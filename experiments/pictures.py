@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GAME, CALLS = "Crafter-v0", 300
-CAPS = (500, 1_000, 2_000, 4_000, 8_000)
+CAPS = (500, 1_000, 2_000)
 FORMS = ("text", "picture", "both")
 PIXELS = f"{HERE / 'rule_pixels.py'}:RulePixelsPlayer"
 
@@ -92,7 +92,7 @@ def main() -> None:
     parser = arguments(__doc__, "runs/pictures")
     parser.add_argument("--player", help="A model that plays all three; by default the rule players.")
     parser.add_argument("--player-option", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     options = key_values(asked.player_option, "--player-option")

@@ -25,24 +25,23 @@ from smartplay_tools.records.rows import Row, grouped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TRIALS = {"crafter": 10, "messenger": 50, "minecraft": 10}
+TRIALS = {"crafter": 10, "messenger": 25, "minecraft": 5}
 """Worlds of each setting of a game, where they are not 100."""
-PLAYERS = ("random", "rule", "rule-notes", "blind")
+PLAYERS = ("random", "rule", "blind")
 SEED = 0
 
 
 def play(out: Path, families: Sequence[str] | None) -> Iterator[Row]:
-    """Play every setting with every player, and `rule-notes` where its notes are worth the most, and yield the rows."""
+    """Play every setting with every player, and yield the rows."""
     settings = [game for game in sp.GAMES if game in sp.GAMES.benchmark]
     for family, games in grouped(settings, lambda game: sp.GAMES[game].family).items():
         if families and family not in families:
             continue
-        for player in ("rule", "random", "rule-notes", f"blind:{out / family / 'rule'}"):
+        for player in ("rule", "random", f"blind:{out / family / 'rule'}"):
             name = player.partition(":")[0]
-            if name != "rule-notes" or family == "crafter":
-                trials, folder = TRIALS.get(family, 100), out / family / name
-                run = complete(games, [player], trials=trials, seed=SEED, out=folder, executor="inline")
-                yield from ({**row, "player": name} for row in run.rows)
+            trials, folder = TRIALS.get(family, 100), out / family / name
+            run = complete(games, [player], trials=trials, seed=SEED, out=folder, executor="inline")
+            yield from ({**row, "player": name} for row in run.rows)
 
 
 def scores(rows: Sequence[Row]) -> str:
@@ -53,7 +52,7 @@ def scores(rows: Sequence[Row]) -> str:
         means = {cell.player: interval(mean_score(own)) for cell, own in cells}
         papers = f"{max(model.raw[game] for model in models):,g}", f"{people.raw[game]:,g}"
         shown = papers if game in people.raw else ("", "")
-        lines.append((f"`{game}`", str(len(cells[0][1])), *(means.get(player, "") for player in PLAYERS), *shown))
+        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), *shown))
     return markdown_table(("setting", "worlds", *PLAYERS, "best model of the paper", "human"), lines)
 
 
