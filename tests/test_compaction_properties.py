@@ -15,8 +15,8 @@ from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import replay, resume, sent_prompts
 from smartplay_tools.testing import check_strategy
+from tests.counting import message_tokens, tools_tokens
 from tests.data.any_compactor import GENTLE, MARKER, QUESTIONS, WILD
-from tests.model_from_docs.counting import PRIMING, Counting
 from tests.scripts import GAMES, Words
 
 ANY = f"{Path(__file__).parent / 'data' / 'any_compactor.py'}:AnyCompactor"
@@ -61,12 +61,13 @@ def reply(chance: random.Random, prompt: sp.Prompt) -> sp.Message:
 
 def judge(conversation: sp.Conversation, prompt: sp.Prompt) -> None:
     """What goes over the wire is within its cap and can be sent; masked results are masked."""
-    budget, n = conversation.episode.budget, Counting(Words().count, conversation.episode.counter.image)
+    budget, count = conversation.episode.budget, Words().count
     sizes = {sha256: (picture.width, picture.height) for sha256, picture in conversation.pictures.items()}
     for message in prompt.messages:
         for part in message["content"] if isinstance(message["content"], list) else ():
             assert part["type"] == "text" or (part["width"], part["height"]) == sizes[part["sha256"]]
-    tokens = PRIMING + n.messages(prompt.messages) + n.tools(prompt.tools)
+    schemas = [tool.to_json() for tool in prompt.tools]
+    tokens = 3 + sum(message_tokens(message, count) for message in prompt.messages) + tools_tokens(schemas, count)
     assert conversation.view is not None
     assert conversation.view.tokens == tokens
     cap = budget.prompt_tokens

@@ -13,8 +13,6 @@ from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import STRATEGIES
 from tests import scripts
-from tests.model_from_docs.counting import Counting
-from tests.model_from_docs.refusals import reserve_of
 from tests.test_conversation import acting, calling, saying
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
@@ -29,11 +27,10 @@ def begin(events: list[Any] | None = None, **budget: Any) -> sp.Conversation:
 
 def room(tokens: int, **budget: Any) -> dict[str, Any]:
     """A budget with `tokens` beside the head, the schemas and what summaries reserve."""
-    wide = sp.Budget(prompt_tokens=10_000, **budget)
-    episode = sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=wide)
-    head = episode.counter.prompt(episode.head, episode.tools)
-    reserve = reserve_of(episode.budget, Counting(WORDS.count, episode.counter.image))
-    return {"prompt_tokens": head + sum(reserve) + tokens, "result_tokens": None, **budget}
+    strategy = scripts.strategy_tokens(budget, WORDS)
+    plain = sp.Episode(RPS, seed=1, tokenizer=WORDS)
+    head = plain.counter.prompt(plain.head, plain.tools)
+    return {"prompt_tokens": head + strategy + tokens, "result_tokens": None, **budget}
 
 
 def noting(text: Any) -> tuple[str, str]:
