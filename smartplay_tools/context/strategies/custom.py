@@ -54,7 +54,8 @@ class Custom(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return the turns that it masks, and its texts."""
-        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
+        texts = [[turn, form.message["content"]] for turn, form in chosen.texts.items()]
+        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": texts}
 
 
 class AsRecorded:
