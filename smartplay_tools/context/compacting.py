@@ -16,7 +16,7 @@ from itertools import accumulate, takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from smartplay_tools.context.base import Window
-from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
+from smartplay_tools.context.compaction import AsRecorded, Compactor, GivenHistory, Room
 from smartplay_tools.context.rewriting import (
     SYSTEM,
     History,
@@ -31,7 +31,6 @@ from smartplay_tools.context.rewriting import (
     on_record,
 )
 from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.strategies.custom import AsRecorded
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.context.view import Head, Selection, View, ranges_of
