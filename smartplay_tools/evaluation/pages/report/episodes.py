@@ -81,7 +81,7 @@ def _budget_facts(numbers: str, asked: str, version: str) -> Mapping[str, Any]:
     return {
         "limits": budget.words(),
         "asked": Budget.from_record(json.loads(asked)).words(),
-        "summary_request": None if asking is None else text_of(asking.question),
+        "summary_request": None if asking is None else text_of(asking.question.message),
     }
 
 
