@@ -100,7 +100,9 @@ def chat_openai(server: DialectServer, stream: bool) -> Any:
     from langchain_openai import ChatOpenAI
     from openai import DefaultHttpxClient
 
-    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "http_client": DefaultHttpxClient()}
+    # The model does not close a client that it was given, so the client keeps no connection open.
+    http = DefaultHttpxClient(headers={"Connection": "close"})
+    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "http_client": http}
     return ChatOpenAI(model=server.dialect.model, streaming=stream, **own)
 
 
