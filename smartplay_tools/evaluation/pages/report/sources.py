@@ -17,7 +17,7 @@ from string import ascii_uppercase
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, current_place
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types import MISTAKES
@@ -112,7 +112,7 @@ def _run(folder: RunFolder) -> Sources:
             Source(key, file, {**facts, "cost": row_of.get(key, {}).get("cost")}, row_of.get(key)) for file in finished
         ]
         facts["finished_later"] = bool(finished)
-        sources += [Source(file.stem, file, facts) for file in attempts if Record.head(file).start]
+        sources += [Source(file.stem, file, facts) for file in attempts if Record.head(current_place(file)).start]
     if not sources:
         raise InvalidArgumentError(f"{folder.path} has no episode to show yet.")
     return Sources(sources, manifest.to_json(), folder.failures(), rows=rows, waiting=waiting)
