@@ -5,8 +5,7 @@
     python .ci/mutants.py FILE.jsonl [SAMPLE] [SEED]
 
 Cosmic Ray finds the places and makes the mutants. A sample of places is drawn, and one mutant of each. A mutant meets
-the tests that run its line, or its module if only imports run that line; those that run the fewest lines come first. It
-also meets the files of tests that name its module.
+the tests that run its line, those that run the fewest lines first, and the files of tests that name its module.
 Decorators are left out, and so is `|`, which is nearly always of an annotation: mutants there change nothing.
 
 A line of FILE is a mutant with its outcome, and the same command goes on where it was stopped. Files are changed where
@@ -70,40 +69,44 @@ def outcome(tests: list[str], seconds: int) -> str:
     return "timeout" if os.WIFSIGNALED(status) else "survived" if os.WEXITSTATUS(status) in (0, 5) else "killed"
 
 
+def tests_of(place: Place, run: dict[str, dict[int, list[str]]], width: Counter[str]) -> list[str]:
+    """Return the tests that run a line, or its module if only imports run the line."""
+    lines = run.get(str(Path(place[0]).absolute()), {})
+    tests = {*lines.get(place[1], ())} - {""} or {test for tests in lines.values() for test in tests} - {""}
+    return list(dict.fromkeys(test.partition("|")[0] for test in sorted(tests, key=lambda test: (width[test], test))))
+
+
 def main(file: str, sample: str = "600", seed: str = "1") -> None:
     """Draw the sample, and plant what of it has no line in the file yet."""
     sys.dont_write_bytecode = True
     for name in IMPORTED:
         importlib.import_module(name)
-    data, results, chance, by_place = coverage.CoverageData(), Path(file), random.Random(int(seed)), defaultdict(list)
+    assert outcome(["tests/test_specs.py"], 60) == "survived", "the tests fail without a mutant, too"
+    data, results, chance = coverage.CoverageData(), Path(file), random.Random(int(seed))
     data.read()
     run = {path: data.contexts_by_lineno(path) for path in data.measured_files()}
     width = Counter(test for lines in run.values() for tests in lines.values() for test in tests)
-    named = {str(path): path.read_text(encoding="utf-8") for path in Path("tests").rglob("test_*.py")}
-    for room in ROOMS:
-        for path in sorted(Path("smartplay_tools", room).rglob("*.py")):
-            for place, *mutant in mutants(path):
-                by_place[place].append(mutant)
+    files = sorted(Path("tests").rglob("test_*.py"), key=lambda path: path.stat().st_size)
+    named = {str(path): path.read_text(encoding="utf-8") for path in files}
+    by_place: dict[Place, list[tuple[str, int]]] = defaultdict(list)
+    for path in sorted(path for room in ROOMS for path in Path("smartplay_tools", room).rglob("*.py")):
+        for place, *mutant in mutants(path):
+            by_place[place].append(mutant)
     results.touch()
     done = {tuple(json.loads(line)["place"]) for line in results.read_text(encoding="utf-8").splitlines()}
     for place in chance.sample(sorted(by_place), int(sample)):
         operator, number = chance.choice(by_place[place])
         if place in done:
             continue
-        path = Path(place[0])
-        lines = run.get(str(path.absolute()), {})
-        tests = {*lines.get(place[1], ())} - {""} or {test for tests in lines.values() for test in tests} - {""}
-        running = list(
-            dict.fromkeys(test.partition("|")[0] for test in sorted(tests, key=lambda test: (width[test], test)))
-        )
+        path, running = Path(place[0]), tests_of(place, run, width)
         module = ".".join(path.with_suffix("").parts)
-        naming = sorted((file for file, text in named.items() if module in text), key=lambda file: len(named[file]))
+        naming = [file for file, text in named.items() if module in text]
         with use_mutation(path, plugins.get_operator(operator)(), number) as (_, code):
             said = "survived"
             for batch, seconds in ((running[:25], 60), (naming[:5], 300), (running[25:400], 300)):
                 said = outcome(batch, seconds) if batch and said == "survived" else said
+        line = {"place": place, "mutant": operator, "outcome": said, "becomes": code.splitlines()[place[1] - 1]}
         with results.open("a", encoding="utf-8") as out:
-            line = {"place": place, "mutant": operator, "outcome": said, "becomes": code.splitlines()[place[1] - 1]}
             print(json.dumps(line), file=out)
     print(Counter(json.loads(line)["outcome"] for line in results.read_text(encoding="utf-8").splitlines()))
 

@@ -305,6 +305,7 @@ def test_entities_have_no_heading_and_a_line_end_each():
         (NORTH, 16, "south-west", "north-west"),
         (SOUTH, 0, "north-west", "south-west"),
         (EAST, 16, "north-west", "north-east"),
+        (-37.0, 16, "north", "east"),  # to the original 11 degrees east of north, whose sine is 0.19
     ],
 )
 def test_what_is_ahead_is_told_as_behind(yaw, column, paper, corrected):
