@@ -56,7 +56,7 @@ def visible(rows: Sequence[Row]) -> str:
     """The differences that the paper's trials show at its settings, from the spread of these scores."""
     spread = {(cell.game, cell.player): mean_score(own).sd for cell, own in by_cell(rows)}
     lines = []
-    for game in PAPER_SETTINGS:
+    for game in (game for game in PAPER_SETTINGS if (game, "rule") in spread):
         trials, random, rule = sp.GAMES[game].trials, spread[game, "random"], spread[game, "rule"]
         unlike, alike = math.hypot(random, rule), math.hypot(random, random)
         least, surely = (_three(mde(unlike, trials, power)) for power in POWERS)
