@@ -3,7 +3,7 @@
     python experiments/scores.py             # plays them; continues where it stopped
     python experiments/scores.py --publish   # the same, and puts rows, tables and figure into the checkout
 
-Budgets are the settings' own. `blind` replays the best of the rule player's episodes in the other worlds.
+Budgets are the settings' own.
 """
 
 from __future__ import annotations
@@ -25,23 +25,19 @@ from smartplay_tools.records.rows import Row, grouped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TRIALS = {"crafter": 10, "messenger": 25, "minecraft": 5}
-"""Worlds of each setting of a game, where they are not 100."""
-PLAYERS = ("random", "rule", "blind")
-SEED = 0
+TRIALS = {
+    "bandit": 100, "rock_paper_scissors": 50, "hanoi": 20, "messenger": 20, "crafter": 10, "minecraft": 5,
+}  # fmt: skip
+"""Worlds of each setting, by the family of games."""
+PLAYERS = ("random", "rule")
 
 
 def play(out: Path, families: Sequence[str] | None) -> Iterator[Row]:
     """Play every setting with every player, and yield the rows."""
     settings = [game for game in sp.GAMES if game in sp.GAMES.benchmark]
     for family, games in grouped(settings, lambda game: sp.GAMES[game].family).items():
-        if families and family not in families:
-            continue
-        for player in ("rule", "random", f"blind:{out / family / 'rule'}"):
-            name = player.partition(":")[0]
-            trials, folder = TRIALS.get(family, 100), out / family / name
-            run = complete(games, [player], trials=trials, seed=SEED, out=folder, executor="inline")
-            yield from ({**row, "player": name} for row in run.rows)
+        if not families or family in families:
+            yield from complete(games, PLAYERS, trials=TRIALS[family], out=out / family, executor="inline").rows
 
 
 def scores(rows: Sequence[Row]) -> str:
@@ -50,9 +46,9 @@ def scores(rows: Sequence[Row]) -> str:
     lines = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         means = {cell.player: interval(mean_score(own)) for cell, own in cells}
-        papers = f"{max(model.raw[game] for model in models):,g}", f"{people.raw[game]:,g}"
-        shown = papers if game in people.raw else ("", "")
-        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), *shown))
+        best = f"{max(model.raw[game] for model in models):,g}" if game in people.raw else ""
+        human = f"{people.raw[game]:,g}" if game in people.raw else ""
+        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), best, human))
     return markdown_table(("setting", "worlds", *PLAYERS, "best model of the paper", "human"), lines)
 
 
@@ -60,7 +56,7 @@ def visible(rows: Sequence[Row]) -> str:
     """The differences that the paper's trials show at its settings, from the spread of these scores."""
     spread = {(cell.game, cell.player): mean_score(own).sd for cell, own in by_cell(rows)}
     lines = []
-    for game in PAPER_SETTINGS:
+    for game in (game for game in PAPER_SETTINGS if (game, "rule") in spread):
         trials, random, rule = sp.GAMES[game].trials, spread[game, "random"], spread[game, "rule"]
         unlike, alike = math.hypot(random, rule), math.hypot(random, random)
         least, surely = (_three(mde(unlike, trials, power)) for power in POWERS)
@@ -86,7 +82,7 @@ def _three(value: float) -> str:
 
 def capabilities(rows: Sequence[Row]) -> dict[str, Figure]:
     """The figure of capabilities of `rule` and `random`, at the settings that have normalised scores."""
-    players = [row for row in rows if row["player"] in PLAYERS[:2] and row["game"] in PAPER_SETTINGS]
+    players = [row for row in rows if row["game"] in PAPER_SETTINGS]
     return {"capabilities-capabilities": run_figures(players)["capabilities"]}
 
 

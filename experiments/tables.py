@@ -29,9 +29,11 @@ def main() -> None:
     """Print or publish the tables."""
     known = experiments()
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("names", nargs="*", choices=[*known, []], help="experiments; all of them if not given")
+    parser.add_argument("names", nargs="*", help=f"experiments, all if not given: {', '.join(known)}")
     parser.add_argument("--publish", action="store_true", help="put tables and figures into the documentation")
     asked = parser.parse_args()
+    if unknown := set(asked.names) - set(known):
+        parser.error(f"no experiment {', '.join(sorted(unknown))}: they are {', '.join(known)}")
     for name in asked.names or known:
         if asked.publish:
             known[name].publish()
