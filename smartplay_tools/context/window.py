@@ -72,6 +72,8 @@ class ContextWindow:
         state = WindowState.after(self._index, 0, None, self._head(None))
         self._now = Contents(state, state.selected(0), None)
         self._before: Contents | None = None
+        self._first_view: Contents | None = None
+        """The contents of the view before the first turn, which another head does not change."""
         self._leaving: Contents | None = None
         """The contents of the prompt that asks for a summary, while the window is owed one."""
         self.summaries = 0
@@ -105,7 +107,8 @@ class ContextWindow:
 
     def _after(self, turn: Turn) -> WindowState:
         """Add a turn; return what is old and what is pinned after it."""
-        self._before, self._leaving, before = self._now, None, self._now.state
+        self._before, self._leaving, before = self._first_view or self._now, None, self._now.state
+        self._first_view = None
         self._index.append(turn)
         last = len(self._index.turns) - 1
         if turn.shows and turn.shows[-1] == turn.step:
@@ -154,6 +157,8 @@ class ContextWindow:
     def view(self) -> View:
         """Return the contents of the next prompt to play; `PromptOverflowError` if the pinned parts do not fit."""
         contents = self._now
+        if not self._index.turns:
+            self._first_view = contents
         if self._overflows:
             tokens = contents.state.tokens(contents.state.last) + self._reserve
             raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
