@@ -20,7 +20,7 @@ from typing import Any
 
 from smartplay_tools.context.strategies.custom import IN_FILES as STRATEGIES_IN_FILES, load_strategy, parted
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
@@ -197,13 +197,14 @@ def _audit(
 ) -> EpisodeAudit:
     not_compared = None
     try:
-        read = Record.read(record)
+        read = Record.read(record, checks_fields=False)
         replayed = replay_record(read, tokenizer=tokenizer, calls_compactor=calls_compactor)
         differences, not_compared = [*replayed.differences], replayed.not_compared
-        if replayed.complete or not read.is_complete:
-            differences += _row_differences(read, row)
-        if fault := chain_fault(read, before):
-            differences.append(fault)
+        with damage_named(record):
+            if replayed.complete or not read.is_complete:
+                differences += _row_differences(read, row)
+            if fault := chain_fault(read, before):
+                differences.append(fault)
     except SmartPlayError as error:
         differences = [str(error)]
     return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared)
