@@ -36,6 +36,7 @@ def test_prompts_follow_and_the_record_replays():
     heads = [event for event in events if event["event"] == "head"]
     assert len(heads) == 2, "the same head again is not a change"
     prefixes = [event["prefix_tokens"] for event in events if event["event"] == "view"]
+    assert [head.get("since") for head in heads] == [None, 1]
     assert prefixes[:2] == [0, 0], "no prompt begins with other tools"
     assert prefixes[2] > 0
     assert [prompt.messages[2]["content"] for prompt in (first, second, third)] == ["Be quick."] + ["Be careful."] * 2

@@ -126,8 +126,10 @@ class ContextWindow:
         self._anchor(state)
         return state
 
-    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
+    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], *, keeps_first_view: bool = True) -> None:
         """Begin all further views with another head and other tools, from the next appended turn on."""
+        if not keeps_first_view:
+            self._first_view = None
         self._tools, self._tools_tokens = tuple(tools), self._counter.tools(tools)
         self._plain_head, self._heads = list(head), {}
         if not self._index.turns:

@@ -20,7 +20,7 @@ from typing import Any
 
 from smartplay_tools.context.strategies.custom import IN_FILES as STRATEGIES_IN_FILES, load_strategy, parted
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_left_out, damage_named
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
@@ -95,10 +95,12 @@ def _check_chains(folder: RunFolder, predecessors: Mapping[str, str]) -> None:
 
 
 def _copy_records(folder: RunFolder, whole: RunWriter) -> None:
-    for record in sorted((folder.path / "episodes").glob("*.jsonl")):
-        shutil.copyfile(record, whole.transcript(record.stem))
-    for record in folder.attempts():
-        whole.add_attempt(record)
+    for record in (*map(folder.transcript, sorted(folder.finished())), *folder.attempts()):
+        with damage_left_out(record):
+            if record.parent.name == "attempts":
+                whole.add_attempt(record)
+            else:
+                shutil.copyfile(record, whole.transcript(record.stem))
 
 
 WORTH_A_PROCESS = 300_000

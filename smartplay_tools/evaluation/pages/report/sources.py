@@ -157,7 +157,7 @@ def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
 
 def _check_size(runs: Sequence[ShownRun]) -> None:
     sources = [source for run in runs for source in run.sources.episodes]
-    size = sum(source.transcript.stat().st_size for source in sources)
+    size = sum(source.transcript.lstat().st_size for source in sources)
     if len(sources) > MOST_EPISODES or size > MOST_BYTES:
         raise InvalidArgumentError(
             f"A page of {len(sources):,} episodes ({size / 1e6:,.0f} MB of records) would be slow to open; choose "
