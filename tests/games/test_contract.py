@@ -23,8 +23,10 @@ from smartplay_tools.errors import ResetNeededError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.testing import CHECKS, check_game, random_walk
 from smartplay_tools.testing.game_checks import (
+    gives_texts_numbers_and_json,
     is_played_and_replayed_through_its_tools,
     is_the_same_in_another_process,
+    numbers_its_actions_as_its_manual_does,
     scores_within_its_bounds,
 )
 
@@ -35,12 +37,23 @@ IN_THIS_PROCESS = [check for check in CHECKS if check is not is_the_same_in_anot
 """The checks that start no process."""
 
 
+WHOLE_EPISODES = (is_played_and_replayed_through_its_tools, scores_within_its_bounds)
+OF_A_GOAL = (*WHOLE_EPISODES, gives_texts_numbers_and_json, numbers_its_actions_as_its_manual_does)
+"""What can differ between settings of Minecraft, which have one world and several goals."""
+
+
+def is_repeated(name: str, check: Callable[[str], None]) -> bool:
+    """Whether the first setting of the family shows it: another process, and a world of Minecraft, take long."""
+    is_costly = check is is_the_same_in_another_process
+    is_costly |= sp.GAMES[name].family == "minecraft" and check not in OF_A_GOAL
+    return is_costly and name not in FIRST
+
+
 def takes_long(name: str, check: Callable[[str], None]) -> bool:
-    """Worlds of Minecraft, and other processes, take long to make, so `make test` has one of them."""
+    """Whether only the slow tests make a check: `make test` has one process, and one world of Minecraft."""
     if check is is_the_same_in_another_process:
         return name != "Hanoi3Disk-v0"
-    whole_episodes = (is_played_and_replayed_through_its_tools, scores_within_its_bounds)
-    return sp.GAMES[name].family == "minecraft" and (name not in FIRST or check in whole_episodes)
+    return sp.GAMES[name].family == "minecraft" and (name not in FIRST or check in WHOLE_EPISODES)
 
 
 @pytest.mark.parametrize(
@@ -49,6 +62,7 @@ def takes_long(name: str, check: Callable[[str], None]) -> bool:
         pytest.param(name, check, marks=[pytest.mark.slow] * takes_long(name, check), id=f"{name}-{check.__name__}")
         for name in sp.GAMES
         for check in CHECKS
+        if not is_repeated(name, check)
     ],
 )
 def test_it_keeps_the_contract(game, check):

@@ -74,7 +74,7 @@ def to_markdown(table: TextTable) -> str:
 
 
 def to_latex(table: TextTable, number: int = 1) -> str:
-    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption and a label.
+    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption, a label and notes below.
 
     `number` counts the tables with this title, whose labels would be the same.
     """
@@ -88,13 +88,12 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             body.append(" & ".join(map(_latex_cell, row)) + " \\\\")
     is_path = "/" in table.title.partition(",")[0]
     title = table.title if is_path else table.title[:1].upper() + table.title[1:]
-    caption = ": ".join(filter(None, [title, "; ".join(table.notes)]))
     return "\n".join(
         [
             "% \\usepackage{booktabs}",
             "\\begin{table}",
             "\\centering",
-            f"\\caption{{{_latex(caption)}.}}",
+            f"\\caption{{{_latex(title)}.}}",
             f"\\label{{tab:{_label(table.title)}{f'-{number}' if number > 1 else ''}}}",
             f"\\begin{{tabular}}{{{columns}}}",
             "\\toprule",
@@ -103,6 +102,7 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             *body,
             "\\bottomrule",
             "\\end{tabular}",
+            *(f"\\par{{\\footnotesize {_latex(note)}\\par}}" for note in table.notes),
             "\\end{table}",
             "",
         ]

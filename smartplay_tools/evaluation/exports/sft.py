@@ -74,11 +74,13 @@ def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart. If the record has
     the tokens of any reply, every row has `completion_ids`, `completion_logprobs` and `prompt_ids`, None where unknown.
     """
-    drawn = episode.sampled
+    drawn, asked = episode.sampled, Counter[tuple[int, Purpose]]()
     for step in _steps(episode, summaries=summaries):
         with_tools = {"tools": step.tools} if step.tools is not None else {}
         about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
-        tokens = _token_columns(drawn.get((step.turn, step.purpose))) if drawn else {}
+        prompt = step.turn, step.purpose
+        tokens = _token_columns(drawn.get((*prompt, asked[prompt]))) if drawn else {}
+        asked[prompt] += 1
         yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **tokens, **about}
 
 

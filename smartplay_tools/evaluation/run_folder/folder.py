@@ -275,6 +275,15 @@ class RunFolder:
         yield from self.running()
 
 
+def current_place(record: Path) -> Path:
+    """Return where a record is now: one that was being written is moved when its attempt is over."""
+    if record.parent.name != "running" or record.exists():
+        return record
+    run, key = record.parents[1], record.name.partition(".")[0]
+    moved = run / "episodes" / f"{key}.jsonl", run / "attempts" / record.name
+    return next((place for place in moved if place.exists()), record)
+
+
 def reason_of(why: str) -> str:
     """Return the beginning of what an error says, which episodes share: up to the first colon or full stop."""
     return re.split(r"[.:](?: |$)", why, maxsplit=1)[0]

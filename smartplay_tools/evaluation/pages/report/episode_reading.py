@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +20,7 @@ from smartplay_tools.evaluation.pages.report.episodes import episode_data, excer
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import as_list, read_notes
+from smartplay_tools.evaluation.run_folder.folder import as_list, current_place, read_notes
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
@@ -39,8 +39,8 @@ class ShownEpisode:
 
     facts: dict[str, Any]
     """What the lists and tables of the page say of it."""
-    packed: str
-    """All that the page's script reads of it."""
+    text: str
+    """All that the page's script reads of it, as JSON."""
     row: Row | None
     """Its row for the statistics; None if it is not finished."""
 
@@ -80,7 +80,7 @@ def _read_or_fault(source: Source, letter: str, drawings: Drawings) -> ShownEpis
 
 
 def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
-    record = Record.read(source.transcript)
+    record = Record.read(current_place(source.transcript))
     data = {
         **episode_data(source.key, record, source.facts),
         "drawing": drawings.draw(record),
@@ -93,7 +93,7 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
     row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
     facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
     facts["rules"] = rules(facts)
-    return ShownEpisode(facts, pack(data), row)
+    return ShownEpisode(facts, json_text({**data, "turns": columns(data["turns"])}), row)
 
 
 def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
@@ -102,15 +102,45 @@ def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: M
     return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
 
 
+def columns(rows: list[Any], depth: int = 4) -> Any:
+    """Return rows as columns if all of them are objects, and the same of each column; a page is then half as large.
+
+    A column has the numbers of the rows that have this field, None for all, and their values.
+    """
+    if depth == 0 or not rows or not all(isinstance(row, dict) for row in rows):
+        return rows
+    made = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        numbers = [number for number, row in enumerate(rows) if name in row]
+        values = columns([rows[number][name] for number in numbers], depth - 1)
+        made[name] = (numbers if len(numbers) < len(rows) else None, values)
+    return {"rows": len(rows), "columns": made}
+
+
 LEVEL = 5
 """The compression level; higher levels are slower and make a page hardly smaller."""
 
+PACK = 400_000
+"""Characters from which a pack is closed: packs make a page smaller, since episodes have texts in common."""
 
-def pack(value: Any) -> str:
+json_text = encoder(separators=(",", ":"))
+
+
+def pack(text: str) -> str:
     """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
     # The same run always gives the same page; gzip would otherwise write the time.
-    plain = _encode(value).encode("ascii")
-    return base64.b64encode(gzip.compress(plain, LEVEL, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(text.encode("ascii"), LEVEL, mtime=0)).decode("ascii")
 
 
-_encode = encoder(separators=(",", ":"))
+def packs(episodes: Iterable[ShownEpisode]) -> list[tuple[list[str], str]]:
+    """Return the keys of the episodes of each pack, and the pack: an object of the episodes by key."""
+    made: list[tuple[list[str], str]] = []
+    keys, members, size = [], [], 0
+    for episode in episodes:
+        keys.append(episode.facts["key"])
+        members.append(f"{json_text(keys[-1])}:{episode.text}")
+        size += len(episode.text)
+        if size >= PACK:
+            made.append((keys, pack(f"{{{','.join(members)}}}")))
+            keys, members, size = [], [], 0
+    return [*made, (keys, pack(f"{{{','.join(members)}}}"))] if keys else made
