@@ -111,13 +111,30 @@ def to_latex(table: TextTable, number: int = 1) -> str:
 def rows_to_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> str:
     """Return rows as CSV, in full precision; None is an empty field.
 
-    The columns are those of the first row, unless they are given because there may be none.
+    The columns are those of the first row, unless they are given because there may be none. A text that a spreadsheet
+    would compute has an apostrophe in front: names come from strangers.
     """
     file = io.StringIO(newline="")
     writer = csv.DictWriter(file, list(columns or (rows[0] if rows else ())), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: _uncomputed(value) for name, value in row.items()} for row in rows)
     return file.getvalue()
+
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+
+
+def _uncomputed(value: Any) -> Any:
+    """A cell that a spreadsheet shows as it is."""
+    if not isinstance(value, str):
+        return value
+    text = encodable(value).replace("\r", "\\r")  # `csv` would write it without quotes, and a reader see two lines
+    return f"'{text}" if value[:1] in tuple("=+-@\t\r\n") and not NUMBER.fullmatch(text) else text
+
+
+def encodable(text: str) -> str:
+    """Return a text in which halves of characters, such as those of names that are not UTF-8, are escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def to_html(tables: Sequence[TextTable]) -> str:
