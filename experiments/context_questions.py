@@ -44,7 +44,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         # With notes the player lives for the paper's 10,000 steps; fewer are enough to show the effect of notes.
         "budget": sp.Budget(tool_calls=1000),
-        "trials": 12,
+        "trials": 40,
     },
     "messenger": {
         "games": ("MessengerL1-v0", "MessengerL2-v0", "MessengerL3-v0"),
