@@ -170,6 +170,7 @@ class Record:
         match kind:
             case "start" if self.start is None:  # an episode begins once; another start is a fault that replay finds
                 self.start = self._parsed(event)
+                self.config  # noqa: B018 - it is checked before anything is read from it
             case "end" | "exception":
                 self.ending = self._parsed(event)
 
@@ -221,17 +222,17 @@ class Record:
     @property
     def game(self) -> str:
         """The setting's id; empty before the first event."""
-        return "" if self.start is None else str(self.start["config"]["game"])
+        return "" if self.start is None else self.config.game
 
     @property
     def player(self) -> str:
         """The player's name; empty if there is none."""
-        return "" if self.start is None else self.start["config"].get("player") or ""
+        return "" if self.start is None else self.config.player or ""
 
     @property
     def seed(self) -> int | None:
         """The episode's seed; None before the first event."""
-        return None if self.start is None else self.start["config"]["seed"]
+        return None if self.start is None else self.config.seed
 
     @property
     def budget(self) -> dict[str, Any]:

@@ -345,6 +345,7 @@ def test_distances_to_a_goal_are_those_of_scipy():
 def test_without_a_goal_on_the_map_no_place_is_near_one():
     none = np.zeros((2 * start._REACH + 1,) * 2, bool)
     assert start.goal_distances(none).min() > start.FARTHEST_GOAL
+    assert (start.NEAREST_GOAL, start.FARTHEST_GOAL) == (310, 430)  # as docs/minecraft.md says
 
 
 def test_who_cannot_climb_out_is_walled_in():

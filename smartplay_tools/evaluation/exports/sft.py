@@ -29,7 +29,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, left_out as warn_left_out
 from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
@@ -244,7 +244,12 @@ class EpisodeSelection(BaseModel):
         matching: list[tuple[Path, Record]] = []
         left_out: Counter[str] = Counter()
         for path in records_in(source):
-            record = Record.head(path)
+            try:
+                record = Record.head(path)
+            except TranscriptError as error:
+                warn_left_out(error)
+                left_out["damaged"] += 1
+                continue
             if record.start is None:
                 continue  # not the record of an episode: a run's own files are JSON Lines, too
             reason = (

@@ -179,7 +179,7 @@ def _place(item: Mapping[str, Any]) -> float:
     return math.inf if position is None else position
 
 
-_LEFT_OUT = ("event", "turn", "sha256")
+_LEFT_OUT = ("event", "turn", "sha256", "chain")
 """Fields of a view that the page does not need: `check` compares hashes when the page is made."""
 
 

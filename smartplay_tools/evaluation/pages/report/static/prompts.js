@@ -213,7 +213,9 @@ function observationsOf(episode) {
 
 // An episode out of the page, with what is worked out once when it is opened.
 async function openEpisode(key) {
-  const episode = await unpack(`episode-${key}`);
+  const { pack } = page.episodes.find((listed) => listed.key === key);
+  const episode = (await unpack(`pack-${pack}`))[key];
+  episode.turns = rowsOf(episode.turns);
   episode.facts = runningFacts(episode);
   episode.summaries = episode.turns.flatMap(({ summary }) => (summary ? [summary.text] : []));
   if (episode.protocol === "paper") episode.observations = observationsOf(episode);
