@@ -24,7 +24,8 @@ def run(*words: str) -> Result:
 def test_games_lists_every_setting():
     shown = run("games").output
     assert all(name in shown for name in sp.GAMES)
-    assert [row["id"] for row in json.loads(run("games", "--json").output)] == list(sp.GAMES)
+    rows = json.loads(run("games", "--json").output)
+    assert {row["id"]: row["challenges"] for row in rows} == {name: sp.GAMES[name].challenges for name in sp.GAMES}
 
 
 def test_manual_prints_the_manual():

@@ -6,12 +6,11 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 
 from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Head, Selection
-from smartplay_tools.types.messages import Message
 
 
 @dataclass
@@ -132,7 +131,8 @@ class WindowState:
         """Return the selection whose run begins at `first`."""
         pinned = tuple(sorted(self._pinned_before(first).union(range(min(self.anchors, first)))))
         hidden = self.notes if self.notes in pinned else None
-        return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors, self.pictures)
+        facts = hidden, self.words, self.anchors, self.pictures
+        return Selection(pinned, first, self.last, self.oldest, *facts, first_whole=self.first_whole)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
@@ -140,24 +140,6 @@ class WindowState:
             self._notes_tokens if index == chosen.hidden else self.run(index, index + 1) for index in chosen.pinned
         )
         return self.head.tokens + pins + self.run(chosen.first, chosen.last + 1)
-
-    def messages(self, chosen: Selection, summary: Sequence[Message]) -> list[Message]:
-        """Return the messages of the selected turns, and the summary after the first turns that stay."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        shown = [chosen.seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
-        shown.insert(chosen.front, summary)
-        return [*chain.from_iterable(shown), *self.index.messages(whole, chosen.last + 1)]
-
-    def lines(self, chosen: Selection, summary: Sequence[bytes]) -> list[bytes]:
-        """Return the canonical JSON of `messages`."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        shown = [chosen.canonical_seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
-        shown.insert(chosen.front, summary)
-        return [*chain.from_iterable(shown), *self.index.lines(whole, chosen.last + 1)]
-
-    def _whole_from(self, chosen: Selection) -> int:
-        """The first turn of a selection's run that is shown whole, as all later ones are."""
-        return min(max(chosen.first, self.first_whole), chosen.last + 1)
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
@@ -189,11 +171,17 @@ class WindowState:
         return shows[bisect_left(shows, self._seen_from)]
 
 
-@dataclass(slots=True)
+@dataclass
 class Contents:
     """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
 
     state: WindowState
     selection: Selection
-    summary: Summary | None
-    question: Message | None = None
+    summary: Summary | None = None
+    question: Form | None = None
+
+    @cached_property
+    def forms(self) -> Sequence[Form]:
+        """The messages after the head."""
+        shown = self.selection.forms(self.state.index.turns, None if self.summary is None else self.summary.form)
+        return shown if self.question is None else [*shown, self.question]

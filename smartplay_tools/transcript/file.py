@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.events import FORMAT, Event
+from smartplay_tools.transcript.events import FORMAT, Event, event_fault
 from smartplay_tools.transcript.hashing import chained_lines, event_line
 from smartplay_tools.transcript.lines import AppendedFile, complete_lines, parse_json, parse_lines
 from smartplay_tools.transcript.times import TimesWriter
@@ -156,7 +156,7 @@ def _read(path: str | Path) -> tuple[list[Event], bytes]:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
     lines = complete_lines(written) or written.splitlines(keepends=True)  # one line alone is damaged
     events = parse_lines(lines)
-    if events is None or not all(map(is_event, events)):
+    if events is None or any(map(event_fault, events)):
         events = [read_line(line, path, number) for number, line in enumerate(lines, start=1)]
     return events, written
 
@@ -167,11 +167,6 @@ def check_format(start: Event, path: object = "The record") -> None:
         raise TranscriptError(
             f"{path} has format {start.get('format')!r}; this version of smartplay-tools reads format {FORMAT} only."
         )
-
-
-def is_event(value: object) -> bool:
-    """Whether a value is an event of some kind, with whatever fields."""
-    return isinstance(value, dict) and isinstance(value.get("event"), str)
 
 
 def kind_of(line: bytes) -> str:
@@ -199,9 +194,9 @@ def read_line(line: bytes, path: object = None, number: int | None = None) -> Ev
     except (ValueError, RecursionError):
         fault = f"{where} is not JSON"
     else:
-        if is_event(event):
+        if (wrong := event_fault(event)) is None:
             return event
-        fault = f"{where} is not an event"
+        fault = f"{where} {wrong.rstrip('.')}"
     raise TranscriptError(f"{path or 'The record'} is not a transcript: {fault}.")
 
 

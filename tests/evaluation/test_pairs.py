@@ -25,6 +25,14 @@ def test_an_episode_without_counterpart_is_in_no_pair():
     assert pairs.paired_difference([row(seed=2)], full, pairs.score) is None
 
 
+def test_tokens_are_never_negative_and_have_no_upper_limit():
+    few = pairs.sample([row(seed=0, tokens=100), row(seed=1, tokens=6_000), row(seed=2, tokens=200)], pairs.tokens)
+    estimate = mean_estimate(few.values, few.bounds)
+    assert (estimate.low, estimate.high > 6_000) == (0, True)
+    equal = pairs.sample([row(seed=seed, tokens=1_000) for seed in range(3)], pairs.tokens)
+    assert mean_estimate(equal.values, equal.bounds).high is None
+
+
 def test_one_pair_has_a_difference_and_no_interval():
     difference = pairs.paired_difference([row(seed=1, score=10)], [row(seed=1, score=15)], pairs.score)
     assert (difference.mean, difference.low, difference.high) == (-5, None, None)

@@ -24,6 +24,18 @@ def random_actions(steps: int, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("observation", SEEN)
 def test_the_environment_checker_is_content(observation: str) -> None:
     check_env(gymnasium.make(ID, observation=observation, render_mode="rgb_array").unwrapped)
+    environment = gymnasium.make(ID, observation=observation, render_mode="rgb_array_list")
+    environment.reset()
+    state, seed = environment.unwrapped.state(), environment.unwrapped.np_random_seed
+    environment.reset(seed=seed)
+    assert environment.unwrapped.state() == state
+    environment.unwrapped.np_random = np.random.default_rng(1)
+    environment.reset()
+    drawn = environment.unwrapped.state()
+    environment.reset(seed=int(np.random.default_rng(1).integers(2**31 - 1)))
+    assert environment.unwrapped.state() == drawn
+    environment.step(0)
+    assert np.shape(environment.render()) == (2, 64, 64, 3)
 
 
 @pytest.mark.parametrize("observation", SEEN)

@@ -15,7 +15,7 @@ from typing import Any
 
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import extra_named
-from smartplay_tools.evaluation.analysis.formats import rows_to_csv
+from smartplay_tools.evaluation.analysis.formats import encodable, rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
@@ -83,7 +83,8 @@ PROPERTIES: dict[type, tuple[str, ...]] = {
 
 def flat(row: Row) -> dict[str, Any]:
     """Return a row with the columns of `COLUMNS`."""
-    return {name: _value(row, path.split("."), kind) for name, (path, kind) in COLUMNS.items()}
+    values = {name: _value(row, path.split("."), kind) for name, (path, kind) in COLUMNS.items()}
+    return {name: encodable(value) if isinstance(value, str) else value for name, value in values.items()}
 
 
 def write_csv(rows: Iterable[Row], path: str | Path) -> None:

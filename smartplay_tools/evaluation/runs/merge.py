@@ -21,7 +21,7 @@ from typing import Any
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.games.specs import load_game
@@ -113,6 +113,8 @@ class EpisodeAudit:
     """One sentence each; empty if everything agrees."""
     not_compared: str | None = None
     """What could not be compared (`Replay.not_compared`)."""
+    has_row: bool = True
+    has_record: bool = True
 
 
 def audit(
@@ -124,21 +126,44 @@ def audit(
     strategy: str | None = None,
     rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
-    """Yield the audit of every finished episode of a run, in the order of completion.
+    """Yield the audit of every episode of a run that is planned or has a record, in the order of completion.
+
+    Those without a row come first, unless the run was ended because their comparisons are decided.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
     registered. `tokenizer` names the records' tokenizer if its file was moved, `game` and `strategy` are the names of
     their game and their strategy, if these are in files; a compactor that is named is called again. Rows are read from
     the folder unless they are given.
     """
-    rows = folder.rows() if rows is None else rows
-    before = {key: folder.transcript(earlier) for key, earlier in folder.manifest().predecessors.items()}
+    rows, manifest = folder.rows() if rows is None else rows, folder.manifest()
+    yield from _without_row(folder, manifest, rows)
+    before = {key: folder.transcript(earlier) for key, earlier in manifest.predecessors.items()}
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
     work = functools.partial(_audit_all, tokenizer=tokenizer, game=game, strategy=strategy)
     with parallel_map(work, records, processes) as results:
         for _, findings in results:
             yield from findings
+
+
+def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:
+    by_key, finished = {row["key"]: row for row in rows}, folder.finished()
+    needed = set(range(len(manifest.cells)))
+    if manifest.until is not None:
+        from smartplay_tools.evaluation.analysis.stopping import Comparisons
+
+        needed = Comparisons(manifest).undecided(by_key)
+    for episode in manifest.planned:
+        if episode.key in by_key:
+            continue
+        lacking = {"game": manifest.cells[episode.cell].game, "has_row": False}
+        if episode.key in finished:
+            why = "It has a record and no row; the run's own command makes it from the record."
+            yield EpisodeAudit(episode.key, differences=(why,), **lacking)
+        elif episode.cell in needed:
+            yield EpisodeAudit(episode.key, differences=("It has no row and no record.",), has_record=False, **lacking)
+    for key in sorted(finished - {episode.key for episode in manifest.episodes}):
+        yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
 
 
 def import_named(game: str | None, strategy: str | None) -> None:
