@@ -55,14 +55,6 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         "trials": 20,
     },
-    "minecraft": {
-        "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),
-        "players": ("rule",),
-        "vary": {
-            "history": (0, 2, 5),
-        },
-        "trials": 12,
-    },
     "strategies": {
         "games": ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0"),
         # A memory is written only where a strategy offers a place for it.
