@@ -22,6 +22,7 @@ from typing import Any
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.turns import BROUGHT_BACK
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
@@ -168,6 +169,8 @@ _LEFT_OUT = ("event", "turn", "sha256")
 def _call(event: CallEvent) -> dict[str, Any]:
     call = {name: event[name] for name in ("position", "name", "arguments", "text")}
     kept = {name: value for name, value in event["data"].items() if name != "state_hash"}
+    if not BROUGHT_BACK.isdisjoint(kept):  # an answer of a tool of memory ages as the observation at its time does
+        kept["date"] = kept["step"]
     return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}
 
 

@@ -70,7 +70,7 @@ function markedResults(episode, view) {
       const oldest = isHidden(at) ? Infinity : view.oldest;
       episode.turns[at].items.forEach(({ call }, item) => {
         const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
-        if (isEmpty || (call?.observation_step !== undefined && call.observation_step < oldest)) marked.push([at, item]);
+        if (isEmpty || (call?.date ?? call?.observation_step) < oldest) marked.push([at, item]);
       });
     }
   }
