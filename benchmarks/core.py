@@ -172,10 +172,9 @@ def strategy_microseconds(length: int) -> dict[tuple[str, float], float]:
         for key, window in windows.items():
             start = time.perf_counter()
             window.append(turn)
-            if window.is_owed_summary:
-                window.request()
-                window.summarise("The disks have moved on.")
-            window.view()
+            if window.view().asks_for_summary:
+                window.answer("The disks have moved on.")
+                window.view()
             if number >= length:
                 times[key].append((time.perf_counter() - start) * 1e6)
     return {key: statistics.median(measured) for key, measured in times.items()}
@@ -247,11 +246,11 @@ def counting() -> Table:
     head, turns = conversation(200)
     tools: tuple[sp.ToolSpec, ...] = ()
     shown = turns[-60:]
-    lines = [line for turn in shown for line in turn.canonical]
+    lines = [form.line for turn in shown for form in turn.whole]
 
     def new_turn() -> None:
         turn = Turn(7, shown[0].assistant, shown[0].items, 0)
-        assert turn.canonical
+        assert all(form.line for form in turn.whole)
 
     def sha256() -> None:
         prompt_sha256([*(message_bytes(m, ()) for m in head), *lines], tools_bytes(tools))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.games import PAPER_RESULTS
 
 SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
 
@@ -54,7 +53,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "vary": {
             "history": (0, 1, 2, 3),
         },
-        "trials": 200,
+        "trials": 25,
     },
     "minecraft": {
         "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),
@@ -62,7 +61,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "vary": {
             "history": (0, 2, 5),
         },
-        "trials": 20,
+        "trials": 12,
     },
     "strategies": {
         "games": ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0"),
@@ -89,13 +88,6 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         "budget": sp.Budget(tool_calls=300),
         "trials": 10,
-    },
-    "capabilities": {
-        "games": tuple(PAPER_RESULTS[0].raw)[
-            :-1
-        ],  # the last is Minecraft, for which the default engine is not the paper's
-        "players": ("rule", "random"),
-        "trials": 20,
     },
 }
 """A sweep for each question."""

@@ -6,82 +6,71 @@
 Crafter is played on the same seeds under the same caps on prompts, and cut off after 300 calls. A model plays all
 three; without one, `rule` plays from words and `rule_pixels.py` from pictures, by the same rules. The latter looks at
 pictures only, so "both" shows what words beside a picture cost and not what they are worth. The same command again
-goes on where it stopped. `--publish` puts the figure and the table into the documentation.
+goes on where it stopped. `--publish` puts rows, figure and table into the checkout.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import arguments, interval, show
+from page_tables import HERE, Experiment, arguments, complete, interval, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.cli.options import key_values
-from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference
+from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, tokens
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.records.rows import Row, grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 GAME, CALLS = "Crafter-v0", 300
-CAPS = (500, 1_000, 2_000, 4_000, 8_000)
+CAPS = (500, 1_000, 2_000)
 FORMS = ("text", "picture", "both")
-DOCS = Path(__file__).parents[1] / "docs"
-PIXELS = f"{Path(__file__).with_name('rule_pixels.py')}:RulePixelsPlayer"
-Cells = Mapping[tuple[str, int], Sequence[dict[str, Any]]]
-"""By form and cap: the rows of the episodes, in the order of their trials."""
+PIXELS = f"{HERE / 'rule_pixels.py'}:RulePixelsPlayer"
 
 
-def play(out: Path, player: str | None, options: Mapping[str, Any], trials: int, seed: int) -> Cells:
-    """Play every cell, or read what was played."""
-    cells = {}
+def play(out: Path, player: str | None, options: Mapping[str, Any], trials: int, seed: int) -> Iterator[Row]:
+    """Play every form under every cap, and yield the rows."""
     for form in FORMS:
         name = player or ("rule" if form == "text" else PIXELS)
         budgets = [sp.Budget(prompt_tokens=cap, history=None, tool_calls=CALLS) for cap in CAPS]
-        run = sp.evaluate(
-            [GAME],
-            [PlayerConfig(name=name, options=dict(options))],
-            budgets=budgets,
-            out=out / form,
-            trials=trials,
-            seed=seed,
-            observation=form,
-        )
-        for cap in CAPS:
-            rows = [row for row in run.rows if row["budget"]["prompt_tokens"] == cap]
-            cells[form, cap] = sorted(rows, key=lambda row: row["trial"])
-    return cells
+        played = PlayerConfig(name=name, options=dict(options))
+        yield from complete(
+            [GAME], [played], budgets=budgets, out=out / form, trials=trials, seed=seed, observation=form
+        ).rows
 
 
-def tokens(row: Mapping[str, Any]) -> int:
-    """The tokens of an episode: all prompts and replies."""
-    return int(row["tokens"]["prompt"] + row["tokens"]["reply"])
+def cells_of(rows: Sequence[Row]) -> dict[tuple[str, int], list[Row]]:
+    """The rows by form and cap."""
+    return grouped(rows, lambda row: (row["observation"], row["budget"]["prompt_tokens"]))
 
 
-def table(cells: Cells) -> str:
+def table(rows: Sequence[Row]) -> str:
     """Return a table in Markdown: the score of words, and how pictures and both differ from it under the same cap."""
-    lines = ["| cap | observation | score | against words | tokens an episode | tokens a prompt |"]
-    lines.append("| --- | --- | --- | --- | --- | --- |")
+    cells, lines = cells_of(rows), []
     for cap in CAPS:
         for form in FORMS:
-            rows = cells[form, cap]
-            score = fmean(row["score"] for row in rows)
-            paired = paired_difference(rows, cells["text", cap], MEASURES["score"]) if form != "text" else None
-            used = fmean(map(tokens, rows))
-            shown = fmean(row["tokens"]["prompt"] / max(1, row["turns"]) for row in rows)
-            against = "reference" if form == "text" else interval(paired, "+")
-            lines.append(f"| {cap:,} | {form} | {score:,.0f} | {against} | {used / 1e3:,.1f}k | {shown:,.0f} |")
-    return "\n".join(lines)
+            own = cells[form, cap]
+            score = fmean(row["score"] for row in own)
+            against = "reference"
+            if form != "text":
+                against = interval(paired_difference(own, cells["text", cap], MEASURES["score"]), "+")
+            shown = fmean(row["tokens"]["prompt"] / max(1, row["turns"]) for row in own)
+            used = fmean(map(tokens, own)) / 1e3
+            lines.append((f"{cap:,}", form, f"{score:,.0f}", against, f"{used:,.1f}k", f"{shown:,.0f}"))
+    headings = ("cap", "observation", "score", "against words", "tokens an episode", "tokens a prompt")
+    return markdown_table(headings, lines)
 
 
 @figure
-def frontier(cells: Cells) -> Figure:
+def frontier(rows: Sequence[Row]) -> Figure:
     """Draw mean score against tokens an episode, a line for each form of observation, a point for each cap."""
-    drawn, [axes] = panels(1)
+    (drawn, [axes]), cells = panels(1), cells_of(rows)
     for number, form in enumerate(FORMS):
         look = Series.number(number)
         points = [(fmean(map(tokens, cells[form, cap])), fmean(r["score"] for r in cells[form, cap])) for cap in CAPS]
@@ -93,19 +82,21 @@ def frontier(cells: Cells) -> Figure:
     return drawn
 
 
+EXPERIMENT = Experiment(
+    "pictures", lambda rows: {"pictures": table(rows)}, lambda rows: {"pictures-frontier": frontier(rows)}
+)
+
+
 def main() -> None:
-    """Play, print the table, draw the figure."""
+    """Play, and print or publish the table."""
     parser = arguments(__doc__, "runs/pictures")
     parser.add_argument("--player", help="A model that plays all three; by default the rule players.")
     parser.add_argument("--player-option", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--trials", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     options = key_values(asked.player_option, "--player-option")
-    cells = play(asked.out, asked.player, options, asked.trials, asked.seed)
-    show(DOCS / "pictures.md", "pictures", table(cells), publishes=asked.publish)
-    folder = DOCS / "figures" if asked.publish else asked.out
-    save_figure(frontier(cells), folder / "pictures-frontier", formats=["svg"])
+    EXPERIMENT.conclude(play(asked.out, asked.player, options, asked.trials, asked.seed), publishes=asked.publish)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
 """An independent judge of what prompts cost where they are cached: each request is compared with all before.
 
-It is given prompts as they were sent and calls nothing of the package: requests are sequences of labelled tokens, the
-tokens of tools and messages that are equal have equal labels. The definition that it is written from is
-`docs/context-cost.md`.
+It is given plain data and imports nothing of the package: requests are sequences of labelled tokens, the tokens of
+tools and messages that are equal have equal labels. The definition that it is written from is `docs/context-cost.md`.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from itertools import compress, count
 from operator import ne
 from typing import Any
 
-import smartplay_tools as sp
-from tests.model_from_docs.counting import PRIMING, Counting, text_of, thoughts
+from tests.counting import Count, message_tokens, plain_text, tools_tokens
+from tests.model_from_docs.counting import thoughts
 
 Json = dict[str, Any]
 Tokens = list[tuple[str, int]]
@@ -40,15 +39,15 @@ class Asked:
 class Units:
     """The tokens of tools and messages, computed once for all that are equal."""
 
-    def __init__(self, n: Counting) -> None:
+    def __init__(self, n: Count) -> None:
         self._n = n
         self._made: dict[str, Tokens] = {}
 
-    def tools(self, tools: Sequence[sp.ToolSpec]) -> Tokens:
-        return self._unit([tool.to_json() for tool in tools], lambda: self._n.tools(tools))
+    def tools(self, tools: Sequence[Json]) -> Tokens:
+        return self._unit(tools, lambda: tools_tokens(tools, self._n))
 
-    def message(self, message: sp.Message) -> Tokens:
-        return self._unit(message, lambda: self._n.message(message))
+    def message(self, message: Json) -> Tokens:
+        return self._unit(message, lambda: message_tokens(message, self._n))
 
     def _unit(self, value: Any, length: Callable[[], int]) -> Tokens:
         label = json.dumps(value, sort_keys=True)
@@ -57,15 +56,13 @@ class Units:
         return self._made[label]
 
 
-def asked(
-    sent: Sequence[sp.Prompt], replies: Sequence[sp.Message], times: Sequence[float | None], n: Counting
-) -> list[Asked]:
-    """The requests of prompts and their replies."""
+def asked(sent: Sequence[Json], replies: Sequence[Json], times: Sequence[float | None], n: Count) -> list[Asked]:
+    """The requests of prompts, each with tools, messages and purpose, and their replies."""
     requests: list[Asked] = []
     units = Units(n)
     for number, (prompt, reply, at) in enumerate(zip(sent, replies, times, strict=True)):
-        messages, before = prompt.messages, sent[number - 1].messages if number else []
-        tokens = units.tools(prompt.tools)
+        messages, before = prompt["messages"], sent[number - 1]["messages"] if number else []
+        tokens = units.tools(prompt["tools"])
         ends, blocks = [len(tokens)], [0]
         for message in messages:
             tokens = tokens + units.message(message)
@@ -79,14 +76,14 @@ def asked(
             stable += 1
         with_reply = tokens + units.message(reply)
         requests.append(
-            Asked(tokens, ends, blocks, ends[leading], stable, len(tokens) + PRIMING, prompt.purpose, at, with_reply)
+            Asked(tokens, ends, blocks, ends[leading], stable, len(tokens) + 3, prompt["purpose"], at, with_reply)
         )
     return requests
 
 
-def message_blocks(message: sp.Message) -> int:
+def message_blocks(message: Json) -> int:
     blocks = len(message.get("tool_calls") or [])
-    blocks += 1 if text_of(message) else 0
+    blocks += 1 if plain_text(message["content"]) else 0
     blocks += 1 if thoughts(message) else 0
     return blocks or 1
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import random
 import re
 import shutil
+from collections import Counter
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -24,7 +27,7 @@ from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume
 from smartplay_tools.records.accounts import Accounts
-from tests import scripts
+from tests import fuzz, scripts
 
 RPS = "RockPaperScissorDifferentScore-v0"
 HERE = Path(__file__).parent
@@ -96,6 +99,13 @@ def test_a_record_imports_no_file_by_itself(file):
     custom.load_strategy(file)
     with pytest.raises(sp.InvalidArgumentError, match="has changed since the record was made"):
         replay(events)
+    forget()
+    Path("record.jsonl").write_text("".join(f"{json.dumps(event)}\n" for event in events), encoding="utf-8")
+    Path("first_and_newest.py").write_text('open("mark", "w")', encoding="utf-8")
+    refused = CliRunner().invoke(app, ["replay", "record.jsonl", "--strategy", file])
+    assert refused.exit_code == 2
+    assert "is not the file of the record, or has changed since, so it is not imported" in refused.stderr
+    assert not Path("mark").exists()
 
 
 def choosing(turns: str) -> str:
@@ -243,6 +253,14 @@ def test_a_choice_costs_what_it_shows(monkeypatch):
             conversation.prompt()
             counts.append(len(runs))
     assert max(counts[100:]) <= max(counts[:100])
+
+
+def test_the_judge_agrees(monkeypatch):
+    counts = Counter()
+    monkeypatch.setattr(fuzz, "strategy", lambda chance: {"strategy": f"{fuzz.ODD}:seed={chance.randrange(999)}"})
+    for number in range(40):
+        fuzz.hostile_conversation(random.Random(f"custom {number}"), counts)
+    assert counts["prompts"] > 50
 
 
 def test_a_run_that_was_interrupted_goes_on_in_another_process(file, tmp_path, monkeypatch):

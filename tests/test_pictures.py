@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import random
+from collections import Counter
 
 import gymnasium
 import numpy as np
@@ -28,7 +30,7 @@ from smartplay_tools.records import Record, recorded_pictures, replay, resume, s
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
-from tests import scripts
+from tests import fuzz, scripts
 from tests.test_conversation import acting, calling
 
 GAMES = ("Crafter-v0", "MinedojoCreative0-v0")
@@ -360,6 +362,17 @@ def test_a_sweep_leaves_out_pictures_of_words_and_keeps_the_rest():
     played = [(cell.observation, cell.budget.newest_pictures) for cell in drawn.cells]
     assert sorted(played, key=str) == [("both", 2), ("both", None), ("text", None)]
     assert "newest_pictures has nothing to leave out" in drawn.left_out[0]
+
+
+@pytest.mark.parametrize(
+    ("form", "many"),
+    [("both", 20), *(pytest.param(form, 1_000, marks=pytest.mark.slow) for form in ("picture", "both"))],
+)
+def test_prompts_with_pictures_are_judged(form, many):
+    counts, number = Counter(), 0
+    while counts["pictures in prompts"] < many:
+        number += 1
+        fuzz.hostile_conversation(random.Random(f"pictures {number}"), counts, form)
 
 
 # Who may see them.

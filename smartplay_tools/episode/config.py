@@ -33,7 +33,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import SCORING, GameSpec
 from smartplay_tools.games.specs import GAMES, get_spec, recorded_game
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget, ResolvedBudget
@@ -221,11 +221,21 @@ class EpisodeConfig(CellConfig):
 
     @classmethod
     def from_event(cls, start: Mapping[str, Any]) -> Self:
-        """Return the config in the start event of a record; `TranscriptError` if it is not valid."""
+        """Return the config in the start event of a record; `TranscriptError` if it is not valid.
+
+        The budget in numbers and what scores can be, which stand beside it, are checked, too.
+        """
         try:
-            return cls(**start["config"])
-        except (KeyError, TypeError, ValueError) as error:
+            config = cls(**start["config"])
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise TranscriptError(f"The record's start event has no valid config: {in_one_line(error)}.") from None
+        try:
+            ResolvedBudget.from_record(start["budget"])
+            if (scoring := start.get("scoring")) is not None:
+                SCORING.validate_python(scoring)
+        except (KeyError, TypeError, ValueError) as error:
+            raise TranscriptError(f"The record's start event has no valid budget: {in_one_line(error)}.") from None
+        return config
 
 
 def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
+from pydantic import TypeAdapter
+
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
 from smartplay_tools.games.paper_tables import normalize
@@ -25,8 +27,6 @@ from smartplay_tools.registry import declared_in, load_declared, package_of, res
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
-
-    import gymnasium
 
     from smartplay_tools.games.base import TextGame
 
@@ -104,6 +104,10 @@ class Scoring:
         """Return these facts as plain data, without those at their defaults."""
         known = {each.name: getattr(self, each.name) for each in fields(Scoring)}
         return {name: value for name, value in known.items() if value is not None and value is not False}
+
+
+SCORING = TypeAdapter(Scoring)
+"""Reads what a record or a row says of scores."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,31 +289,42 @@ def _load(declared: EntryPoint) -> GameSpec:
 
 
 def _register_with_gymnasium(spec: GameSpec) -> None:
-    keywords = {"history": spec.history, **spec.kwargs}
-    _tell_gymnasium(
-        spec.id,
+    import gymnasium
+
+    name = f"smartplay/{spec.id}"
+    gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
+    gymnasium.register(
+        name,
         spec.gymnasium_entry_point or spec.entry_point,
-        kwargs=keywords,
+        kwargs=_with_lists({"history": spec.history, **spec.kwargs}),
         max_episode_steps=spec.rollout,
     )
 
 
+def _with_lists(value: Any) -> Any:
+    """Return arguments with lists in place of tuples, as Gymnasium reads a specification from JSON."""
+    if isinstance(value, Mapping):
+        return {name: _with_lists(each) for name, each in value.items()}
+    return [*map(_with_lists, value)] if isinstance(value, list | tuple) else value
+
+
 def _announce_to_gymnasium(declared: EntryPoint, games: Games) -> None:
-    """Register only the name in Gymnasium: the first `make` imports the package and registers the setting itself."""
+    """Register only the name in Gymnasium: the package is imported when anything else is asked of its setting."""
+    from gymnasium import registry
+    from gymnasium.envs.registration import EnvSpec
 
-    def make(**options: Any) -> gymnasium.Env[str, Any]:
-        from gymnasium.wrappers import TimeLimit
+    class DeclaredSpec(EnvSpec):
+        """A specification that becomes a usual one with the first question beyond its name."""
 
-        spec = games[declared.name]
-        return TimeLimit(spec.make(**options), spec.rollout)
+        def __getattribute__(self, name: str) -> Any:
+            if name not in ("id", "namespace", "name", "version"):
+                _register_with_gymnasium(games[declared.name])  # imports the package
+                facts = vars(registry[f"smartplay/{declared.name}"])
+                object.__setattr__(self, "__class__", EnvSpec)
+                self.__dict__.update(facts)
+            return object.__getattribute__(self, name)
 
     if ID.fullmatch(declared.name):
-        _tell_gymnasium(declared.name, make)
-
-
-def _tell_gymnasium(name: str, creator: Any, **facts: Any) -> None:
-    import gymnasium
-
-    name = f"smartplay/{name}"
-    gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
-    gymnasium.register(name, creator, **facts)
+        spec = EnvSpec(f"smartplay/{declared.name}")
+        spec.__class__ = DeclaredSpec
+        registry[spec.id] = spec

@@ -28,7 +28,7 @@ import smartplay_tools as sp
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.players.conversion import function_call
 from smartplay_tools.transcript.file import comparable
-from tests.model_from_docs.counting import Counting, text_of
+from tests import checker
 
 GAME, SEED = "Hanoi3Disk-v0", 7
 WAY = ["A->C", "A->B", "C->B", "A->C", "B->A", "B->C", "A->C"]
@@ -268,6 +268,7 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
     assert without_usage(episode.result) == without_usage(expected_episode.result)
     assert comparable(events) == comparable(expected_events)
     assert [spelled(prompt) for prompt in sent] == [spelled(prompt) for prompt in expected]
+    independently(events, sent, episode)
     assert episode.result is not None
     return episode.result
 
@@ -407,6 +408,28 @@ def without_usage(result: sp.EpisodeResult) -> sp.EpisodeResult:
     return result.model_copy(update={"tokens": result.tokens.model_copy(update={"provider": None})})
 
 
+def independently(events: list[Any], sent: Sent, episode: sp.Episode) -> None:
+    """Check what the model received with `tests/checker.py`."""
+    head = next(event for event in events if event["event"] == "head")
+    judged = checker.Judge(
+        head["messages"],
+        head["tools"],
+        checker.turns_of(events),
+        episode.budget.model_dump(),
+        episode.counter.tokenizer.count,
+    )
+    budget, spent = episode.budget.model_dump(), 0
+    for turns, prompt in enumerate(sent):
+        view = judged.view(turns)
+        assert view is not None, "the pinned parts do not fit, and yet a prompt was sent"
+        assert [plain(m) for m in prompt.messages] == [plain(m) for m in one_system(view["messages"])]
+        checker.check_prompt(list(prompt.messages), head["tools"], judged, turns)
+        assert prompt.tools == [(tool["name"], tool["description"], tool["parameters"]) for tool in head["tools"]]
+        assert prompt.cap == checker.allowed(budget, spent, view["tokens"])
+        spent += view["tokens"] + checker.message_tokens(judged.turns[turns]["messages"][0], judged.n)
+    assert len(sent) == len(judged.turns)
+
+
 def spelled(prompt: Received) -> tuple[Any, ...]:
     return [plain(message) for message in prompt.messages], prompt.tools, prompt.cap
 
@@ -414,13 +437,13 @@ def spelled(prompt: Received) -> tuple[Any, ...]:
 def plain(message: dict[str, Any]) -> dict[str, Any]:
     """A message without what frameworks spell differently: ids, and no text as null or as nothing."""
     calls = [call["function"] for call in message.get("tool_calls", ())]
-    spelled = [(call["name"], Counting.as_counted(call["arguments"])) for call in calls]
-    return {"role": message["role"], "content": text_of(message), "calls": spelled}
+    spelled = [(call["name"], checker.arguments_text(call["arguments"])) for call in calls]
+    return {"role": message["role"], "content": checker.plain_text(message["content"]), "calls": spelled}
 
 
 def one_system(messages: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The messages with all system messages joined at the beginning, as frameworks with one system text send them."""
-    system = [text_of(message) for message in messages if message["role"] == "system"]
+    system = [checker.plain_text(message["content"]) for message in messages if message["role"] == "system"]
     return [{"role": "system", "content": "\n\n".join(system)}, *(m for m in messages if m["role"] != "system")]
 
 

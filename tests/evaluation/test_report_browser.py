@@ -6,6 +6,7 @@ Every test fails on an error in the browser's console and on any request that le
 from __future__ import annotations
 
 import json
+import random
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +15,14 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.records import Record
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.types.messages import pictures_of
+from tests import fuzz, scripts
 from tests.evaluation.conftest import note_request
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -33,8 +36,6 @@ from tests.evaluation.report_runs import (
     record,
     reply,
 )
-from tests.model_from_docs import choosing
-from tests.model_from_docs.play import KNOWN, Counts, play
 
 pytestmark = pytest.mark.slow
 
@@ -43,8 +44,8 @@ pytestmark = pytest.mark.slow
 
 ALL_PROMPTS = """async (key) => {
   const episode = await openEpisode(key);
-  const ways = [requestMessages, sentMessages];
-  return episode.turns.flatMap((_, at) => ways.map((way) => way(episode, page.words[episode.prompts], at)));
+  const messages = (way, at) => way(episode, page.words[episode.prompts], at)?.map(({ message }) => message) ?? null;
+  return episode.turns.flatMap((_, at) => [requestParts, promptParts].map((way) => messages(way, at)));
 }"""
 
 
@@ -88,7 +89,19 @@ def test_the_page_leaves_out_the_pictures_that_the_prompt_left_out(show, tmp_pat
     assert "only the newest 2 pictures of the conversation were shown" in page.locator("#why-reason").inner_text()
 
 
-def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
+class Clearing:
+    """A compactor that has a message in place of all but the newest nine, and clears the first result among these."""
+
+    def compact(self, history, room):
+        if len(history) < 12 or history[-9]["role"] == "tool":
+            return history
+        result = next(message for message in history[-9:] if message["role"] == "tool")
+        result["content"] = "cleared"
+        return [history[0], {"role": "user", "content": "So far so good."}, *history[-9:]]
+
+
+def test_every_prompt_is_put_together_word_for_word(show, tmp_path, monkeypatch):
+    monkeypatch.setitem(custom._NAMED, "clearing", custom.Loaded(Clearing))
     run = tmp_path / "run"
     several = [reply(act("1"), act("2"), act("1")), reply(("read_manual", "")), reply(("observe", ""), act("1"))]
     paths = [
@@ -99,7 +112,8 @@ def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
         record(
             run / "anchors.jsonl", RPS, "rule-notes", prompt_tokens=1_000, first_turns=2, summary_tokens=60, slack=0.5
         ),
-        record(run / "custom.jsonl", RPS, prompt_tokens=900, strategy=f"{choosing.NAME}:seed=3"),
+        record(run / "custom.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
+        record(run / "compacted.jsonl", BANDIT, "rule-notes", history=3, notes_tokens=60, strategy="clearing"),
         record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
         record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),
         record(run / "paper-history.jsonl", BANDIT, "random", protocol="paper", manual="none", history=2),
@@ -143,14 +157,22 @@ def handed_over(path: Path) -> Path:
 
 def test_arbitrary_conversations_are_put_together_word_for_word(show, tmp_path):
     """Several calls in a message, ids that repeat, other tools' results, user messages, text in parts."""
-    run = tmp_path / "run"
+    chance, run = random.Random(5), tmp_path / "run"
     run.mkdir()
     for number in range(25):
-        lines = "".join(json.dumps(event) + "\n" for event in play(number, Counts(), KNOWN, most_turns=12))
-        if lines:
-            (run / f"{number}.jsonl").write_text(lines)
+        script = [scripts._move(*_drawn(chance)) for _ in range(12)]
+        budget = sp.Budget(history=chance.choice([0, 1, 2, None]), prompt_tokens=chance.choice([700, 900, None]))
+        rules = {"manual": chance.choice(["tool", "pinned", "none"]), "host": chance.random() < 0.5}
+        played = scripts.converse(chance.choice(scripts.GAMES), script, seed=number, budget=budget, **rules)
+        lines = "".join(json.dumps(event) + "\n" for event in played.events)
+        (run / f"{number}.jsonl").write_text(lines)
     page = show(run)
     assert sum(assert_the_same_prompts(page, path) for path in sorted(run.glob("*.jsonl"))) > 100
+
+
+def _drawn(chance: random.Random) -> tuple[Any, Any, Any]:
+    calls = [(chance.choice(scripts.CALLS), chance.choice("ab")) for _ in range(chance.randrange(4))]
+    return chance.choice(scripts.WORDS), calls, chance.choice(scripts.AFTER)
 
 
 def test_the_prompt_can_be_read_on_the_page(show, tmp_path):

@@ -15,6 +15,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
@@ -66,6 +67,17 @@ def takes_long(name: str, check: Callable[[str], None]) -> bool:
 )
 def test_it_keeps_the_contract(game, check):
     check(game)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FIRST)) for name in sp.GAMES.benchmark]
+)
+def test_gymnasium_keeps_its_specification_and_adds_render_modes(name):
+    spec = gymnasium.spec(f"smartplay/{name}")
+    assert EnvSpec.from_json(spec.to_json()) == spec
+    environment = gymnasium.make(spec, render_mode="ansi_list")
+    observations = [environment.reset(seed=1)[0], environment.step(0)[0]]
+    assert environment.render() == observations
 
 
 def plays_to_its_end(game: TextGame) -> bool:

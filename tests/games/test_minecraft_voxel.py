@@ -55,7 +55,10 @@ def test_the_world_of_a_seed_is_pinned():
         world = VoxelWorld(seed)
         world.prepare(1000 * seed, -500)
         digest.update(region(world, 1000 * seed, -500).tobytes())
-    assert digest.hexdigest()[:16] == "a3459add5cc913bb"
+        for time in (500, 700):
+            for animal in animals.animals_near(world, 1000 * seed, -500, time):
+                digest.update(animal.round(3).astype(np.float32).tobytes())
+    assert digest.hexdigest()[:16] == "b90ce6f30401bc8a"
 
 
 def test_every_biome_exists():
@@ -345,6 +348,7 @@ def test_distances_to_a_goal_are_those_of_scipy():
 def test_without_a_goal_on_the_map_no_place_is_near_one():
     none = np.zeros((2 * start._REACH + 1,) * 2, bool)
     assert start.goal_distances(none).min() > start.FARTHEST_GOAL
+    assert (start.NEAREST_GOAL, start.FARTHEST_GOAL) == (310, 430)  # as docs/minecraft.md says
 
 
 def test_who_cannot_climb_out_is_walled_in():

@@ -148,7 +148,7 @@ class Counting:
 
     def tools(self, tools: Sequence[sp.ToolSpec]) -> int:
         """Return the tokens of tool schemas."""
-        n, tokens = self.text, 12 if tools else 0
+        n, tokens = self.text, 12
         for tool in tools:
             properties = tool.parameters.get("properties") or {}
             tokens += 7 + n(f"{tool.name}:{tool.description.removesuffix('.')}") + (3 if properties else 0)

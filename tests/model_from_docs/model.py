@@ -39,7 +39,6 @@ class Expected:
     max_tokens: int | None
     shown_steps: int
     dropped_turns: int
-    masked_results: list[tuple[int, int]]
     purpose: str
 
 
@@ -117,11 +116,7 @@ class Model(Answering):
         same = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(shown, before, strict=False))
         prefix = 0 if first else self._tokens([both[0] for both in same]) - PRIMING
         messages = [message for _, message in shown]
-        masked = [(i, j - 1) for (i, j), message in shown if i >= 0 < j and self._is_masked(i, j - 1, message)]
-        return Expected(messages, self._tokens(shown), prefix, 0, None, 0, 0, masked, "play")
-
-    def _is_masked(self, turn: int, item: int, shown: sp.Message) -> bool:
-        return shown["content"] == MARKER != self.turns[turn].items[item].message["content"]
+        return Expected(messages, self._tokens(shown), prefix, 0, None, 0, 0, "play")
 
     def _play(self) -> Expected:
         view = self.window.view

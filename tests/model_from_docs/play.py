@@ -12,7 +12,6 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.games import get_spec
 from smartplay_tools.transcript import Event
-from smartplay_tools.types.messages import pictures_of
 
 from . import choosing
 from .babble import BABBLE
@@ -21,7 +20,8 @@ from .model import Expected, Model
 from .refusals import in_numbers, is_refused
 from .replies import Speaker
 
-KNOWN = (
+SMALL: tuple[str | sp.GameSpec, ...] = (
+    BABBLE,
     "RockPaperScissorBasic-v0",
     "BanditTwoArmedHighLowFixed-v0",
     "Hanoi3Disk-v0",
@@ -29,8 +29,6 @@ KNOWN = (
     "MessengerL2-v0",
     "MessengerL3-v0",
 )
-"""Small games that are known by their names, so that their records can be replayed."""
-SMALL: tuple[str | sp.GameSpec, ...] = (BABBLE, *KNOWN)
 TOOLED = ("notes_tokens", "recall_tokens", "beyond_result", "memory_tokens")
 """The strategies that add a tool."""
 OPEN: dict[str, Any] = {"history": 1, "result_tokens": 1_000}
@@ -38,8 +36,6 @@ OPEN: dict[str, Any] = {"history": 1, "result_tokens": 1_000}
 FOREIGN = sp.ToolSpec(
     "weather", "Say what the weather is.", {"type": "object", "properties": {"x": {"type": "string"}}}
 )
-HOST: list[sp.Message] = [{"role": "user", "content": [{"type": "text", "text": "Be brief."}], "name": "host"}]
-"""What a host says first."""
 
 
 class Words:
@@ -135,14 +131,13 @@ class _Setting:
     limits: dict[str, Any]
     rules: dict[str, Any]
     foreign: tuple[sp.ToolSpec, ...]
-    said: list[sp.Message]
     n: Counting
     head: int
 
     def __str__(self) -> str:
         tokenizer = getattr(self.tokenizer, "name", self.tokenizer)
-        host = ", a foreign tool" * bool(self.foreign) + ", words of the host" * bool(self.said)
-        return f"{get_spec(self.game).id}, {tokenizer}, {self.limits}, {self.rules}{host}"
+        foreign = ", a foreign tool" if self.foreign else ""
+        return f"{get_spec(self.game).id}, {tokenizer}, {self.limits}, {self.rules}{foreign}"
 
     @classmethod
     def drawn(cls, rng: random.Random, seed: int, games: Sequence[str | sp.GameSpec]) -> _Setting:
@@ -155,9 +150,8 @@ class _Setting:
         n = Counting(probe.counter.text, probe.counter.image)
         head = n.messages(probe.head) + n.tools(probe.tools) + PRIMING
         foreign = (FOREIGN,) if rng.random() < 0.15 else ()
-        said = HOST if rng.random() < 0.15 else []
         limits = random_budget(rng, head, rules.get("observation", "text"))
-        return cls(game, tokenizer, limits, rules, foreign, said, n, head)
+        return cls(game, tokenizer, limits, rules, foreign, n, head)
 
 
 def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conversation, Model] | None:
@@ -174,17 +168,18 @@ def _begin(setting: _Setting, seed: int, record: list[Event]) -> tuple[sp.Conver
         episode = sp.Episode(
             setting.game, seed=seed, tokenizer=setting.tokenizer, budget=budget, transcript=record, **rules
         )
-        conversation = sp.Conversation(episode, head=setting.said, foreign_tools=setting.foreign)
+        conversation = sp.Conversation(episode, foreign_tools=setting.foreign)
     except sp.InvalidArgumentError as error:
-        head = [*sp.Episode(setting.game, seed=seed, tokenizer=setting.tokenizer, **rules).head, *setting.said]
+        head = sp.Episode(setting.game, seed=seed, tokenizer=setting.tokenizer, **rules).head
         if not is_refused(numbers, n, head, (*tools, *setting.foreign), picture, form):
             raise AssertionError(f"{setting}: refused") from error
         return None
-    head = [*episode.head, *setting.said]
-    assert not is_refused(numbers, n, head, (*tools, *setting.foreign), picture, form), f"{setting}: not refused"
+    assert not is_refused(numbers, n, episode.head, (*tools, *setting.foreign), picture, form), (
+        f"{setting}: not refused"
+    )
     assert episode.budget == numbers, f"{setting}: {episode.budget}, expected {numbers}"
     copy = spec.make()
-    facts = {"head": head, "tools": (*tools, *setting.foreign), "budget": numbers, "rollout": spec.rollout}
+    facts = {"head": episode.head, "tools": (*tools, *setting.foreign), "budget": numbers, "rollout": spec.rollout}
     facts |= {"picture": picture, "observation": form}
     return conversation, Model(copy, seed, {**facts, **rules}, n)
 
@@ -257,16 +252,11 @@ def _follow(
     return wrong
 
 
-def tokenizer_of(record: Sequence[Event]) -> Any:
-    """Return the tokenizer with which an episode was played here; None for one that the package knows by its name."""
-    own = {tokenizer.name: tokenizer for tokenizer in TOKENIZERS if not isinstance(tokenizer, str)}
-    words, _, _ = record[0]["config"].get("tokenizer", "").partition("+")  # behind it is a rule that counts pictures
-    return own.get(words)
-
-
 def replay_is_identical(record: Sequence[Event]) -> bool:
     """Replay the record of an episode that was played here, of a game that is known by its name."""
-    return sp.replay(record, tokenizer=tokenizer_of(record)).identical
+    own = {tokenizer.name: tokenizer for tokenizer in TOKENIZERS if not isinstance(tokenizer, str)}
+    words, _, _ = record[0]["config"].get("tokenizer", "").partition("+")  # behind it is a rule that counts pictures
+    return sp.replay(record, tokenizer=own.get(words)).identical
 
 
 def _compare(prompt: sp.Prompt, conversation: sp.Conversation, expected: Expected, where: str) -> None:
@@ -277,7 +267,6 @@ def _compare(prompt: sp.Prompt, conversation: sp.Conversation, expected: Expecte
         "tokens": (view.tokens, expected.tokens),
         "dropped_turns": (view.dropped_turns, expected.dropped_turns),
         "shown_steps": (view.shown_steps, expected.shown_steps),
-        "masked_results": (list(view.masked_results), expected.masked_results),
         "prefix_tokens": (view.prefix_tokens, expected.prefix_tokens),
         "prefix_messages": (prompt.prefix_messages, expected.prefix_messages),
         "max_tokens": (prompt.max_tokens, expected.max_tokens),
@@ -290,10 +279,6 @@ def _compare(prompt: sp.Prompt, conversation: sp.Conversation, expected: Expecte
         )
         wrong["messages"] = (len(shown), len(wanted))
         wrong[f"message {at}"] = (shown[at : at + 2], wanted[at : at + 2])
-    named = {part["sha256"]: part for message in expected.messages for part in pictures_of(message)}
-    facts = {sha256: {"type": "image", **picture.facts} for sha256, picture in prompt.pictures.items()}
-    if facts != named:
-        wrong["pictures"] = (facts, named)
     assert not wrong, f"{where}: (shown, expected) {wrong}"
 
 

@@ -78,7 +78,7 @@ class Speaker:
         if rng.random() < 0.2:
             message["reasoning_content"] = self.text(30)
         if rng.random() < 0.1:
-            message["provider_items"] = [{"type": "thinking", "thinking": f"Hm: {self.text()}", "signature": "zzz"}]
+            message["provider_items"] = [{"type": "thinking", "thinking": self.text(), "signature": "zzz"}]
         if rng.random() < 0.05:
             message["name"] = "bob"
         if count:

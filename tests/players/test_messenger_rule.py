@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games.messenger.rules import SPLITS, Split
-from smartplay_tools.players import rules
 from smartplay_tools.players.rules.messenger import player as messenger
 from smartplay_tools.players.rules.messenger.belief import ENEMY, GOAL, MESSAGE, THINGS, Cases
 from smartplay_tools.players.rules.messenger.board import CHASER, IMMOVABLE, NOWHERE
@@ -75,16 +71,6 @@ def test_it_does_not_walk_on_where_the_border_is() -> None:
 
 
 # Scores.
-
-
-def test_its_modules_import_no_table_of_the_games() -> None:
-    modules = sorted((Path(rules.__file__ or "").parent).glob("messenger/*.py"))
-    assert len(modules) >= 5
-    for module in modules:
-        tree = ast.parse(module.read_text(encoding="utf-8"))
-        imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        imported += [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
-        assert not [name for name in imported if name.startswith("smartplay_tools.games")]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ function promptsWith(episode, word) {
   return episode.turns.map(({ view, head }, at) => {
     if (!view) return false;
     // A strategy that changes what turns say is not foreseen here: its prompts are searched as they are.
-    if (view.words || view.pictures || view.texts?.length || view.hidden?.length) return whole(at);
+    if (view.words || view.pictures || view.texts?.length || view.hidden?.length || view.messages) return whole(at);
     const manual = at > 0 ? (episode.facts[at - 1].manual ?? "") : "";
     if ((head ? has(head.map(textOf).join("\n")) : inHead) || has(manual) || has(summaryIn(episode, view))) return true;
     const masks = view.oldest !== undefined || Boolean(view.masked?.length);
@@ -30,11 +30,9 @@ function promptsWith(episode, word) {
 
 // Whether an observation with the word is among those that a view did not replace by a marker.
 function stillSeen(episode, view, written, first, last) {
-  const listed = new Set((view.masked ?? []).map(([turn, item]) => `${turn}.${item}`));
+  const marked = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
   for (let at = first; at <= last; at += 1) {
-    const oldest = view.oldest === undefined ? -Infinity : at === view.notes ? Infinity : view.oldest;
-    const visible = ([item, step]) => !listed.has(`${at}.${item}`) && step >= oldest;
-    if (written[at].seen.some(visible)) return true;
+    if (written[at].seen.some(([item]) => !marked.has(`${at}.${item}`))) return true;
   }
   return false;
 }
