@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,32 +18,6 @@ pytestmark = pytest.mark.slow
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
-
-CLUSTER = """
-import sys
-from ray.cluster_utils import Cluster
-
-if __name__ == "__main__":
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
-    print("address", cluster.address, flush=True)
-    sys.stdin.read()
-    cluster.shutdown()
-"""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def cluster() -> Iterator[None]:
-    """A cluster that `RAY_ADDRESS` names: to start one takes longer than a run on it, so that tests share it."""
-    command = [sys.executable, "-c", CLUSTER]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        address = next(line.split()[1] for line in process.stdout if line.startswith("address "))
-        with pytest.MonkeyPatch.context() as variables:
-            variables.setenv("RAY_ADDRESS", address)
-            yield
-        process.stdin.close()
-
 
 # Ray leaves threads and sockets behind that raise warnings, so it runs in a separate process.
 SCRIPT = """
