@@ -121,5 +121,5 @@ def test_without_notes_the_paper_s_window_is_enough_to_beat_its_models() -> None
 def test_notes_let_a_player_live_for_ever() -> None:
     result, *_ = play(crafter_notes, 4, budget=sp.Budget(tool_calls=3_000))
     assert result.end_reason == "tool_calls", "the calls are spent before the player dies"
-    assert result.score > 35_000
+    assert result.score > 30_000
     assert json.dumps(result.model_dump())
