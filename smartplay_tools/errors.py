@@ -221,6 +221,16 @@ def damage_named(what: object) -> Iterator[None]:
         raise DamageError(f"{what} cannot be read: {error.strerror}.") from None
 
 
+@contextmanager
+def damage_left_out(what: object) -> Iterator[None]:
+    """Leave out what `damage_named` finds damaged, with a warning."""
+    try:
+        with damage_named(what):
+            yield
+    except (DamageError, TranscriptError) as error:
+        left_out(error)
+
+
 def left_out(why: SmartPlayError | str) -> None:
     """Warn that a damaged part of a run is left out."""
     import warnings

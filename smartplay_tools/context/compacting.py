@@ -248,7 +248,7 @@ class CompactingWindow(Window):
         event["task"] = bool(self._task(lead[lost:]))
         history.take(event)
         view = self._shown(head + tokens)
-        event["blind"] = self._state.step not in (view.visible or ()) and not self._is_told(view.shown[1:])
+        event["blind"] = not self._is_seen(view.forms[1:])
         self._record(event)
         return view
 
@@ -314,30 +314,29 @@ class CompactingWindow(Window):
             prefix = self._prefix(played[0], played[1], head, forms, is_equal=True)
         selection = self._selection([history.turns_of(row) for row in history.shown if isinstance(row, range)])
         self._played = head, forms, tokens
-        visible = {form.step for form in forms if form.step is not None}
         return View(
             tools=self._tools,
             tokens=tokens,
-            shown_steps=len(visible),
+            shown_steps=len({form.step for form in forms} - {None}),
             dropped_turns=self._state.turns - len(selection),
             prefix_tokens=prefix,
             selection=selection,
             forms=[*head.forms, *forms],
             turns=self._index.turns,
             text_tokens=sum(self._size(piece) for piece in history.shown if isinstance(piece, Own)),
-            visible=visible,
         )
 
-    def _is_told(self, shown: Sequence[Message]) -> bool:
-        """Whether the words or the picture of the newest observation stand in a message; True without one."""
+    def _is_seen(self, forms: Sequence[Form]) -> bool:
+        """Whether messages show the newest observation, or have its words or its picture; True without one."""
         state = self._state
-        if state.newest is None:
+        if state.newest is None or any(form.step == state.step for form in forms):
             return True
         [*_, newest] = [item for item in state.index.turns[state.newest].items if item.observation_step == state.step]
         words, pictures = newest.observation_words, [part["sha256"] for part in pictures_of(newest.message)]
         return any(
-            (words and words in text_of(message)) or any(part["sha256"] in pictures for part in pictures_of(message))
-            for message in shown
+            (words and words in text_of(form.message))
+            or any(part["sha256"] in pictures for part in pictures_of(form.message))
+            for form in forms
         )
 
     def _selection(self, turns: Sequence[range]) -> Selection:

@@ -1,4 +1,4 @@
-"""An index of tokens: what every turn costs, whole and masked, and where every observation is shown.
+"""An index of tokens: what every turn costs, whole and masked.
 
 Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
 never decrease from turn to turn. So the first turn that is not older than a given step is found by bisection. This turn
@@ -32,8 +32,6 @@ class TokenIndex:
         self._counter = counter
         self.whole, self.masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
-        self._showing: list[int] = []
-        """The turns that show an observation."""
 
     def append(self, turn: Turn) -> None:
         """Add a turn."""
@@ -46,8 +44,6 @@ class TokenIndex:
             count = turn.first_picture + len(turn.pictured)
             self._unpictured.append(self._unpictured[-1] + self.saved(turn, 0, count))
             self._pictures.append(count)
-        if turn.shows:
-            self._showing.append(len(self.turns))
         self.turns.append(turn)
 
     def spoken(self, first: int, stop: int) -> int:
@@ -79,8 +75,3 @@ class TokenIndex:
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""
         return bisect_left(self.turns, step, key=attrgetter("step"))
-
-    def first_showing(self, first: int, stop: int) -> int | None:
-        """The first turn from `first` to before `stop` that shows an observation."""
-        at = bisect_left(self._showing, first)
-        return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None

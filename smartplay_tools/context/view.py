@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -117,8 +117,6 @@ class View:
     """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
-    visible: Set[int] | None = None
-    """With a compactor: the observations that are visible; without one they follow from the selection."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """What else the record needs of the prompt."""
 

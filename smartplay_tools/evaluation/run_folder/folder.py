@@ -45,6 +45,7 @@ from smartplay_tools.errors import (
     InvalidArgumentError,
     SmartPlayError,
     TranscriptError,
+    damage_left_out,
     damage_named,
     in_one_line,
     left_out,
@@ -236,13 +237,10 @@ class RunFolder:
     def first_reply(self, row: Row) -> str:
         """Return the text of the first reply in a finished episode, "" if its record is not here."""
         path = self.transcript(row["key"])
-        try:
-            with damage_named(path):
-                replies = Record.read(path).sent_replies.values() if path.exists() else ()
-                return next(map(text_of, replies), "")
-        except SmartPlayError as error:
-            left_out(error)
-            return ""
+        with damage_left_out(path):
+            replies = Record.read(path).sent_replies.values() if path.exists() else ()
+            return next(map(text_of, replies), "")
+        return ""
 
     def attempts(self) -> list[Path]:
         """Return the records of attempts without a result, by key and then in their order."""

@@ -57,6 +57,7 @@ from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, grouped, unplayed
 from smartplay_tools.types import MISTAKES, Budget
+from smartplay_tools.types.arguments import well_formed
 
 __all__ = ["render_report", "write_excerpt", "write_report"]
 
@@ -144,7 +145,7 @@ def write_excerpt(
     file, record = _html_file(out), Path(record)
     if not record.is_file():
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
-    run = ShownRun(record, "", Sources([Source(record.stem, record, turns=turns)]))
+    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record, turns=turns)]))
     with importing_packages(plugins):
         return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
