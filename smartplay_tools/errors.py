@@ -212,6 +212,8 @@ def damage_named(what: object) -> Iterator[None]:
     """
     try:
         yield
+    except TranscriptError as error:
+        raise DamageError(str(error)) from error
     except SmartPlayError:
         raise
     except SENSELESS as error:
@@ -227,11 +229,11 @@ def damage_left_out(what: object) -> Iterator[None]:
     try:
         with damage_named(what):
             yield
-    except (DamageError, TranscriptError) as error:
-        left_out(error)
+    except DamageError as error:
+        warn_damaged(error)
 
 
-def left_out(why: SmartPlayError | str) -> None:
+def warn_damaged(why: SmartPlayError | str) -> None:
     """Warn that a damaged part of a run is left out."""
     import warnings
 

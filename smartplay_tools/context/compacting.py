@@ -19,10 +19,10 @@ from smartplay_tools.context.base import Window
 from smartplay_tools.context.compaction import AsRecorded, Compactor, GivenHistory, Room
 from smartplay_tools.context.rewriting import (
     SYSTEM,
-    History,
     Own,
     Piece,
     Reader,
+    RewrittenHistory,
     flat,
     from_record,
     given_form,
@@ -71,7 +71,7 @@ class CompactingWindow(Window):
         assert isinstance(strategies.custom, Compactor)
         self._compactor, self._recorded, self._ids = strategies.custom, strategies.recorded_rewritings, ids
         self._is_persistent = getattr(self._compactor, "persistent", True)
-        self._history = History(head[1:])
+        self._history = RewrittenHistory(head[1:])
         self._reader = Reader(self._history, lambda: ids.take([""], self._state.turns)[0])
         self._sums = [0]
         """The tokens of the messages before each number, as they are shown now."""

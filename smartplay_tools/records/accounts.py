@@ -18,7 +18,7 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import History, Own, flat
+from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
@@ -178,7 +178,7 @@ class Accounts:
         rewritten = rewritten_prompts(self._record.events, self._turns)
         return {view["turn"]: self._parts_of_history(history) for view, history in rewritten}
 
-    def _parts_of_history(self, history: History) -> Tokens:
+    def _parts_of_history(self, history: RewrittenHistory) -> Tokens:
         """The parts of what a compactor's history shows: messages of the conversation, and its own as texts."""
         tokens = _NOTHING.copy()
         for piece in history.shown:

@@ -20,7 +20,7 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import History, Own
+from smartplay_tools.context.rewriting import Own, RewrittenHistory
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import BROUGHT_BACK
@@ -166,7 +166,7 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     return {"turns": turns, "departures": [asdict(departure) for departure in counted.departures()]}
 
 
-def _on_page(history: History) -> list[Any]:
+def _on_page(history: RewrittenHistory) -> list[Any]:
     """Return what a compactor's prompt shows: rows of messages by their numbers, and its own as they are shown."""
     return [
         history.forms([piece])[0].message if isinstance(piece, Own) else [piece.start, piece.stop - 1]
