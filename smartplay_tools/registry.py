@@ -10,13 +10,14 @@ the digest of its content: one that was edited is imported again, and its earlie
 record names in this way has its digest beside the name, and is not imported for the record: see `NamedInFiles`.
 
 `lazy_exports` gives a package names that are imported when they are first used, so that importing the package takes
-milliseconds (PEP 562). The package lists them twice: for type checkers and editors as ordinary imports under
-`TYPE_CHECKING`, and for Python as the table that it passes. A test keeps the two equal. For the same reason this module
-imports what its functions need when they are called.
+milliseconds (PEP 562). The package lists them once, as imports under `TYPE_CHECKING`: type checkers and editors read
+them there, and so does `lazy_exports`. For the same reason this module imports what its functions need when they are
+called.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib import import_module
@@ -243,14 +244,15 @@ class Registry(Mapping[str, Any]):
         return [] if self._group is None else list(declared_in(self._group))
 
 
-def lazy_exports(
-    package: str, modules: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package.
+def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports that it has for type checkers.
 
-    `modules` maps each module to the names that the package exports from it, separated by spaces.
+    These are read from its source: every `X as X` in `from MODULE import ...` below `if TYPE_CHECKING`.
     """
-    places = {name: module for module, names in modules.items() for name in names.split()}
+    spec = sys.modules[package].__spec__
+    source = spec.loader.get_data(spec.origin).decode("utf-8")  # type: ignore[union-attr]
+    imports = re.findall(r"^    from (\S+) import (\([^)]*\)|.*)$", source, re.MULTILINE)
+    places = {name: module for module, names in imports for name in re.findall(r"\b(\w+) as \1\b", names)}
 
     def find(name: str) -> Any:
         if name not in places:
