@@ -104,13 +104,22 @@ class Window(ABC):
             state.notes = notes
 
     def _prefix(
-        self, was: Head, before: Sequence[Form], head: Head, forms: Sequence[Form], *, is_equal: bool = False
+        self,
+        was: Head,
+        before: Sequence[Form],
+        head: Head,
+        forms: Sequence[Form],
+        tokens: int,
+        *,
+        is_equal: bool = False,
     ) -> int:
         """The tokens at the beginning of a prompt that are the same in the one before: head, then messages.
 
-        With `is_equal` a message is the same if it says the same, and not only if it is in the same place of the
-        conversation.
+        `tokens` are those of the messages. With `is_equal` a message is the same if it says the same, and not only if
+        it is in the same place of the conversation.
         """
         shared, is_same = common_head(was, head, self._tools_tokens, self._counter)
         same = common_beginning(forms, before, is_equal=is_equal) if is_same else 0
-        return shared + sum([form.tokens(self._counter) for form in forms[:same]])
+        if 2 * same < len(forms):
+            return shared + sum([form.tokens(self._counter) for form in forms[:same]])
+        return shared + tokens - sum([form.tokens(self._counter) for form in forms[same:]])

@@ -311,7 +311,7 @@ class CompactingWindow(Window):
         history, head, played, prefix = self._history, self._state.head, self._played, 0
         forms = history.forms(history.shown)
         if played is not None:
-            prefix = self._prefix(played[0], played[1], head, forms, is_equal=True)
+            prefix = self._prefix(played[0], played[1], head, forms, tokens - head.tokens, is_equal=True)
         selection = self._selection([history.turns_of(row) for row in history.shown if isinstance(row, range)])
         self._played = head, forms, tokens
         return View(

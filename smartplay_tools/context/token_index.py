@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from operator import attrgetter
 
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.turns import Form, Turn
 
 
 class TokenIndex:
@@ -33,6 +33,10 @@ class TokenIndex:
         self.whole, self.masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
 
+        self._forms: list[Form] = []
+        self._starts = [0]
+        """Every message, unmasked, and how many are before each turn."""
+
     def append(self, turn: Turn) -> None:
         """Add a turn."""
         tokens = turn.tokens(self._counter)
@@ -44,7 +48,13 @@ class TokenIndex:
             count = turn.first_picture + len(turn.pictured)
             self._unpictured.append(self._unpictured[-1] + self.saved(turn, 0, count))
             self._pictures.append(count)
+        self._forms += turn.whole
+        self._starts.append(len(self._forms))
         self.turns.append(turn)
+
+    def forms(self, first: int, stop: int) -> list[Form]:
+        """Return the messages of the turns from `first` to before `stop`, with no observation masked."""
+        return self._forms[self._starts[first] : self._starts[stop]]
 
     def spoken(self, first: int, stop: int) -> int:
         """Tokens of the words in replies from `first` to before `stop`, which bare replies save."""

@@ -168,5 +168,6 @@ class Contents:
     @cached_property
     def forms(self) -> Sequence[Form]:
         """The messages after the head."""
-        shown = self.selection.forms(self.state.index.turns, None if self.summary is None else self.summary.form)
+        chosen, index, summary = self.selection, self.state.index, None if self.summary is None else self.summary.form
+        shown = chosen.forms(index.turns, index.forms(chosen.changed.stop, chosen.last + 1), summary)
         return shown if self.question is None else [*shown, self.question]

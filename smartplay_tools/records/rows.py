@@ -19,9 +19,9 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import BaseModel, Field
 
-from smartplay_tools.episode.config import RULES, Rules
+from smartplay_tools.episode.config import RULES, SCORING, Rules
 from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
-from smartplay_tools.games.game_registry import SCORING, Scoring
+from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered

@@ -50,8 +50,8 @@ class RecordedResult(EpisodeResult):
     @model_validator(mode="after")
     def _has_its_fields(self) -> Self:
         """Require what every version has written: readers of plain data know no defaults of it."""
-        for part, kind in ((self, EpisodeResult), (self.tokens, Tokens), (self.tokens.provider, Usage)):
-            if part is not None and (absent := kind.model_fields.keys() - kind.later.keys() - part.model_fields_set):
+        for part, kind in ((self, EpisodeResult), (self.tokens, Tokens)):
+            if absent := kind.model_fields.keys() - kind.later.keys() - part.model_fields_set:
                 raise ValueError(f"there is no {min(absent)}")
         return self
 

@@ -61,12 +61,15 @@ def test_the_world_of_a_seed_is_pinned():
     assert digest.hexdigest()[:16] == "b90ce6f30401bc8a"
 
 
-def test_every_biome_exists():
+def test_every_biome_exists_and_their_map_is_pinned():
     axis = np.arange(-300, 300) * 16
-    seen = set()
+    seen, digest = set(), hashlib.sha256()
     for seed in range(6):
-        seen |= set(np.unique(biomes(climate(seed, axis[:, None], axis[None, :]))).tolist())
+        drawn = biomes(climate(seed, axis[:, None], axis[None, :]))
+        seen |= set(np.unique(drawn).tolist())
+        digest.update(drawn.astype(np.uint8).tobytes())
     assert seen == set(Biome)
+    assert digest.hexdigest()[:16] == "e75c41b5169b24ad"
 
 
 def test_water_stands_where_the_ground_is_low_and_nowhere_else():
