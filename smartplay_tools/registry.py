@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -134,15 +134,25 @@ class NamedInFiles:
         """
         file, _, attribute = name.rpartition(":")
         if digest is None or (digest, attribute) not in self.read:
-            found = read_file(f"{path or file}:{attribute}", self._kind, self._noun, self._is_one)
-            self.read[found.sha256, attribute] = found
-            if digest not in (None, found.sha256):
+            if digest is not None and _digest_of(path or file) not in (None, digest):
                 raise InvalidArgumentError(
-                    f"{found.path} has changed since its episodes were planned; put the earlier file back, or play "
+                    f"{path or file} has changed since its episodes were planned; put the earlier file back, or play "
                     "again with the new one."
                 )
+            found = read_file(f"{path or file}:{attribute}", self._kind, self._noun, self._is_one)
+            self.read[found.sha256, attribute] = found
             digest = found.sha256
         return self.read[digest, attribute]
+
+    def check(self, name: str, digests: Collection[str | None]) -> None:
+        """Refuse a file that a user names for records if it is none of theirs, before it is imported."""
+        file = name.rpartition(":")[0]
+        known = {digest for digest in digests if digest is not None}
+        if known and _digest_of(file) not in (None, *known):
+            raise InvalidArgumentError(
+                f"{file} is not the file of the record, or has changed since, so it is not imported; name an unchanged "
+                f"copy with --{self._kind}."
+            )
 
     def recorded(self, name: str, digest: str | None) -> InFile:
         """Return what a record names, without importing a file for it; `digest` is that of its file."""
@@ -157,6 +167,17 @@ class NamedInFiles:
             f"The record was played with the {self._kind} {name}; name it with --{self._kind}, with the path of its "
             "file, to import it."
         )
+
+
+def _digest_of(file: str | Path) -> str | None:
+    """The digest of a file; None if it cannot be read."""
+    from hashlib import sha256
+    from pathlib import Path
+
+    try:
+        return sha256(Path(file).read_bytes()).hexdigest()
+    except OSError:
+        return None
 
 
 def _module(path: Path, source: bytes, digest: str) -> ModuleType:

@@ -20,6 +20,7 @@ from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay, resume, sent_prompts
+from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
 from smartplay_tools.testing import check_strategy
 from smartplay_tools.types.messages import text_of
@@ -513,8 +514,11 @@ def test_an_option_of_the_player_names_the_other_player_of_a_run(tmp_path):
     (row,) = run.rows
     assert row["player_options"] == options
     assert row["questions"] > 0
-    record = Record.read(run.transcript(row["key"]))
+    record = Record.read(run.transcript(row["key"]), {"rule-notes": Price.per_million(1, 1)})
     assert len(requests_of(record).requests) == len(record.views)
+    usages = [event for event in sp.read_transcript(run.transcript(row["key"])) if event["event"] == "usage"]
+    asked = [usage["prompt"] + usage["reply"] for usage in usages if usage.get("purpose") == "compaction"]
+    assert record.totals.cost == pytest.approx(sum(asked) / 1e6)  # the first player has no price
     with pytest.raises(InvalidArgumentError, match="compactor_player is the name of a player"):
         sp.evaluate([RPS], ["random"], out=tmp_path / "2", **{**given, "player_options": {"compactor_player": 3}})
 

@@ -38,11 +38,14 @@ class Window(ABC):
         self._newest: int | None = None
         self.change_head(head, tools)
 
-    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
-        """Begin all further views with another head and other tools, from the next appended turn on."""
+    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], *, begins: bool = True) -> None:
+        """Begin all further views with another head and other tools, from the next appended turn on.
+
+        With `begins` so does the view before the first turn, which was not sent yet.
+        """
         self._tools, self._tools_tokens = tuple(tools), self._counter.tools(tools)
         self._plain_head, self._heads = list(head), dict[str | None, Head]()
-        if not self._index.turns:
+        if begins and not self._index.turns:
             self._begin(WindowState.after(self._index, 0, None, self._head(None)))
 
     @abstractmethod

@@ -23,6 +23,7 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.rewriting import Own, RewrittenHistory
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.turns import BROUGHT_BACK
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
@@ -186,6 +187,8 @@ _LEFT_OUT = ("event", "turn", "sha256", "chain")
 def _call(event: CallEvent, *, compacts: bool) -> dict[str, Any]:
     call = {name: event[name] for name in ("position", "name", "arguments", "text")}
     kept = {name: value for name, value in event["data"].items() if name != "state_hash"}
+    if not BROUGHT_BACK.isdisjoint(kept):  # an answer of a tool of memory ages as the observation at its time does
+        kept["date"] = kept["step"]
     if compacts and "manual" in kept:
         kept["manual"] = "result"  # and not a part of the system message
     return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}
