@@ -33,7 +33,7 @@ from smartplay_tools.context.rewriting import (
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Form, Turn
-from smartplay_tools.context.view import Head, Selection, View, ranges_of
+from smartplay_tools.context.view import Head, Selection, View
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
 from smartplay_tools.transcript.events import Event
@@ -244,7 +244,10 @@ class CompactingWindow(Window):
             self._record(event)
             raise PromptOverflowError("The newest turn does not fit beside system message and tools.")
         lost, kept, tokens = fitting
-        event["shown"] = ranges_of([*range(lost, len(lead)), *range(length - kept, length)])
+        rows = [range(lost, len(lead)), range(length - kept, length)]
+        if rows[0].stop == rows[1].start:
+            rows = [range(lost, length)]
+        event["shown"] = [[row.start, row.stop - 1] for row in rows if row]
         event["task"] = bool(self._task(lead[lost:]))
         history.take(event)
         view = self._shown(head + tokens)
@@ -329,7 +332,7 @@ class CompactingWindow(Window):
     def _is_seen(self, forms: Sequence[Form]) -> bool:
         """Whether messages show the newest observation, or have its words or its picture; True without one."""
         state = self._state
-        if state.newest is None or any(form.step == state.step for form in forms):
+        if state.newest is None or any(form.step == state.step for form in reversed(forms)):
             return True
         [*_, newest] = [item for item in state.index.turns[state.newest].items if item.observation_step == state.step]
         words, pictures = newest.observation_words, [part["sha256"] for part in pictures_of(newest.message)]
@@ -344,5 +347,6 @@ class CompactingWindow(Window):
         state = self._state
         *others, run = turns if turns and turns[-1].stop == state.turns else [*turns, range(state.turns, state.turns)]
         pinned = {turn for each in others for turn in each if turn not in run}
-        facts = {"pictures": state.pictures, "first_whole": state.first_whole}
-        return Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest, **facts)
+        chosen = Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest, first_whole=state.first_whole)
+        chosen.pictures = state.pictures
+        return chosen
