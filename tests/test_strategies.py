@@ -83,8 +83,8 @@ class TestMasking:
         assert seen == dropped
 
     def test_the_newest_observation_takes_its_room_though_later_turns_have_none(self):
-        conversation = begin(**room(150, history=None))
-        for message in (acting(), acting(), saying("word " * 50), saying("word " * 50)):
+        conversation = begin(**room(120, history=None))
+        for message in (acting(), acting(), saying("word " * 10), saying("word " * 10)):
             conversation.receive(message)
         assert conversation.prompt() is not None
         assert (conversation.view.selection.pinned, conversation.view.selection.first) == ((1,), 3)
