@@ -26,6 +26,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.players.conversion import function_call
@@ -79,14 +80,14 @@ def calls_table() -> Table:
 def conversation(turns: int) -> tuple[list[sp.Message], list[Turn]]:
     """A long conversation on message objects that were never counted: head, and turns of one act each."""
     head: list[sp.Message] = [{"role": "system", "content": "Play."}, {"role": "user", "content": "Begin."}]
-    made = []
+    made, words = [], Wording.of(VERSION)
     for n in range(turns):
         call_id = f"call_{n}"
         call = function_call(call_id, "act", {"action": "Move the top disk of rod A to the top of rod B"})
         assistant: sp.Message = {"role": "assistant", "content": f"Step {n}: I move a disk.", "tool_calls": [call]}
         text = f"You tried move {n}. Current configuration:\n- A: |bottom, [2, 1, 0], top|\n- B: |bottom, [], top|"
         result: sp.Message = {"role": "tool", "content": text, "tool_call_id": call_id}
-        made.append(Turn(n, assistant, (Item(result, n + 1, n + 1, position=0),), n))
+        made.append(Turn(n, assistant, (Item(result, n + 1, n + 1, position=0, words=words),), n))
     return head, made
 
 

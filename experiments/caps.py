@@ -76,7 +76,7 @@ EXPERIMENT = Experiment("caps", lambda rows: {"caps": table(rows)})
 
 def main() -> None:
     """Play, and print or publish the table."""
-    EXPERIMENT.conclude(play(), publishes=arguments(__doc__, "runs/caps").parse_args().publish)
+    EXPERIMENT.conclude(play(), publishes=arguments(__doc__).parse_args().publish)
 
 
 if __name__ == "__main__":

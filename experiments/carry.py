@@ -3,9 +3,8 @@
     python experiments/carry.py                          # scripted players: no key, no network, minutes
     python experiments/carry.py --player openai:MODEL    # the same question to a model
 
-`rule-notes` can use what it carries at the bandit, where it learns how often better and worse machines win. MESSENGER
-is the control: all that this player notes there is about its own world, so it has to play as if nothing was carried.
-The same command continues where it stopped; `--publish` puts rows, table and figure into the checkout.
+`rule-notes` can use what it carries at the bandit, where it learns how often better and worse machines win. The same
+command continues where it stopped; `--publish` puts rows, table and figure into the checkout.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from smartplay_tools.records.rows import Row, grouped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-GAMES = ("BanditTwoArmedHighLowFixed-v0", "BanditTwoArmedHighHighFixed-v0", "MessengerL2-v0")
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "BanditTwoArmedHighHighFixed-v0")
 CHAIN = 10
 SEED = 4711
 """Of the run: its worlds are in no other table."""
@@ -55,7 +54,6 @@ def main() -> None:
             trials=CHAIN * asked.chains,
             seed=SEED,
             out=asked.out / (carry or "nothing"),
-            options={"split": "train", "sentences": "grammar"},
             workers=asked.workers,
             **({} if carry is None else {"carry": "notes", "chain": CHAIN}),
         )
@@ -128,7 +126,7 @@ EXPERIMENT = Experiment(
 def _arguments() -> argparse.Namespace:
     parser = arguments("What notes are worth from trial to trial.", "runs/carry")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
-    parser.add_argument("--chains", type=int, default=40, help="chains of every game")
+    parser.add_argument("--chains", type=int, default=15, help="chains of every game")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     return parser.parse_args()
 

@@ -44,7 +44,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         # With notes the player lives for the paper's 10,000 steps; fewer are enough to show the effect of notes.
         "budget": sp.Budget(tool_calls=1000),
-        "trials": 12,
+        "trials": 20,
     },
     "messenger": {
         "games": ("MessengerL1-v0", "MessengerL2-v0", "MessengerL3-v0"),
@@ -53,15 +53,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "vary": {
             "history": (0, 1, 2, 3),
         },
-        "trials": 25,
-    },
-    "minecraft": {
-        "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),
-        "players": ("rule",),
-        "vary": {
-            "history": (0, 2, 5),
-        },
-        "trials": 12,
+        "trials": 20,
     },
     "strategies": {
         "games": ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0"),

@@ -19,7 +19,7 @@ from page_tables import arguments
 
 def main() -> None:
     """Train and play."""
-    parser = arguments(__doc__, "runs/learned")
+    parser = arguments(__doc__, "runs/learned", publishes=False)
     parser.add_argument("--quick", action="store_true", help="play a few small cells, of each kind one")
     asked = parser.parse_args()
     play(asked.out, quick=asked.quick)

@@ -164,7 +164,7 @@ EXPERIMENT = Experiment("local", tables, read=published)
 
 def main() -> None:
     """Tune, play, or ask without a grammar."""
-    parser = arguments(__doc__, "runs/local")
+    parser = arguments(__doc__, "runs/local", publishes=False)
     parser.add_argument("what", choices=("tune", "play", "syntax"))
     parser.add_argument("--source", default=MODEL, help="train this: a name, or a GGUF file of a Llama with ChatML")
     parser.add_argument("--worlds", type=int, default=20, help="worlds of each game and cap that the teacher plays")

@@ -231,11 +231,13 @@ def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"
 
 
-def arguments(description: str | None, out: str) -> argparse.ArgumentParser:
-    """Return a parser of what every experiment takes: the folder of its runs, and whether to publish."""
+def arguments(description: str | None, out: str | None = None, *, publishes: bool = True) -> argparse.ArgumentParser:
+    """Return a parser of what experiments take: the folder of their runs, if they have one, and whether to publish."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path(out), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put rows, tables and figures into the checkout")
+    if out is not None:
+        parser.add_argument("--out", type=Path, default=Path(out), help="the folder of the runs")
+    if publishes:
+        parser.add_argument("--publish", action="store_true", help="put rows, tables and figures into the checkout")
     return parser
 
 

@@ -15,7 +15,7 @@ from page_tables import Experiment
 from scores import DEGREES
 
 SCRIPTS = (
-    "arena", "arena_curves", "arena_claims", "caps", "carry", "learned_tables", "local", "pictures", "ruler", "scores",
+    "arena", "arena_curves", "arena_claims", "caps", "carry", "learned_tables", "local", "ruler", "scores",
 )  # fmt: skip
 
 

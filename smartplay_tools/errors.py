@@ -212,6 +212,8 @@ def damage_named(what: object) -> Iterator[None]:
     """
     try:
         yield
+    except TranscriptError as error:
+        raise DamageError(str(error)) from error
     except SmartPlayError:
         raise
     except SENSELESS as error:
@@ -221,7 +223,17 @@ def damage_named(what: object) -> Iterator[None]:
         raise DamageError(f"{what} cannot be read: {error.strerror}.") from None
 
 
-def left_out(why: SmartPlayError | str) -> None:
+@contextmanager
+def damage_left_out(what: object) -> Iterator[None]:
+    """Leave out what `damage_named` finds damaged, with a warning."""
+    try:
+        with damage_named(what):
+            yield
+    except DamageError as error:
+        warn_damaged(error)
+
+
+def warn_damaged(why: SmartPlayError | str) -> None:
     """Warn that a damaged part of a run is left out."""
     import warnings
 

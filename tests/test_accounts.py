@@ -13,7 +13,8 @@ from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.players import call
 from smartplay_tools.records import Record
-from smartplay_tools.records.accounts import PARTS, Accounts, Departure
+from smartplay_tools.records.accounts import PARTS, Accounts, Departure, shown_turns
+from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import ResolvedBudget, ToolSpec
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -85,6 +86,15 @@ def test_the_parts_are_what_they_are_called(record):
     assert bool(last["summary"]) == (budget.summary_tokens is not None)
     if budget.beyond_history == "mask":
         assert last["masked"]
+
+
+def test_a_turn_that_was_shown_whole_is_in_the_prompt(record):
+    views = [view for view in record.views if not concerns_summary(view)]
+    for view, sent in zip(views, record.prompts, strict=False):
+        kinds, before = shown_turns(record, view), record.turns[: view["turn"]]
+        there = {turn.number for turn in before if all(message in sent.prompt.messages for message in turn.messages)}
+        assert {number for number, kind in enumerate(kinds) if kind == "whole"} <= there
+        assert {kinds[number] for number in there} <= {"whole", "notes"}
 
 
 def shown(record: Record, left: Departure, **budget: int | None) -> bool:

@@ -76,6 +76,7 @@ def test_play_takes_every_episode_option():
         (["play", HANOI, "--prompt-tokens", "0,060"], "cannot hold the head"),
         (["play", HANOI, "--transcript", "none/a.jsonl"], "There is no folder none for a.jsonl."),
         (["play", HANOI, "--option", "colour"], "write it as KEY=VALUE"),
+        (["eval", "--games", HANOI, "--out", ""], "--out is empty"),
         (["play", HANOI, "--option", "colour=red"], "has no option colour"),
         (["play", HANOI, "--engine", "warp"], "has no engine 'warp'"),
         (["play", HANOI, "--tokenizer", "o200"], "no tokenizer 'o200'"),

@@ -15,6 +15,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -22,7 +23,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from smartplay_tools.errors import FULL, DamageWarning, SmartPlayError
+from smartplay_tools.errors import FULL, DamageWarning, InvalidArgumentError, SmartPlayError
 from smartplay_tools.registry import resolve
 
 TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
@@ -182,6 +183,7 @@ class _LateCommands(Mapping[str, Any]):
         command.name = name
         for each in (command, *getattr(command, "commands", {}).values()):
             each.help = each.help and "\n\n".join(" ".join(part.split()) for part in each.help.split("\n\n"))
+        command.help = command.help or entry.summary  # python -OO has no docstrings
         return command
 
     def __iter__(self) -> Iterator[str]:
@@ -231,6 +233,8 @@ class _Commands(TyperGroup):
                 typer.echo(f"smartplay-tools: {message}", err=True)
 
         try:
+            if ("--out", "") in pairwise(ctx.args):  # it would be this folder
+                raise InvalidArgumentError("--out is empty, as a variable is that is not set; name a file or a folder.")
             with warnings.catch_warnings():
                 warnings.simplefilter("always", DamageWarning)
                 usual, warnings.showwarning = warnings.showwarning, tell

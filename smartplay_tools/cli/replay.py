@@ -18,6 +18,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay as run_again
 
 SHOWN_DIFFERENCES = 3
@@ -49,7 +50,9 @@ def replay(
     Example: smartplay-tools replay run.jsonl
     """
     named = {"game": game, "strategy": strategy}
-    import_named(**named)
+    if game is not None or strategy is not None:
+        cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
+        import_named(**named, cells=cells)
     if path.is_dir():
         same = _replay_run(path, workers, tokenizer, named, as_json=as_json)
     else:

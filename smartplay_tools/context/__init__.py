@@ -30,12 +30,4 @@ if TYPE_CHECKING:
     from smartplay_tools.context.window import ContextWindow as ContextWindow
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.context.compaction": "Compactor ContextOverflowError GivenHistory Room asked",
-            "smartplay_tools.context.turns": "Item Turn TurnBuilder",
-            "smartplay_tools.context.view": "Selection View",
-            "smartplay_tools.context.window": "ContextWindow",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

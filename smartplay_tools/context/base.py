@@ -38,11 +38,14 @@ class Window(ABC):
         self._newest: int | None = None
         self.change_head(head, tools)
 
-    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec]) -> None:
-        """Begin all further views with another head and other tools, from the next appended turn on."""
+    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], *, begins: bool = True) -> None:
+        """Begin all further views with another head and other tools, from the next appended turn on.
+
+        With `begins` so does the view before the first turn, which was not sent yet.
+        """
         self._tools, self._tools_tokens = tuple(tools), self._counter.tools(tools)
         self._plain_head, self._heads = list(head), dict[str | None, Head]()
-        if not self._index.turns:
+        if begins and not self._index.turns:
             self._begin(WindowState.after(self._index, 0, None, self._head(None)))
 
     @abstractmethod
@@ -101,13 +104,22 @@ class Window(ABC):
             state.notes = notes
 
     def _prefix(
-        self, was: Head, before: Sequence[Form], head: Head, forms: Sequence[Form], *, is_equal: bool = False
+        self,
+        was: Head,
+        before: Sequence[Form],
+        head: Head,
+        forms: Sequence[Form],
+        tokens: int,
+        *,
+        is_equal: bool = False,
     ) -> int:
         """The tokens at the beginning of a prompt that are the same in the one before: head, then messages.
 
-        With `is_equal` a message is the same if it says the same, and not only if it is in the same place of the
-        conversation.
+        `tokens` are those of the messages. With `is_equal` a message is the same if it says the same, and not only if
+        it is in the same place of the conversation.
         """
         shared, is_same = common_head(was, head, self._tools_tokens, self._counter)
         same = common_beginning(forms, before, is_equal=is_equal) if is_same else 0
-        return shared + sum([form.tokens(self._counter) for form in forms[:same]])
+        if 2 * same < len(forms):
+            return shared + sum([form.tokens(self._counter) for form in forms[:same]])
+        return shared + tokens - sum([form.tokens(self._counter) for form in forms[same:]])

@@ -56,7 +56,7 @@ class ChoosingWindow(Window):
             raise StrategyError("The strategy has failed.") from self._failure
         before, prefix = self._before, 0
         if before is not None:
-            prefix = self._prefix(before.state.head, before.forms, state.head, forms)
+            prefix = self._prefix(before.state.head, before.forms, state.head, forms, tokens - state.head.tokens)
         return View(
             tools=self._tools,
             tokens=tokens,

@@ -19,10 +19,10 @@ from smartplay_tools.context.base import Window
 from smartplay_tools.context.compaction import AsRecorded, Compactor, GivenHistory, Room
 from smartplay_tools.context.rewriting import (
     SYSTEM,
-    History,
     Own,
     Piece,
     Reader,
+    RewrittenHistory,
     flat,
     from_record,
     given_form,
@@ -71,7 +71,7 @@ class CompactingWindow(Window):
         assert isinstance(strategies.custom, Compactor)
         self._compactor, self._recorded, self._ids = strategies.custom, strategies.recorded_rewritings, ids
         self._is_persistent = getattr(self._compactor, "persistent", True)
-        self._history = History(head[1:])
+        self._history = RewrittenHistory(head[1:])
         self._reader = Reader(self._history, lambda: ids.take([""], self._state.turns)[0])
         self._sums = [0]
         """The tokens of the messages before each number, as they are shown now."""
@@ -248,7 +248,7 @@ class CompactingWindow(Window):
         event["task"] = bool(self._task(lead[lost:]))
         history.take(event)
         view = self._shown(head + tokens)
-        event["blind"] = self._state.step not in (view.visible or ()) and not self._is_told(view.shown[1:])
+        event["blind"] = not self._is_seen(view.forms[1:])
         self._record(event)
         return view
 
@@ -311,33 +311,32 @@ class CompactingWindow(Window):
         history, head, played, prefix = self._history, self._state.head, self._played, 0
         forms = history.forms(history.shown)
         if played is not None:
-            prefix = self._prefix(played[0], played[1], head, forms, is_equal=True)
+            prefix = self._prefix(played[0], played[1], head, forms, tokens - head.tokens, is_equal=True)
         selection = self._selection([history.turns_of(row) for row in history.shown if isinstance(row, range)])
         self._played = head, forms, tokens
-        visible = {form.step for form in forms if form.step is not None}
         return View(
             tools=self._tools,
             tokens=tokens,
-            shown_steps=len(visible),
+            shown_steps=len({form.step for form in forms} - {None}),
             dropped_turns=self._state.turns - len(selection),
             prefix_tokens=prefix,
             selection=selection,
             forms=[*head.forms, *forms],
             turns=self._index.turns,
             text_tokens=sum(self._size(piece) for piece in history.shown if isinstance(piece, Own)),
-            visible=visible,
         )
 
-    def _is_told(self, shown: Sequence[Message]) -> bool:
-        """Whether the words or the picture of the newest observation stand in a message; True without one."""
+    def _is_seen(self, forms: Sequence[Form]) -> bool:
+        """Whether messages show the newest observation, or have its words or its picture; True without one."""
         state = self._state
-        if state.newest is None:
+        if state.newest is None or any(form.step == state.step for form in forms):
             return True
         [*_, newest] = [item for item in state.index.turns[state.newest].items if item.observation_step == state.step]
         words, pictures = newest.observation_words, [part["sha256"] for part in pictures_of(newest.message)]
         return any(
-            (words and words in text_of(message)) or any(part["sha256"] in pictures for part in pictures_of(message))
-            for message in shown
+            (words and words in text_of(form.message))
+            or any(part["sha256"] in pictures for part in pictures_of(form.message))
+            for form in forms
         )
 
     def _selection(self, turns: Sequence[range]) -> Selection:

@@ -98,7 +98,7 @@ def part_of(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
         start += length
 
 
-class History:
+class RewrittenHistory:
     """The messages of a conversation by their numbers, and what a compactor has made of them.
 
     It grows by turns (`append`) and is rewritten by `rewrite` events (`take`), in an episode and in a record alike.
@@ -305,7 +305,7 @@ def meaning(message: Message) -> Any:
 class Reader:
     """Reads what a compactor returns or asks."""
 
-    messages: History
+    messages: RewrittenHistory
     new_id: Callable[[], str]
     """Makes the id of a call in place of one that the compactor has made up."""
     _ids: dict[str, str] = field(default_factory=dict)

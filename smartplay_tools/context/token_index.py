@@ -1,4 +1,4 @@
-"""An index of tokens: what every turn costs, whole and masked, and where every observation is shown.
+"""An index of tokens: what every turn costs, whole and masked.
 
 Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
 never decrease from turn to turn. So the first turn that is not older than a given step is found by bisection. This turn
@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from operator import attrgetter
 
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.turns import Form, Turn
 
 
 class TokenIndex:
@@ -32,8 +32,10 @@ class TokenIndex:
         self._counter = counter
         self.whole, self.masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
-        self._showing: list[int] = []
-        """The turns that show an observation."""
+
+        self._forms: list[Form] = []
+        self._starts = [0]
+        """Every message, unmasked, and how many are before each turn."""
 
     def append(self, turn: Turn) -> None:
         """Add a turn."""
@@ -46,9 +48,13 @@ class TokenIndex:
             count = turn.first_picture + len(turn.pictured)
             self._unpictured.append(self._unpictured[-1] + self.saved(turn, 0, count))
             self._pictures.append(count)
-        if turn.shows:
-            self._showing.append(len(self.turns))
+        self._forms += turn.whole
+        self._starts.append(len(self._forms))
         self.turns.append(turn)
+
+    def forms(self, first: int, stop: int) -> list[Form]:
+        """Return the messages of the turns from `first` to before `stop`, with no observation masked."""
+        return self._forms[self._starts[first] : self._starts[stop]]
 
     def spoken(self, first: int, stop: int) -> int:
         """Tokens of the words in replies from `first` to before `stop`, which bare replies save."""
@@ -79,8 +85,3 @@ class TokenIndex:
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""
         return bisect_left(self.turns, step, key=attrgetter("step"))
-
-    def first_showing(self, first: int, stop: int) -> int | None:
-        """The first turn from `first` to before `stop` that shows an observation."""
-        at = bisect_left(self._showing, first)
-        return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None

@@ -194,34 +194,37 @@ class Turn:
     def whole(self) -> tuple[Form, ...]:
         """All its messages, with no observation masked."""
         reply = Form(self.shown, self.number, arguments=self.arguments)
-        return (reply, *[self._form(item, item.message) for item in self.items])
+        return (reply, *[self._form(item, item.message, item.observation_step) for item in self.items])
 
     @cached_property
     def hidden(self) -> tuple[Form, ...]:
         """All its messages, with every observation masked."""
-        return self._shown(self.step + 1, ())
+        dated = [self._form(item, item.masked) if item.date is not None else None for item in self.items]
+        return tuple([form or whole for form, whole in zip([None, *dated], self.whole, strict=True)])
 
     @cached_property
-    def _forms(self) -> dict[int, Form]:
-        """The forms of its items, by the identity of the message."""
-        return {}
+    def plain(self) -> tuple[Form, ...]:
+        """All its messages without their pictures; one that has no words is masked."""
+        forms = list(self.whole)
+        for at in self.pictured:
+            item = self.items[at]
+            is_empty = item.unpictured is item.masked
+            forms[at + 1] = (
+                self.hidden[at + 1] if is_empty else self._form(item, item.unpictured, item.observation_step)
+            )
+        return tuple(forms)
 
-    def _form(self, item: Item, message: Message) -> Form:
-        """Return the form of an item that is this message."""
-        if (form := self._forms.get(id(message))) is None:
-            is_masked = message is not item.message and message is item.masked
-            step = None if is_masked else item.observation_step
-            form = self._forms[id(message)] = Form(message, self.number, position=item.position, step=step)
-        return form
+    def _form(self, item: Item, message: Message, step: int | None = None) -> Form:
+        return Form(message, self.number, position=item.position, step=step)
 
     def _shown(self, oldest: int, left_out: Sequence[int]) -> tuple[Form, ...]:
         """The forms of all its messages: items before `oldest` are masked, others are without their pictures."""
         forms = list(self.whole)
         for at, item in enumerate(self.items):
             if (date := item.date) is not None and date < oldest:
-                forms[at + 1] = self._form(item, item.masked)
+                forms[at + 1] = self.hidden[at + 1]
             elif at in left_out:
-                forms[at + 1] = self._form(item, item.unpictured)
+                forms[at + 1] = self.plain[at + 1]
         return tuple(forms)
 
     @cached_property

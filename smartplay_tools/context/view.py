@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -62,8 +62,11 @@ class Selection:
         """Return the messages of a turn as the selection shows them."""
         return turn.seen(self.oldest_of(turn), bare=turn.step < self.words, pictures=self.pictures)
 
-    def forms(self, turns: Sequence[Turn], summary: Form | None = None) -> list[Form]:
-        """Return the messages of the selected turns with the texts before them; `summary` is after the first turns."""
+    def forms(self, turns: Sequence[Turn], whole: Sequence[Form], summary: Form | None = None) -> list[Form]:
+        """Return the messages of the selected turns with the texts before them; `summary` is after the first turns.
+
+        `whole` are the messages of those after `changed`.
+        """
         shown: list[Sequence[Form]] = []
         for number in (*self.pinned, *self.changed):
             if number in self.texts:
@@ -71,8 +74,7 @@ class Selection:
             shown.append(self.seen(turns[number]))
         if summary is not None:
             shown.insert(self.front, (summary,))
-        shown += [turn.whole for turn in turns[self.changed.stop : self.last + 1]]
-        return list(chain.from_iterable(shown))
+        return [*chain.from_iterable(shown), *whole]
 
     @property
     def changed(self) -> range:
@@ -117,8 +119,6 @@ class View:
     """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
-    visible: Set[int] | None = None
-    """With a compactor: the observations that are visible; without one they follow from the selection."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """What else the record needs of the prompt."""
 

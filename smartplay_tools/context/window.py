@@ -116,7 +116,8 @@ class ContextWindow(Window):
             prefix = tokens - PRIMING
             tokens += question.tokens(self._counter)
         elif before is not None:
-            prefix = self._prefix(before.state.head, before.forms, state.head, contents.forms)
+            own = tokens - state.head.tokens
+            prefix = self._prefix(before.state.head, before.forms, state.head, contents.forms, own)
         return View(
             tools=self._tools,
             tokens=tokens,

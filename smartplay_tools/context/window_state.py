@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -146,29 +146,14 @@ class WindowState:
 
         Observations of first turns before the run are not counted, except in the latest turn that shows the newest.
         """
-        for index in chosen.pinned:
-            if index == self.newest and index != chosen.hidden:
-                return self.step + 1 - self._first_visible(index)
-        stop = chosen.last + 1
-        boundary = self.boundary if self._seen_from == self.oldest else max(self.boundary, self.pictured)
-        first = self.index.first_showing(max(chosen.first, boundary), stop)
-        if first is None:
-            return 0
-        return self.index.turns[chosen.last].step + 1 - self._first_visible(first)
-
-    @property
-    def _seen_from(self) -> int:
-        """The oldest observation that can be visible: one without words leaves with its picture."""
-        if not self.pictures or self.pictured == self.turns:
-            return self.oldest
-        turn = self.index.turns[self.pictured]
-        item = turn.items[turn.pictured[self.pictures - turn.first_picture]]
-        has_words = item.unpictured is not item.masked
-        return self.oldest if has_words else max(self.oldest, item.step)
-
-    def _first_visible(self, index: int) -> int:
-        shows = self.index.turns[index].shows
-        return shows[bisect_left(shows, self._seen_from)]
+        turns: Sequence[int] = range(max(chosen.first, self.boundary), chosen.last + 1)
+        if self.newest in chosen.pinned and self.newest != chosen.hidden:
+            turns = [self.newest]
+        for number in turns:
+            for form in chosen.seen(self.index.turns[number]):
+                if form.step is not None:
+                    return self.index.turns[chosen.last].step + 1 - form.step
+        return 0
 
 
 @dataclass
@@ -183,5 +168,6 @@ class Contents:
     @cached_property
     def forms(self) -> Sequence[Form]:
         """The messages after the head."""
-        shown = self.selection.forms(self.state.index.turns, None if self.summary is None else self.summary.form)
+        chosen, index, summary = self.selection, self.state.index, None if self.summary is None else self.summary.form
+        shown = chosen.forms(index.turns, index.forms(chosen.changed.stop, chosen.last + 1), summary)
         return shown if self.question is None else [*shown, self.question]

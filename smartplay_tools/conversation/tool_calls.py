@@ -90,11 +90,14 @@ class ToolConversation(BaseConversation):
         """The other tools of the host's agent."""
         return whole_head, tools
 
-    def change_head(self, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec]) -> None:
+    def change_head(
+        self, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec], *, keeps_first_view: bool = True
+    ) -> None:
         """Replace the host's messages and its other tools from the next prompt on; the record says from which.
 
         Hosts change instructions and tools during a run: a prompt that depends on the state, an agent that hands over
-        to another. Nothing happens if both are what they were.
+        to another. Nothing happens if both are what they were. Only for records without the turn of a changed head,
+        `keeps_first_view` is False: their prefix of the second prompt was counted as if the first had that head.
         """
         with self.episode.lock:
             if self.episode.result is not None:
@@ -111,8 +114,9 @@ class ToolConversation(BaseConversation):
                     "Where turns are summarised or rewritten, the head of an episode cannot change."
                 )
             whole_head, tools = self._use_head(self.episode, head, foreign_tools)
-            self._window.change_head(whole_head, tools)
-            self._record_head(whole_head, tools)
+            turn = self.episode.stats.turns
+            self._window.change_head(whole_head, tools, begins=turn == 0 or not keeps_first_view)
+            self._record_head(whole_head, tools, **({"since": turn} if keeps_first_view else {}))
 
     @property
     def progress(self) -> Progress:

@@ -28,12 +28,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
-from smartplay_tools.games.game_registry import SCORING, GameSpec
+from smartplay_tools.games.game_registry import GameSpec, Scoring
 from smartplay_tools.games.specs import GAMES, get_spec, recorded_game
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget, ResolvedBudget
@@ -204,6 +204,10 @@ class CellConfig(Rules):
     def digest(self) -> str:
         """16 hex digits of the sha256 of `to_json`. Fields added later leave older digests unchanged."""
         return hashlib.sha256(canonical_json(self.to_json())).hexdigest()[:16]
+
+
+SCORING = TypeAdapter(Scoring)
+"""Reads what a record or a row says of scores."""
 
 
 class EpisodeConfig(CellConfig):

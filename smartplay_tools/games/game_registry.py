@@ -18,8 +18,6 @@ from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import TypeAdapter
-
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
 from smartplay_tools.games.paper_tables import normalize
@@ -104,10 +102,6 @@ class Scoring:
         """Return these facts as plain data, without those at their defaults."""
         known = {each.name: getattr(self, each.name) for each in fields(Scoring)}
         return {name: value for name, value in known.items() if value is not None and value is not False}
-
-
-SCORING = TypeAdapter(Scoring)
-"""Reads what a record or a row says of scores."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,10 +286,11 @@ def _register_with_gymnasium(spec: GameSpec) -> None:
     import gymnasium
 
     name = f"smartplay/{spec.id}"
+    creator: Any = spec.gymnasium_entry_point or spec.entry_point
     gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
     gymnasium.register(
         name,
-        spec.gymnasium_entry_point or spec.entry_point,
+        creator,
         kwargs=_with_lists({"history": spec.history, **spec.kwargs}),
         max_episode_steps=spec.rollout,
     )

@@ -18,7 +18,7 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import History, Own, flat
+from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
@@ -26,7 +26,7 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import split_rule
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.view import numbers_in, with_manual
-from smartplay_tools.records.prompts import oldest_of, rewritten_prompts
+from smartplay_tools.records.prompts import oldest_of, rewritten_prompts, selection_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
 from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
@@ -178,7 +178,7 @@ class Accounts:
         rewritten = rewritten_prompts(self._record.events, self._turns)
         return {view["turn"]: self._parts_of_history(history) for view, history in rewritten}
 
-    def _parts_of_history(self, history: History) -> Tokens:
+    def _parts_of_history(self, history: RewrittenHistory) -> Tokens:
         """The parts of what a compactor's history shows: messages of the conversation, and its own as texts."""
         tokens = _NOTHING.copy()
         for piece in history.shown:
@@ -300,18 +300,24 @@ ShownAs = Literal["whole", "bare", "masked", "notes", "gone"]
 
 
 def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
-    """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns."""
+    """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns.
+
+    Where a compactor has rewritten the history, a turn of which only some messages were shown counts as masked.
+    """
     shown: list[ShownAs] = ["gone"] * view["turn"]
-    masked = {turn for turn, _ in view.get("masked", [])} | set(numbers_in(view.get("hidden", [])))
-    oldest, words, pictures = view.get("oldest", 0), view.get("words", 0), view.get("pictures", 0)
-    for turn in numbers_in(view.get("turns", [])):
-        if turn >= view["turn"]:  # a request for a summary is about the turn before it
+    if record.is_paper:
+        return shown
+    turns, chosen = record.turns, selection_of(view, record.turns)
+    rewritten = (history for event, history in rewritten_prompts(record.events, turns) if event["turn"] == view["turn"])
+    forms = next(({*history.forms(history.shown)} for history in rewritten), None)
+    for number in chosen:
+        if number >= view["turn"]:  # a request for a summary is about the turn before it
             continue
-        past = record.turns[turn]
-        if turn == view.get("notes"):
-            shown[turn] = "notes"
-        elif turn in masked or past.masked(oldest, pictures):
-            shown[turn] = "masked"
+        turn = turns[number]
+        if number == chosen.hidden:
+            shown[number] = "notes"
+        elif chosen.masked_items(turn) or (forms is not None and not forms.issuperset(turn.whole)):
+            shown[number] = "masked"
         else:
-            shown[turn] = "bare" if past.step < words else "whole"
+            shown[number] = "bare" if turn.step < chosen.words else "whole"
     return shown

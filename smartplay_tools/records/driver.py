@@ -128,7 +128,7 @@ class Driver:
                 self.conversation = self._converse(event)
             case "head":
                 assert isinstance(conversation, Conversation | AgentSession)
-                conversation.change_head(*self._host_part(event))
+                conversation.change_head(*self._host_part(event), keeps_first_view="since" in event)
             case "reveal":
                 self.episode.privileged_game()
             case "picture":

@@ -19,7 +19,7 @@ from typing import Any
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import History, from_record
+from smartplay_tools.context.rewriting import RewrittenHistory, from_record
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder
@@ -69,7 +69,7 @@ def sent_prompts(
                 yield rebuilder.rebuild(at.event)
 
 
-def rewritten_prompts(events: Sequence[Event], turns: Sequence[Turn]) -> Iterator[tuple[Event, History]]:
+def rewritten_prompts(events: Sequence[Event], turns: Sequence[Turn]) -> Iterator[tuple[Event, RewrittenHistory]]:
     """Yield every prompt to play whose messages a compactor has rewritten: its view, and the history that it shows."""
     if is_compacted(events):
         rebuilder = Rebuilder(events, turns)
@@ -147,7 +147,7 @@ class Rebuilder:
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
         self._version = words.version
-        self._history: History | None = None
+        self._history: RewrittenHistory | None = None
         """With a compactor: the history that it has made, after `_read` turns."""
         self._read = 0
         # What a prompt says does not depend on how it is counted.
@@ -161,7 +161,7 @@ class Rebuilder:
             self._tools_bytes = tools_bytes(self._tools)
             self._heads: dict[str | None, Head] = {}
             if event.get("compacts"):
-                self._history, self._head = History(self._head[1:]), self._head[:1]
+                self._history, self._head = RewrittenHistory(self._head[1:]), self._head[:1]
         elif event["event"] == "rewrite":
             self._rewritten(event["turn"]).take(event)
 
@@ -192,9 +192,10 @@ class Rebuilder:
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
             summary = self._form.show(text).form
         question = [self._form.question] if self._form is not None and asked == "summary" else []
-        return self._tools, [*head, *chosen.forms(self._turns, summary), *question]
+        whole = [form for turn in self._turns[chosen.changed.stop : chosen.last + 1] for form in turn.whole]
+        return self._tools, [*head, *chosen.forms(self._turns, whole, summary), *question]
 
-    def _rewritten(self, stop: int) -> History:
+    def _rewritten(self, stop: int) -> RewrittenHistory:
         """The history after some turns."""
         assert self._history is not None
         for turn in self._turns[self._read : stop]:
@@ -202,7 +203,7 @@ class Rebuilder:
         self._read = stop
         return self._history
 
-    def history_of(self, view: Event) -> History:
+    def history_of(self, view: Event) -> RewrittenHistory:
         """Return the history that a compactor has made, as the prompt of a view shows it."""
         history = self._rewritten(view["turn"])
         history.age(view["oldest"], view.get("pictures", 0))

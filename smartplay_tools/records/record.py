@@ -119,9 +119,12 @@ class Record:
             self._take(event["event"], event)
 
     @classmethod
-    def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None) -> Self:
-        """Read a whole record; a file that is not one is a `TranscriptError`."""
-        events, written = read_written(path)
+    def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None, *, checks_fields: bool = True) -> Self:
+        """Read a whole record; a file that is not one is a `TranscriptError`.
+
+        Without `checks_fields` an event may have any, as a replay wants it.
+        """
+        events, written = read_written(path, checks_fields=checks_fields)
         record = cls(events, path=path, prices=prices)
         record.written = written
         return record

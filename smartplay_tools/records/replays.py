@@ -26,8 +26,8 @@ from smartplay_tools.errors import SENSELESS, SmartPlayError, TranscriptError, i
 from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import Event, compares_pictures, event_fault
-from smartplay_tools.transcript.file import broken_links, check_format, read_transcript
+from smartplay_tools.transcript.events import Event, compares_pictures
+from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
@@ -75,7 +75,7 @@ def replay(
     What a compactor returned is taken from the record; with `calls_compactor` it is called again, with the recorded
     replies, and compared.
     """
-    record = Record.read(source) if isinstance(source, str | Path) else Record(read_events(source))
+    record = Record.read(source, checks_fields=False) if isinstance(source, str | Path) else Record(read_events(source))
     return replay_record(record, tokenizer=tokenizer, calls_compactor=calls_compactor)
 
 
@@ -128,8 +128,8 @@ def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
         return read_transcript(source)
     events = list(source)
     for number, event in enumerate(events, start=1):
-        if fault := event_fault(event):
-            raise TranscriptError(f"The events are not a transcript: number {number} {fault}.")
+        if not is_event(event):
+            raise TranscriptError(f"The events are not a transcript: number {number} is not an event.")
     if not events or events[0]["event"] != "start":
         raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
     check_format(events[0])

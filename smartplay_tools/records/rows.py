@@ -19,9 +19,9 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import BaseModel, Field
 
-from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.errors import DamageError, in_one_line, left_out
-from smartplay_tools.games.game_registry import SCORING, Scoring
+from smartplay_tools.episode.config import RULES, SCORING, Rules
+from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
+from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
@@ -198,7 +198,7 @@ def read_rows(path: Path, kind: type[BaseModel] = _Row) -> Iterator[Row]:
         try:
             yield read_row(line, kind)
         except DamageError as error:
-            left_out(f"Line {number} of {path} is damaged and left out: {error}.")
+            warn_damaged(f"Line {number} of {path} is damaged and left out: {error}.")
 
 
 MORE_TOKENS = "raise --reply-tokens, or the server's own cap; a model that reasons may need thousands"

@@ -17,11 +17,11 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Annotated, Any, Literal, NotRequired, Self, get_args, get_type_hints
 
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from typing_extensions import TypedDict  # Pydantic needs it on Python 3.11
 
 from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
-from smartplay_tools.types import EpisodeResult, Purpose, Usage
+from smartplay_tools.types import EpisodeResult, Purpose, Tokens, Usage
 from smartplay_tools.types.messages import Message
 
 FORMAT = 1
@@ -46,6 +46,14 @@ class RecordedResult(EpisodeResult):
     score: Amount
     normalized_score: Amount | None
     reward: Amount
+
+    @model_validator(mode="after")
+    def _has_its_fields(self) -> Self:
+        """Require what every version has written: readers of plain data know no defaults of it."""
+        for part, kind in ((self, EpisodeResult), (self.tokens, Tokens)):
+            if absent := kind.model_fields.keys() - kind.later.keys() - part.model_fields_set:
+                raise ValueError(f"there is no {min(absent)}")
+        return self
 
 
 def _result(value: dict[str, Any]) -> dict[str, Any]:
@@ -87,6 +95,8 @@ class HeadEvent(TypedDict):
     tools: list[dict[str, Any]]
     observation: NotRequired[str]
     """In the paper's protocol: the observation of the reset, cut to its cap."""
+    since: NotRequired[Count]
+    """Of a head that was changed: the first turn whose prompt has it. Absent in older records."""
     compacts: NotRequired[bool]
     """With a compactor: true. The notes are then a part of the system message, and a manual that was read is not."""
     cut_results: NotRequired[int]
@@ -356,11 +366,9 @@ def _kinds() -> Mapping[str, TypeAdapter[Any]]:
     return {get_args(get_type_hints(each)["event"])[0]: TypeAdapter(each) for each in EVENTS}
 
 
-def event_fault(value: Any) -> str | None:
-    """Return what keeps a value from being an event of its kind, None if nothing does; a newer kind is not checked."""
-    if not isinstance(value, dict) or not isinstance(kind := value.get("event"), str):
-        return "is not an event"
-    if kind not in _kinds():
+def event_fault(value: Event) -> str | None:
+    """Return what keeps an event from being one of its kind, None if nothing does; a newer kind is not checked."""
+    if (kind := value["event"]) not in _kinds():
         return None
     try:
         _kinds()[kind].validate_python(value, strict=True)

@@ -44,9 +44,6 @@ from tests.evaluation.report_runs import (
 NODE = shutil.which("node")
 PAGES = Path(pages.__file__).parent
 
-OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
-"""Elements that could load something, and that the page may have; their addresses are looked at."""
-
 
 class Page(HTMLParser):
     """The contents of a page: its elements, its scripts, its packed data, its text."""

@@ -70,7 +70,7 @@ def test_it_keeps_the_contract(game, check):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FIRST)) for name in sp.GAMES.benchmark]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FIRST)) for name in sorted(sp.GAMES.benchmark)]
 )
 def test_gymnasium_keeps_its_specification_and_adds_render_modes(name):
     spec = gymnasium.spec(f"smartplay/{name}")

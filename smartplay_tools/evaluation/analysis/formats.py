@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
+from smartplay_tools.types.arguments import well_formed
 
 
 @dataclass(frozen=True)
@@ -128,13 +129,8 @@ def _uncomputed(value: Any) -> Any:
     """A cell that a spreadsheet shows as it is."""
     if not isinstance(value, str):
         return value
-    text = encodable(value).replace("\r", "\\r")  # `csv` would write it without quotes, and a reader see two lines
+    text = well_formed(value).replace("\r", "\\r")  # `csv` would write it without quotes, and a reader see two lines
     return f"'{text}" if value[:1] in tuple("=+-@\t\r\n") and not NUMBER.fullmatch(text) else text
-
-
-def encodable(text: str) -> str:
-    """Return a text in which halves of characters, such as those of names that are not UTF-8, are escaped."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def to_html(tables: Sequence[TextTable]) -> str:

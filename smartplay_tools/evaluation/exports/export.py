@@ -12,14 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from smartplay_tools.errors import (
-    DamageError,
-    InvalidArgumentError,
-    TranscriptError,
-    damage_named,
-    in_one_line,
-    left_out as warn_left_out,
-)
+from smartplay_tools.errors import DamageError, InvalidArgumentError, damage_named, in_one_line, warn_damaged
 from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.records.record import Record
@@ -111,11 +104,11 @@ def export(
                 with damage_named(source):
                     counts = write(_read(records, begun, written), part, **asked)
                 break
-            except (DamageError, TranscriptError) as error:
+            except DamageError as error:
                 records = [record for record in records if record not in begun[-1:]]
                 if not records or not begun:
                     raise
-                warn_left_out(f"{begun[-1]} is left out. {error}")
+                warn_damaged(f"{begun[-1]} is left out. {error}")
                 left_out["damaged"] += 1
                 shutil.rmtree(part)
         card = dataset_card(format, written, chosen, counts, left_out)

@@ -29,7 +29,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError, left_out as warn_left_out
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, warn_damaged
 from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
@@ -247,7 +247,7 @@ class EpisodeSelection(BaseModel):
             try:
                 record = Record.head(path)
             except TranscriptError as error:
-                warn_left_out(error)
+                warn_damaged(error)
                 left_out["damaged"] += 1
                 continue
             if record.start is None:

@@ -44,10 +44,9 @@ from smartplay_tools.errors import (
     DamageError,
     InvalidArgumentError,
     SmartPlayError,
-    TranscriptError,
+    damage_left_out,
     damage_named,
     in_one_line,
-    left_out,
 )
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
@@ -236,13 +235,10 @@ class RunFolder:
     def first_reply(self, row: Row) -> str:
         """Return the text of the first reply in a finished episode, "" if its record is not here."""
         path = self.transcript(row["key"])
-        try:
-            with damage_named(path):
-                replies = Record.read(path).sent_replies.values() if path.exists() else ()
-                return next(map(text_of, replies), "")
-        except SmartPlayError as error:
-            left_out(error)
-            return ""
+        with damage_left_out(path):
+            replies = Record.read(path).sent_replies.values() if path.exists() else ()
+            return next(map(text_of, replies), "")
+        return ""
 
     def attempts(self) -> list[Path]:
         """Return the records of attempts without a result, by key and then in their order."""
@@ -292,20 +288,17 @@ def reason_of(why: str) -> str:
 
 
 def read_each(folders: Sequence[Path], read: Callable[[Path], T]) -> list[T]:
-    """Return what is read of folders; a damaged one is left out with a `DamageWarning`, unless all of them are."""
-    read_ones: list[T] = []
-    damaged: list[SmartPlayError] = []
+    """Return what is read of folders; of several, a damaged one is left out with a `DamageWarning`."""
+    if len(folders) == 1:
+        with damage_named(folders[0]):
+            return [read(folders[0])]
+    parts: list[T] = []
     for folder in folders:
-        try:
-            with damage_named(folder):
-                read_ones.append(read(folder))
-        except (DamageError, TranscriptError) as error:
-            damaged.append(error)
-    if damaged and not read_ones:
-        raise damaged[0]
-    for fault in damaged:
-        left_out(fault)
-    return read_ones
+        with damage_left_out(folder):
+            parts.append(read(folder))
+    if not parts:
+        raise DamageError("None of these folders can be read.")
+    return parts
 
 
 def failure(path: Path, record: Record | None = None) -> Row:

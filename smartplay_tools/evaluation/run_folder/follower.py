@@ -242,8 +242,8 @@ class RunFollower:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
-        self.damage = ""
-        """What is wrong with a row, if one was left out as of the latest snapshot."""
+        self.damage = self._damage_of_rows = ""
+        """What is wrong with the folder, if anything was left out of the latest snapshot."""
         self._rows = GrowingLines(folder.path / "results.jsonl")
         self._timings, self._began_again = GrowingLines(folder.path / "timings.jsonl"), 0
         self._manifest: tuple[Any, _Plan] | None = None
@@ -285,13 +285,14 @@ class RunFollower:
     def _read_rows(self) -> None:
         lines, is_replaced = self._rows.read()
         if is_replaced or not self._rows.path.exists():  # rewritten, as at the end of a run, or deleted
-            self.results, self.damage = {}, ""
+            self.results, self._damage_of_rows = {}, ""
         for line in lines:
             try:
                 row = read_row(line)
                 self.results[row["key"]] = Result.of(row)
             except DamageError as error:
-                self.damage = f"A line of {self._rows.path} is damaged: {error}."
+                self._damage_of_rows = f"A line of {self._rows.path} is damaged: {error}."
+        self.damage = self._damage_of_rows
 
     def _read_timings(self) -> None:
         lines, is_replaced = self._timings.read()
@@ -304,8 +305,11 @@ class RunFollower:
         followed, self._playing = self._playing, {}
         for path in self.folder.running():
             record = followed.get(path)
-            with suppress(SmartPlayError), damage_named(path):  # one that is damaged is found when its attempt is over
-                self._playing[path] = Record.follow(path, prices) if record is None else record.refresh()
+            try:
+                with damage_named(path):
+                    self._playing[path] = Record.follow(path, prices) if record is None else record.refresh()
+            except SmartPlayError as error:
+                self.damage = str(error)
         # A finished episode that was attempted before may repeat an earlier attempt, which was charged there.
         for key in {path.stem.partition(".")[0] for path in paths} & self.results.keys() - self._continued.keys():
             with suppress(SmartPlayError), damage_named(key):  # its row counts

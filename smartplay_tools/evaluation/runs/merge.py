@@ -13,22 +13,24 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.strategies.custom import load_strategy
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.context.strategies.custom import IN_FILES as STRATEGIES_IN_FILES, load_strategy, parted
+from smartplay_tools.episode.config import CellConfig
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_left_out, damage_named
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.games.specs import load_game
+from smartplay_tools.games.specs import IN_FILES as GAMES_IN_FILES, load_game
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.resumption import chain_fault
 from smartplay_tools.records.rows import LATER, Row, row_of
+from smartplay_tools.registry import is_in_file
 
 SHARED = ("seed", "cells", "episodes")
 """The fields that are equal in the manifests of a run's parts."""
@@ -93,10 +95,12 @@ def _check_chains(folder: RunFolder, predecessors: Mapping[str, str]) -> None:
 
 
 def _copy_records(folder: RunFolder, whole: RunWriter) -> None:
-    for record in sorted((folder.path / "episodes").glob("*.jsonl")):
-        shutil.copyfile(record, whole.transcript(record.stem))
-    for record in folder.attempts():
-        whole.add_attempt(record)
+    for record in (*map(folder.transcript, sorted(folder.finished())), *folder.attempts()):
+        with damage_left_out(record):
+            if record.parent.name == "attempts":
+                whole.add_attempt(record)
+            else:
+                shutil.copyfile(record, whole.transcript(record.stem))
 
 
 WORTH_A_PROCESS = 300_000
@@ -166,11 +170,19 @@ def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> 
         yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
 
 
-def import_named(game: str | None, strategy: str | None) -> None:
-    """Import the game and the strategy in files that a user names for records, which import no file themselves."""
+def import_named(game: str | None, strategy: str | None, cells: Iterable[CellConfig] = ()) -> None:
+    """Import the game and the strategy in files that a user names for records, which import no file themselves.
+
+    A file that is not that of the cells is refused before it is imported.
+    """
+    cells = list(cells)
     if game is not None:
+        GAMES_IN_FILES.check(game, [cell.game_sha256 for cell in cells])
         load_game(game)
     if strategy is not None:
+        place, _ = parted(strategy)
+        if is_in_file(place):
+            STRATEGIES_IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
         load_strategy(strategy)
 
 
@@ -187,13 +199,14 @@ def _audit(
 ) -> EpisodeAudit:
     not_compared = None
     try:
-        read = Record.read(record)
+        read = Record.read(record, checks_fields=False)
         replayed = replay_record(read, tokenizer=tokenizer, calls_compactor=calls_compactor)
         differences, not_compared = [*replayed.differences], replayed.not_compared
-        if replayed.complete or not read.is_complete:
-            differences += _row_differences(read, row)
-        if fault := chain_fault(read, before):
-            differences.append(fault)
+        with damage_named(record):
+            if replayed.complete or not read.is_complete:
+                differences += _row_differences(read, row)
+            if fault := chain_fault(read, before):
+                differences.append(fault)
     except SmartPlayError as error:
         differences = [str(error)]
     return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared)

@@ -24,6 +24,7 @@ from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, 
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Timing, read_row
 from smartplay_tools.transcript.lines import GrowingLines
+from smartplay_tools.types.arguments import well_formed
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
@@ -308,7 +309,7 @@ class RunList:
             for path in _runs_in(folder, DEEPEST):
                 where = path.resolve()
                 if where not in hidden and where not in names:
-                    name = where.name if path == folder else path.relative_to(folder).as_posix()
+                    name = well_formed(where.name if path == folder else path.relative_to(folder).as_posix())
                     taken = name in names.values() or any(run.name == name for run in self._always)
                     names[where] = path.as_posix().lstrip("/") if taken else name
         kept = {where: self._shown.get(where) for where in names}

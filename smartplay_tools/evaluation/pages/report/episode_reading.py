@@ -14,7 +14,7 @@ from functools import partial
 from operator import itemgetter
 from typing import Any
 
-from smartplay_tools.errors import DamageError, TranscriptError, damage_named
+from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data, excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
@@ -75,7 +75,7 @@ def _read_or_fault(source: Source, letter: str, drawings: Drawings) -> ShownEpis
     try:
         with damage_named(source.transcript):
             return _read(source, letter, drawings)
-    except (DamageError, TranscriptError) as error:
+    except DamageError as error:
         return str(error)
 
 

@@ -20,9 +20,10 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import History, Own
+from smartplay_tools.context.rewriting import Own, RewrittenHistory
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.turns import BROUGHT_BACK
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
@@ -165,7 +166,7 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     return {"turns": turns, "departures": [asdict(departure) for departure in counted.departures()]}
 
 
-def _on_page(history: History) -> list[Any]:
+def _on_page(history: RewrittenHistory) -> list[Any]:
     """Return what a compactor's prompt shows: rows of messages by their numbers, and its own as they are shown."""
     return [
         history.forms([piece])[0].message if isinstance(piece, Own) else [piece.start, piece.stop - 1]
@@ -186,6 +187,8 @@ _LEFT_OUT = ("event", "turn", "sha256", "chain")
 def _call(event: CallEvent, *, compacts: bool) -> dict[str, Any]:
     call = {name: event[name] for name in ("position", "name", "arguments", "text")}
     kept = {name: value for name, value in event["data"].items() if name != "state_hash"}
+    if not BROUGHT_BACK.isdisjoint(kept):  # an answer of a tool of memory ages as the observation at its time does
+        kept["date"] = kept["step"]
     if compacts and "manual" in kept:
         kept["manual"] = "result"  # and not a part of the system message
     return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}

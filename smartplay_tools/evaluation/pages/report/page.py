@@ -28,7 +28,7 @@ from string import ascii_uppercase
 from typing import Any, Literal
 
 from smartplay_tools.context.prompts.wording import versions
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError, left_out
+from smartplay_tools.errors import DamageError, InvalidArgumentError, warn_damaged
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
@@ -57,6 +57,7 @@ from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, grouped, unplayed
 from smartplay_tools.types import MISTAKES, Budget
+from smartplay_tools.types.arguments import well_formed
 
 __all__ = ["render_report", "write_excerpt", "write_report"]
 
@@ -144,7 +145,7 @@ def write_excerpt(
     file, record = _html_file(out), Path(record)
     if not record.is_file():
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
-    run = ShownRun(record, "", Sources([Source(record.stem, record, turns=turns)]))
+    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record, turns=turns)]))
     with importing_packages(plugins):
         return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
@@ -305,9 +306,9 @@ def _page_of_run(
         summarize(run.sources.rows, ())
         shown, damaged = read()
     if damaged and not shown:
-        raise TranscriptError(damaged[0])
+        raise DamageError(damaged[0])
     for sentence in damaged:
-        left_out(sentence)
+        warn_damaged(sentence)
     rows = [episode.row for episode in shown if episode.row is not None]
     rows += [source.row for source in run.sources.left_out if source.row is not None]
     failures: Sequence[Row] | None = run.sources.failures
@@ -385,7 +386,7 @@ def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
     with reading([Source(key, record)], "", plugins=plugins) as read:
         shown, damaged = read()
     if damaged:
-        raise TranscriptError(damaged[0])
+        raise DamageError(damaged[0])
     return packs(shown)[0][1]
 
 

@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types import MISTAKES
+from smartplay_tools.types.arguments import well_formed
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,12 @@ def find_runs(paths: Sequence[str | Path]) -> list[ShownRun]:
 def find_sources(path: Path) -> Sources:
     """Return the episodes of a run folder, a folder of transcripts or one transcript."""
     if path.is_file():
-        return Sources([Source(path.stem, path)])
+        return Sources([Source(well_formed(path.stem), path)])
     if not path.exists():
         raise InvalidArgumentError(f"There is no {path}; name a run folder or a transcript.")
     if (path / "manifest.json").exists():
         return _run(RunFolder(path))
-    episodes = [Source(file.stem, file) for file in sorted(path.glob("*.jsonl")) if _has_begun(file)]
+    episodes = [Source(well_formed(file.stem), file) for file in sorted(path.glob("*.jsonl")) if _has_begun(file)]
     if not episodes:
         raise InvalidArgumentError(f"{path} contains neither a run nor transcripts; name a folder that does.")
     return Sources(episodes)
@@ -156,7 +157,7 @@ def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
 
 def _check_size(runs: Sequence[ShownRun]) -> None:
     sources = [source for run in runs for source in run.sources.episodes]
-    size = sum(source.transcript.stat().st_size for source in sources)
+    size = sum(source.transcript.lstat().st_size for source in sources)
     if len(sources) > MOST_EPISODES or size > MOST_BYTES:
         raise InvalidArgumentError(
             f"A page of {len(sources):,} episodes ({size / 1e6:,.0f} MB of records) would be slow to open; choose "

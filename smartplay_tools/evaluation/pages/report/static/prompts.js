@@ -58,10 +58,9 @@ function markedResults(episode, view) {
   if (view.oldest === undefined) return view.masked ?? [];
   const isHidden = (at) => at === view.notes || isWithin(view.hidden ?? [], at);
   return itemsIn(episode, view).filter(([at, item, { call }]) => {
-    if (call?.observation_step === undefined) return false;
     const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
-    const isReplaced = view.messages && !isWithin(view.messages, numberOf(episode, at) + 1 + item);
-    return isEmpty || isReplaced || call.observation_step < (isHidden(at) ? Infinity : view.oldest);
+    const isReplaced = call?.observation_step !== undefined && view.messages && !isWithin(view.messages, numberOf(episode, at) + 1 + item);
+    return isEmpty || isReplaced || (call?.date ?? call?.observation_step) < (isHidden(at) ? Infinity : view.oldest);
   });
 }
 

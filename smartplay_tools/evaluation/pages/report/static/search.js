@@ -1,6 +1,5 @@
 "use strict";
-// A word over all prompts: where it was written, and which prompts could still see it. That shows when a fact was there,
-// and when it had been forgotten.
+// A word over all prompts: where it was written, and which prompts could still see it, until it was forgotten.
 
 // For each turn, whether its prompt has the word. A prompt is made of parts, so each part is searched only once.
 function promptsWith(episode, word) {
@@ -38,12 +37,13 @@ function stillSeen(episode, view, written, first, last) {
   return false;
 }
 
-// What each turn wrote with the word: `kept` in what is never replaced, `seen` the observations, as [item, step].
+// What each turn wrote with the word: `kept` in what is never replaced, `seen` in results that age, as [item, date].
 function writtenIn(episode, has) {
   return episode.turns.map(({ message, items }) => {
     const said = message ? textsOf(message) : [];
-    const observations = items.flatMap(({ call }, at) => (call?.observation_step === undefined ? [] : [[at, call.observation_step]]));
-    const others = items.filter(({ call }) => call?.observation_step === undefined && !call?.manual);
+    const dates = items.map(({ call }) => call?.date ?? call?.observation_step);
+    const observations = dates.flatMap((date, at) => (date === undefined ? [] : [[at, date]]));
+    const others = items.filter(({ call }, at) => dates[at] === undefined && !call?.manual);
     const kept = [...said, ...others.map(({ call, message: other }) => call?.text ?? textOf(other))].some(has);
     return { kept, seen: observations.filter(([at]) => has(items[at].call.text)) };
   });
