@@ -261,7 +261,6 @@ class CompactingWindow(Window):
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        sums, starts = self._sums, self._history.starts
         before, passed, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0, 0
         # `turn` are the tokens that were passed since the reply with which the messages that stay begin.
         for piece in reversed(pieces):
@@ -271,25 +270,29 @@ class CompactingWindow(Window):
                 if piece.message["role"] == "assistant" and (not kept or before + tokens + turn <= room):
                     kept, tokens, turn = passed, tokens + turn, 0
             else:
-                first, stop = (bisect_left(starts, number) for number in (piece.start, piece.stop))
-                least = before + tokens + turn + sums[piece.stop] - room
-                at = bisect_left(starts, least, first, stop, key=sums.__getitem__)
-                if at == stop > first and not kept:
-                    at -= 1
-                start = starts[at] if at < stop else piece.stop  # of the first turn in the row that stays
-                if at < stop:
-                    kept, tokens, turn = (
-                        passed - (start - piece.start),
-                        tokens + turn + sums[piece.stop] - sums[start],
-                        0,
-                    )
-                turn += sums[start] - sums[piece.start]
+                start = self._first_reply(piece, room - before - tokens - turn, is_needed=not kept)
+                if start is not None:
+                    kept, tokens = passed - (start - piece.start), tokens + turn + self._size(range(start, piece.stop))
+                    turn = 0
+                turn += self._size(range(piece.start, piece.stop if start is None else start))
             if kept and before + tokens + turn > room:
                 break
         for lost in range(len(lead) + bool(kept)):
             if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
                 return lost, kept, needs
         return None
+
+    def _first_reply(self, row: range, most: int, *, is_needed: bool) -> int | None:
+        """The first reply in a row from which on its messages take at most so many tokens; None if there is none.
+
+        One that `is_needed` is then the last reply in the row.
+        """
+        starts = self._history.starts
+        first, stop = (bisect_left(starts, number) for number in (row.start, row.stop))
+        at = bisect_left(starts, self._sums[row.stop] - most, first, stop, key=self._sums.__getitem__)
+        if at == stop > first and is_needed:
+            at -= 1
+        return starts[at] if at < stop else None
 
     def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
