@@ -19,9 +19,11 @@ END = "<!-- end -->"
 REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
 
 
-def repeat_previous(k: int) -> str:
-    """Register RepeatPrevious with one deck and this `k`, which needs k - 1 past steps; return its id."""
-    facts: dict[str, Any] = {"kwargs": {"decks": 1, "k": k}, "memory": k - 1, "worst_step": -1 / (52 - k)}
+def repeat_previous(k: int, decks: int = 1) -> str:
+    """Register RepeatPrevious with this `k`, which needs k - 1 past steps; return its id."""
+    steps = 52 * decks - 1
+    facts: dict[str, Any] = {"kwargs": {"decks": decks, "k": k}, "memory": k - 1, "worst_step": -1 / (52 * decks - k)}
+    facts |= {"history": steps, "rollout": steps}
     return sp.register(replace(REPEAT, id=f"RepeatPrevious{k}-v0", **facts)).id
 
 
