@@ -308,7 +308,21 @@ class Claim:
     is_better: bool
 
 
-CLAIMS: tuple[Claim, ...] = ()
+LOSABLE_HANDS, LOSABLE_MESSENGER = f"RPS{CAN_BE_LOST}", f"MESSENGER{CAN_BE_LOST}"
+CLAIMS = (
+    Claim("k = 8", SMALL, "LangChain, clearing", is_better=False),
+    Claim("k = 8", SMALL, "LlamaIndex, summary", is_better=False),
+    Claim("k = 8", SMALL, "Pydantic AI, newest", is_better=False),
+    Claim("k = 32", SMALL, "LangChain, summary", is_better=True),
+    Claim("k = 32", SMALL, "Agent Framework, summary", is_better=True),
+    Claim("k = 32", SMALL, "memory, BM25", is_better=True),
+    Claim("k = 32", SMALL, "Inspect, clearing", is_better=False),
+    Claim("CountRecall", SMALL, "LangChain, summary", is_better=True),
+    Claim(LOSABLE_HANDS, SMALL, "LangChain, summary", is_better=False),
+    Claim(LOSABLE_HANDS, SMALL, "Inspect, summary", is_better=True),
+    Claim(LOSABLE_MESSENGER, SMALL, "LangChain, clearing", is_better=False),
+    Claim("k = 80", LARGE, "Google ADK, summary", is_better=True),
+)
 """Written down after the pilot world and before the worlds of `SEED` were played."""
 
 
