@@ -37,6 +37,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.analysis.intervals import USUAL, Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import Measure, difference_sample, pairs, sample, score
 from smartplay_tools.evaluation.analysis.remembering import ANSWERS, SURVIVED, tokens_of
+from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
@@ -332,7 +333,9 @@ def claims_table(cells: Cells) -> str:
     for claim in CLAIMS:
         longest = dict(lines_of(cells, claim.cap))[claim.way]
         each = less_dropping(cells, (claim.stage, claim.cap, longest, claim.way), bonferroni(len(CLAIMS)))
-        assert each is not None and each.low is not None and each.high is not None
+        assert each is not None
+        assert each.low is not None
+        assert each.high is not None
         is_decided = not each.low <= 0 <= each.high
         outcome = ("confirmed" if (each.low > 0) == claim.is_better else "contradicted") if is_decided else "undecided"
         facts = [f"{claim.stage}, cap {claim.cap:,}", claim.way, "more" if claim.is_better else "less"]
