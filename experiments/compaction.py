@@ -30,6 +30,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_dots,
     figure,
+    legend_below,
     panels,
     sample_note,
     save_figure,
@@ -207,8 +208,12 @@ def label(cells: Cells, cap: int, way: str, longest: int) -> str:
     """Return the name of a way with the cap on its questions, and whether it never did anything."""
     rows = [row for (_, *place), own in cells.items() if place == [cap, longest, way] for row in own]
     asks = any(each.asks for each in WAYS if each.name == way)
-    acts = way in CONTROLS or any(row.get("rewrites") or row.get("questions") for row in rows)
-    return f"{way}{f', questions up to {longest:,}' if asks else ''}{'' if acts else ' (never acts)'}"
+    return f"{way}{f', questions up to {longest:,}' if asks else ''}{'' if acts(way, rows) else ' (never acts)'}"
+
+
+def acts(way: str, rows: Iterable[Row]) -> bool:
+    """Whether a way is of this library, or rewrote or asked anything in these episodes."""
+    return way in CONTROLS or any(row.get("rewrites") or row.get("questions") for row in rows)
 
 
 def estimate(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) -> MeanEstimate | None:
@@ -230,12 +235,17 @@ def scores_table(cells: Cells, cap: int) -> str:
     lines = []
     for way, longest in lines_of(cells, cap):
         places = [(stage, cap, longest, way) for stage in stages]
-        if way == DROPPING:
-            shown = [interval(estimate(cells[place], score)) for place in places]
-        else:
-            shown = [interval(less_dropping(cells, place), "+") if place in cells else "" for place in places]
-        lines.append([label(cells, cap, way, longest), *shown])
+        lines.append([label(cells, cap, way, longest), *(_score(cells, place) for place in places)])
     return markdown_table(["strategy", *stages], lines)
+
+
+def _score(cells: Cells, place: tuple[str, int, int, str]) -> str:
+    way = place[-1]
+    if place not in cells:
+        return ""
+    if way == DROPPING:
+        return interval(estimate(cells[place], score))
+    return interval(less_dropping(cells, place), "+") if acts(way, cells[place]) else "never acts"
 
 
 WORK: Mapping[str, tuple[Measure, Bounds | None]] = {
@@ -249,9 +259,11 @@ WORK: Mapping[str, tuple[Measure, Bounds | None]] = {
 
 
 def work_table(cells: Cells, cap: int) -> str:
-    """What every way did, over all games under a cap."""
+    """What every compactor did, over all games under a cap."""
     lines = []
     for way, longest in lines_of(cells, cap):
+        if way in CONTROLS:
+            continue
         rows = [row for (_, *place), own in cells.items() if place == [cap, longest, way] for row in own]
         ended = sum(row["end_reason"] in ENDED for row in rows)
         shown = [share(estimate(rows, *each)) if each[1] else interval(estimate(rows, *each)) for each in WORK.values()]
@@ -356,12 +368,26 @@ def dots(cells: Cells) -> Figure:
             longest = dict(lines_of(cells, stage.cap))[name]
             each = estimate(cells[stage.name, stage.cap, longest, name], score)
             assert each is not None
-            draw_dots(panel, [each], [row], Series.number(0 if name in CONTROLS else 1))
+            look, whose = (0, "of this library") if name in CONTROLS else (1, "of others, and memories")
+            draw_dots(panel, [each], [row], Series.number(look), whose)
             counts.add(each.episodes)
         panel.set(title=f"{stage.name}, cap {stage.cap:,}", xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
-    drawn.supxlabel(sample_note(counts), fontsize=9)
+    legend_below(drawn, note=sample_note(counts))
     return drawn
+
+
+def tables(cells: Cells) -> dict[str, str]:
+    """Return the tables of the page by their names."""
+    return {
+        "compaction-1500": scores_table(cells, SMALL),
+        "compaction-4000": scores_table(cells, LARGE),
+        "compaction-work-1500": work_table(cells, SMALL),
+        "compaction-work-4000": work_table(cells, LARGE),
+        "compaction-memory": memory_table(cells, ("k = 8", "k = 32")),
+        "compaction-manual": manual_table(cells),
+        "compaction-claims": claims_table(cells),
+    }
 
 
 def main() -> None:
@@ -377,17 +403,10 @@ def main() -> None:
     if asked.what == "play":
         write_rows(play(asked.out / ("pilot" if asked.pilot else "fresh"), seed, trials), place)
     cells = cells_of(read_rows(place))
-    tables = {
-        "compaction-1500": scores_table(cells, SMALL),
-        "compaction-4000": scores_table(cells, LARGE),
-        "compaction-work": work_table(cells, SMALL),
-        "compaction-memory": memory_table(cells, ("k = 8", "k = 32")),
-        "compaction-manual": manual_table(cells),
-        "compaction-claims": claims_table(cells),
-    }
-    for name, written in tables.items():
-        show(PAGE, name, written, publishes=asked.publish and not asked.pilot)
-    if asked.publish and not asked.pilot:
+    is_published = asked.publish and not asked.pilot
+    for name, written in tables(cells).items():
+        show(PAGE, name, written, publishes=is_published)
+    if is_published:
         save_figure(dots(cells), PAGE.parent / "figures" / "compaction", formats=("svg",))
 
 

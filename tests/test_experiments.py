@@ -14,7 +14,7 @@ from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
-PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md", "memory.md")]
+PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md", "memory.md", "compaction.md")]
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
 
@@ -37,6 +37,11 @@ def curves():
 @pytest.fixture(scope="module")
 def ruler():
     yield from script("ruler")
+
+
+@pytest.fixture(scope="module")
+def compaction():
+    yield from script("compaction")
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +186,13 @@ def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves,
 
 def test_the_ruler_in_the_page_is_that_of_the_published_rows(ruler):
     assert published("ruler") == ruler.table(ruler.read_rows(ruler.PUBLISHED)).splitlines()
+
+
+@pytest.mark.slow
+def test_the_tables_of_compaction_are_those_of_the_published_rows(compaction):
+    cells = compaction.cells_of(compaction.read_rows(compaction.PUBLISHED))
+    for name, written in compaction.tables(cells).items():
+        assert published(name) == written.splitlines()
 
 
 def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
