@@ -152,13 +152,20 @@ def play(out: Path, seed: int, trials: int) -> Iterator[Row]:
                     [stage.game], [stage.player], budgets=list(way.budgets(stage)), manual=stage.manual,
                     trials=trials, seed=seed, out=_folder(out, stage, way), executor="inline",
                 )  # fmt: skip
+    yield from rows_of(out)
+
+
+def rows_of(out: Path) -> Iterator[Row]:
+    """Yield the rows of everything that was played into a folder, with what their tables need."""
     for stage in STAGES:
         for way in WAYS:
             folder = RunFolder(_folder(out, stage, way))
             for row in folder.rows() if folder.path.exists() else ():
-                facts = {"stage": stage.name, "way": way.name, "cap": stage.cap}
+                facts: dict[str, Any] = {"stage": stage.name, "way": way.name, "cap": stage.cap}
                 facts["questions_up_to"] = row["budget"].get("question_tokens") or stage.cap
-                yield {**row, **facts, "manual_seen": manual_seen(Record.read(folder.transcript(row["key"])))}
+                if stage.manual == "tool":
+                    facts["manual_seen"] = manual_seen(Record.read(folder.transcript(row["key"])))
+                yield {**row, **facts}
 
 
 def _is_installed(way: Way) -> bool:
