@@ -82,7 +82,7 @@ experiment: $(VENV)/.ready  ## what a smaller context costs: play it, draw it, p
 	$(BIN)/python experiments/context.py
 
 benchmarks: $(VENV)/.ready  ## measure, and print tables
-	for file in $(filter-out benchmarks/scores.py benchmarks/cache.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$file || exit 1; done
+	for file in $(filter-out benchmarks/cache.py,$(wildcard benchmarks/*.py)); do $(BIN)/python $$file || exit 1; done
 
 release: $(VENV)/.ready  ## what is uploaded to a package index, in dist/, and tried; CONTRIBUTING.md says when
 	.ci/release $(BIN)/python

@@ -26,6 +26,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.players.conversion import function_call
@@ -79,14 +80,14 @@ def calls_table() -> Table:
 def conversation(turns: int) -> tuple[list[sp.Message], list[Turn]]:
     """A long conversation on message objects that were never counted: head, and turns of one act each."""
     head: list[sp.Message] = [{"role": "system", "content": "Play."}, {"role": "user", "content": "Begin."}]
-    made = []
+    made, words = [], Wording.of(VERSION)
     for n in range(turns):
         call_id = f"call_{n}"
         call = function_call(call_id, "act", {"action": "Move the top disk of rod A to the top of rod B"})
         assistant: sp.Message = {"role": "assistant", "content": f"Step {n}: I move a disk.", "tool_calls": [call]}
         text = f"You tried move {n}. Current configuration:\n- A: |bottom, [2, 1, 0], top|\n- B: |bottom, [], top|"
         result: sp.Message = {"role": "tool", "content": text, "tool_call_id": call_id}
-        made.append(Turn(n, assistant, (Item(result, n + 1, n + 1, position=0),), n))
+        made.append(Turn(n, assistant, (Item(result, n + 1, n + 1, position=0, words=words),), n))
     return head, made
 
 
@@ -172,10 +173,9 @@ def strategy_microseconds(length: int) -> dict[tuple[str, float], float]:
         for key, window in windows.items():
             start = time.perf_counter()
             window.append(turn)
-            if window.is_owed_summary:
-                window.request()
-                window.summarise("The disks have moved on.")
-            window.view()
+            if window.view().asks_for_summary:
+                window.answer("The disks have moved on.")
+                window.view()
             if number >= length:
                 times[key].append((time.perf_counter() - start) * 1e6)
     return {key: statistics.median(measured) for key, measured in times.items()}
@@ -247,11 +247,11 @@ def counting() -> Table:
     head, turns = conversation(200)
     tools: tuple[sp.ToolSpec, ...] = ()
     shown = turns[-60:]
-    lines = [line for turn in shown for line in turn.canonical]
+    lines = [form.line for turn in shown for form in turn.whole]
 
     def new_turn() -> None:
         turn = Turn(7, shown[0].assistant, shown[0].items, 0)
-        assert turn.canonical
+        assert all(form.line for form in turn.whole)
 
     def sha256() -> None:
         prompt_sha256([*(message_bytes(m, ()) for m in head), *lines], tools_bytes(tools))

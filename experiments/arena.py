@@ -8,28 +8,39 @@
 RepeatPrevious, where the right answer stands in an earlier observation, `reader` plays rightly from what is visible, or
 was kept as notes or a summary, and guesses otherwise: the score is that of the strategy alone. `random` ignores its
 prompts and is the control: it has to score the same under every strategy that asks it for nothing. The same command
-continues where it stopped; `--publish` puts the table into the documentation.
+continues where it stopped; `--publish` puts rows and table into the checkout.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from page_tables import Column, arguments, comparison_table, complete, interval, repeat_previous, show
+from page_tables import (
+    EPISODES,
+    GAME,
+    SCORE,
+    STABLE,
+    TOGETHER,
+    TOKENS,
+    Column,
+    Experiment,
+    Line,
+    arguments,
+    comparison_table,
+    complete,
+    repeat_previous,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences
-from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import STRATEGIES
 
-PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
 FIRST_AND_NEWEST = "experiments/first_and_newest.py:FirstAndNewest:turns=3"
 """The strategy of docs/add-a-strategy.md, as everybody brings one; the folder is that of the checkout."""
 RULE_NOTES, READER = PlayerConfig(name="rule-notes", options={"words": False}), PlayerConfig(name="reader")
@@ -76,30 +87,26 @@ def main() -> None:
             workers=asked.workers,
         ).rows
     ]
-    show(PAGE, "arena", table(rows), publishes=asked.publish)
+    EXPERIMENT.conclude(rows, publishes=asked.publish)
 
 
 def table(rows: Sequence[Row]) -> str:
     """Every strategy beside plain dropping under the same cap, in Markdown; intervals hold together."""
-    comparisons = compare_windows(rows, along=(*STRATEGIES, "slack"))
-    columns: list[Column] = [
-        ("game", lambda c: f"`{c.cell.game}`"),
-        ("player", _player),
-        ("cap: strategy", lambda c: f"{c.cell.budget['prompt_tokens']:,}: {way_name(c.cell)}"),
-        ("episodes", lambda c: str(c.episodes)),
-        ("score [95 %]", lambda c: interval(c.means["score"])),
-        ("less dropping [95 %, all together]", _less),
-        ("tokens an episode", lambda c: f"{c.means['tokens'].mean:,.0f}"),
-        ("prefix-stable", lambda c: f"{100 * c.means['prefix_share'].mean:.1f} %"),
-    ]
-    shown = [c for c in comparisons if c.cell.player != CONTROL]
-    return "\n".join([comparison_table(columns, shown), "", *_control(rows)])
+    columns = [GAME, PLAYER, WAY, EPISODES, SCORE, TOGETHER, TOKENS, STABLE]
+    shown = comparison_table(rows, (*STRATEGIES, "slack"), columns, without=[CONTROL])
+    return "\n".join([shown, "", *_control(rows)])
 
 
-def _less(comparison: WindowComparison) -> str:
-    if comparison.is_reference:
-        return "reference"
-    return "identical" if comparison.is_identical else interval(comparison.together, "+")
+def _player(line: Line) -> str:
+    cell = line.compared.cell
+    return f"{cell.player}{', silent' if cell.player_options.get('words') is False else ''}"
+
+
+PLAYER: Column = "player", _player
+WAY: Column = (
+    "cap: strategy",
+    lambda line: f"{line.compared.cell.budget['prompt_tokens']:,}: {way_name(line.compared.cell)}",
+)
 
 
 def _control(rows: Sequence[Row]) -> list[str]:
@@ -117,9 +124,7 @@ def _control(rows: Sequence[Row]) -> list[str]:
     return [f"The control, `{CONTROL}`, without summaries: {len(pairs):,} pairs, of which {differing} differ in score."]
 
 
-def _player(comparison: WindowComparison) -> str:
-    silent = comparison.cell.player_options.get("words") is False
-    return f"{comparison.cell.player}{', silent' if silent else ''}"
+EXPERIMENT = Experiment("arena", lambda rows: {"arena": table(rows)})
 
 
 def _arguments() -> argparse.Namespace:

@@ -1,8 +1,6 @@
 """What the arena's tables show, asked again on fresh worlds: a table of `docs/experiments.md`.
 
-    python experiments/arena_claims.py                              # the table, from the published rows
-    python experiments/arena_claims.py --publish                    # and puts it into the page
-    python experiments/arena_claims.py play --learned runs/learned  # plays it; continues where it stopped
+    python experiments/arena_claims.py --learned runs/learned  # plays it; continues where it stopped
 
 A difference that was picked from a table because it is large looks larger than it is. So the claims below were written
 down before the worlds of `SEED` were played. Their intervals hold together, and one that contains 0 confirms nothing.
@@ -16,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from arena import HISTORY
-from arena_curves import LEARNED_GAME, STAGES, SUBJECT, areas_of, play, play_learned, priced, read_rows, write_rows
-from page_tables import arguments, complete, show, table_row
+from arena_curves import LEARNED_GAME, STAGES, SUBJECT, areas_of, described, play, play_learned
+from page_tables import TOGETHER, Experiment, arguments, complete, markdown_table, records_of
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -27,8 +25,6 @@ from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sampl
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.records.rows import Row
 
-PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
-PUBLISHED = Path(__file__).parent / "arena" / "fresh-rows.jsonl.xz"
 SEED = 2032
 """Of the runs: their worlds are in no other table."""
 TRIALS = 64
@@ -95,7 +91,7 @@ def played(out: Path, models: Path | None) -> Iterator[Row]:
             budgets = [sp.Budget(history=HISTORY, prompt_tokens=cap, **way) for way in ways]
             folder = out / game / f"history-{HISTORY}-{cap}"
             run = complete([game], [SUBJECT], budgets=budgets, out=folder, executor="inline", **options)
-            yield from priced(run.rows, {row["key"]: run.transcript(row["key"]) for row in run.rows})
+            yield from described(run.rows, records_of(run))
 
 
 @dataclass(frozen=True)
@@ -148,29 +144,28 @@ def _curve(claim: Claim) -> str:
     return name + (f", slack {slack:g}" if slack else "")
 
 
-def table(rows: Sequence[Row]) -> Iterator[str]:
+def table(rows: Sequence[Row]) -> str:
     """Every claim with its outcome, in Markdown."""
-    yield table_row(["game", "player and strategy", "claim", "seeds", "less dropping [95 %, all together]", "outcome"])
-    yield table_row(["---"] * 6)
+    lines = []
     for claim, outcome in zip(CLAIMS, outcomes(rows), strict=True):
         claimed = f"{claim.measure}: {'more' if claim.better else 'less'} than dropping"
         facts = ["-", "-", "not played"]
         if outcome is not None:
             shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
             facts = [str(outcome.seeds), shown, outcome.of(claim)]
-        yield table_row([f"`{claim.game}`", _curve(claim), claimed, *facts])
+        lines.append([f"`{claim.game}`", _curve(claim), claimed, *facts])
+    return markdown_table(("game", "player and strategy", "claim", "seeds", TOGETHER[0], "outcome"), lines)
+
+
+EXPERIMENT = Experiment("arena-claims", lambda rows: {"arena-claims": table(rows)})
 
 
 def main() -> None:
-    """Print the table of the published rows, or play."""
+    """Play, and print or publish the table."""
     parser = arguments(__doc__, "runs/claims")
-    parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
     asked = parser.parse_args()
-    if asked.what == "play":
-        write_rows(played(asked.out, asked.learned), asked.out / "rows.jsonl.xz")
-        return
-    show(PAGE, "arena-claims", "\n".join(table(read_rows(PUBLISHED))), publishes=asked.publish)
+    EXPERIMENT.conclude(played(asked.out, asked.learned), publishes=asked.publish)
 
 
 if __name__ == "__main__":

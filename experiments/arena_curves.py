@@ -1,10 +1,8 @@
 """The curves of the arena: every strategy under every cap, at four games, played by rules and by learned models.
 
-    python experiments/arena_curves.py                              # both tables, from the published rows
-    python experiments/arena_curves.py --publish                    # and puts them and their figure into the page
-    python experiments/arena_curves.py play --out runs/curves       # plays them; continues where it stopped
-    python experiments/arena_curves.py play --game MessengerL3-v0   # one of the games alone; repeatable
-    python experiments/arena_curves.py play --learned runs/learned  # with the models of experiments/learned.py, too
+    python experiments/arena_curves.py                         # plays them; continues where it stopped
+    python experiments/arena_curves.py --game MessengerL3-v0   # one of the games alone; repeatable
+    python experiments/arena_curves.py --learned runs/learned  # with the models of experiments/learned.py, too
 
 Rows are those of runs, each with the calls of memory tools and with what the episode costs under three caches.
 """
@@ -12,26 +10,36 @@ Rows are those of runs, each with the calls of memory tools and with what the ep
 from __future__ import annotations
 
 import json
-import lzma
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import arguments, complete, interval, show, table_row
+from page_tables import (
+    EPISODES,
+    GAME,
+    PLAYER,
+    SCORE,
+    TOGETHER,
+    Column,
+    Experiment,
+    Line,
+    arguments,
+    comparison_table,
+    complete,
+    markdown_table,
+    priced,
+    records_of,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.area import Area, areas
 from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
-from smartplay_tools.evaluation.analysis.figures.style import save_figure
-from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate, mean_estimates
-from smartplay_tools.evaluation.analysis.names import strategy_name, way_name
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample, tokens
-from smartplay_tools.evaluation.analysis.together import bonferroni
-from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
+from smartplay_tools.evaluation.analysis.names import way_name
+from smartplay_tools.evaluation.analysis.pairs import tokens
+from smartplay_tools.evaluation.costs.tariffs import tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -41,9 +49,8 @@ from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TO
 
 if TYPE_CHECKING:
     from learned_lab import Lab
+    from matplotlib.figure import Figure
 
-PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
-PUBLISHED = Path(__file__).parent / "arena" / "rows.jsonl.xz"
 CONTROL = "random"
 SEED = 815
 """Of the runs: their worlds are in no other table."""
@@ -115,17 +122,14 @@ def play(
     whole = complete([stage.game], [*players, PlayerConfig(name=CONTROL)], budgets=full, out=out / "whole", **options)
     limited = complete([stage.game], players, budgets=list(stage.budgets(custom)), out=out / "capped", **options)
     for run in (whole, limited):
-        yield from priced(run.rows, {row["key"]: run.transcript(row["key"]) for row in run.rows})
+        yield from described(run.rows, records_of(run))
 
 
-def priced(rows: Iterable[Row], records: Mapping[str, Path]) -> Iterator[Row]:
+def described(rows: Iterable[Row], records: Mapping[str, Path]) -> Iterator[Row]:
     """Yield rows with what only their records say: the calls of memory tools, and the cost under each cache."""
-    charged = charge_records(records, tariffs_of(CACHES), {})
-    for row in rows:
+    for row in priced(rows, records, tariffs_of(CACHES)):
         called = [event["name"] for event in Record.read(records[row["key"]]).calls]
-        charge = charged[row["key"]]
-        costs = [] if charge is None else [round(each.cost, 1) for each in charge.charges]
-        yield {**row, "memory_calls": sum(map(called.count, ASKED)), "costs": costs}
+        yield {**row, "memory_calls": sum(map(called.count, ASKED))}
 
 
 def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, seed: int) -> Iterator[Row]:
@@ -144,52 +148,35 @@ def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, s
             ]
             tiny_agent.play(lab.model(name), lab.tokenizer(), episodes, name=name)
         rows = [row_of(Record.read(path), trial) for trial, path in enumerate(records)]
-        yield from priced(rows, {row["key"]: path for row, path in zip(rows, records, strict=True)})
+        yield from described(rows, {row["key"]: path for row, path in zip(rows, records, strict=True)})
 
 
-LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
-"""What the tables do not need of a row."""
-
-
-def write_rows(rows: Iterable[Row], path: Path) -> None:
-    """Write rows as JSON Lines, compressed, without what only their records need."""
-    lines = [json.dumps({name: row[name] for name in row if name not in LEFT_OUT}) for row in rows]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(lzma.compress("".join(f"{line}\n" for line in lines).encode(), preset=9))
-
-
-def read_rows(path: Path) -> list[Row]:
-    """Read rows."""
-    return [json.loads(line) for line in lzma.decompress(path.read_bytes()).splitlines()]
-
-
-HEADINGS = (
-    "game", "player", "cap: strategy", "episodes", "score [95 %]", "less dropping [95 %, all together]", "tokens",
-    "largest prompt", "calls of memory", "ended by the cap",
-)  # fmt: skip
-
-
-def curves_table(rows: Sequence[Row]) -> Iterator[str]:
+def curves_table(rows: Sequence[Row]) -> str:
     """Every strategy beside dropping under the same cap, in Markdown; intervals of differences hold together."""
-    cells = [(cell, members) for cell, members in by_cell(rows) if cell.player != CONTROL]
-    plain = {_place(cell): members for cell, members in cells if _is_plain(cell)}
-    compared = [at for at, (cell, _) in enumerate(cells) if not _is_plain(cell)]
-    paired = [pairs(cells[at][1], plain[_place(cells[at][0])]) for at in compared]
-    samples = [difference_sample(each, MEASURES["score"]) for each in paired]
-    together = dict(zip(compared, mean_estimates(samples, bonferroni(len(samples))), strict=True))
-    yield table_row([*HEADINGS, *CACHES])
-    yield table_row(["---"] * (len(HEADINGS) + len(CACHES)))
-    for at, (cell, own) in enumerate(cells):
-        cap = cell.budget["prompt_tokens"]
-        way = "full context" if cap is None else f"{cap:,}: {way_name(cell)}"
-        scores = sample(own, MEASURES["score"])
-        less = interval(together[at], "+") if at in together else "" if cap is None else "reference"
-        facts = [f"{fmean(map(tokens, own)):,.0f}", f"{max(row['peak_prompt_tokens'] for row in own):,}"]
-        facts += [f"{fmean(row['memory_calls'] for row in own):.1f}"]
-        facts += [str(sum(row["end_reason"] == "prompt_tokens" for row in own))]
-        costs = [f"{fmean(each):,.0f}" for each in zip(*(row["costs"] for row in own), strict=True)]
-        shown = interval(mean_estimate(scores.values, scores.bounds))
-        yield table_row([f"`{cell.game}`", cell.player, way, str(len(own)), shown, less, *facts, *costs])
+    costs = ((cache, partial(_cost, at)) for at, cache in enumerate(CACHES))
+    less: Column = (
+        TOGETHER[0],
+        lambda line: "" if line.compared.cell.budget["prompt_tokens"] is None else TOGETHER[1](line),
+    )
+    columns = [GAME, PLAYER, ("cap: strategy", _way), EPISODES, SCORE, less, *MEANS, *costs]
+    return comparison_table(rows, (*STRATEGIES, "slack"), columns, without=[CONTROL])
+
+
+def _way(line: Line) -> str:
+    cap = line.compared.cell.budget["prompt_tokens"]
+    return "full context" if cap is None else f"{cap:,}: {way_name(line.compared.cell)}"
+
+
+def _cost(at: int, line: Line) -> str:
+    return line.mean(lambda row: row["costs"][at])
+
+
+MEANS: tuple[Column, ...] = (
+    ("tokens", lambda line: line.mean(tokens)),
+    ("largest prompt", lambda line: f"{max(row['peak_prompt_tokens'] for row in line.rows):,}"),
+    ("calls of memory", lambda line: line.mean(lambda row: row["memory_calls"], 1)),
+    ("ended by the cap", lambda line: str(sum(row["end_reason"] == "prompt_tokens" for row in line.rows))),
+)
 
 
 def areas_of(rows: Sequence[Row], compared: int | None = None) -> list[Area]:
@@ -213,48 +200,43 @@ def areas_of(rows: Sequence[Row], compared: int | None = None) -> list[Area]:
     return [area for own in curves for area in areas(own, compared=compared)]
 
 
-def areas_table(curves: Sequence[Area]) -> Iterator[str]:
+def areas_table(curves: Sequence[Area]) -> str:
     """Every strategy in one number for all caps, in Markdown."""
-    yield table_row(["game", "player and strategy", "seeds", "area [95 %]", "less dropping [95 %, all together]"])
-    yield table_row(["---"] * 5)
+    lines = []
     for each in curves:
         area = each.reason or f"{each.area:.2f} [{each.low:.2f}, {each.high:.2f}]"
         if each.infeasible:
             area += f"; does not fit {', '.join(map(str, each.infeasible))}"
         less = "{:+.2f} [{:+.2f}, {:+.2f}]".format(*each.together) if each.together else "reference"
-        less = "" if each.reason else less
-        yield table_row([f"`{each.game}`", each.name, str(each.seeds), area, less])
+        lines.append((f"`{each.game}`", each.name, str(each.seeds), area, "" if each.reason else less))
+    return markdown_table(("game", "player and strategy", "seeds", "area [95 %]", TOGETHER[0]), lines)
 
 
 def _strategy_fields(row: Row) -> dict[str, Any]:
     return {name: row["budget"][name] for name in (*STRATEGIES, "slack") if name in row["budget"]}
 
 
-def _is_plain(cell: PlayedCell) -> bool:
-    return not cell.budget["slack"] and strategy_name(cell) == sp.Budget().words()["beyond_history"]
+def tables(rows: Sequence[Row]) -> dict[str, str]:
+    """The tables of the page."""
+    return {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(areas_of(rows))}
 
 
-def _place(cell: PlayedCell) -> tuple[str, str, int | None]:
-    return cell.game, cell.player, cell.budget["prompt_tokens"]
+def figures(rows: Sequence[Row]) -> dict[str, Figure]:
+    """The figure of the page, of the scripted player."""
+    drawn = [each for each in areas_of(rows) if each.name.startswith(SUBJECT.name)]
+    return {"arena-areas": areas_under_curves(drawn)}
+
+
+EXPERIMENT = Experiment("arena-curves", tables, figures)
 
 
 def main() -> None:
-    """Print the tables of the published rows, or play."""
+    """Play, and print or publish the tables."""
     parser = arguments(__doc__, "runs/curves")
-    parser.add_argument("what", nargs="?", choices=("table", "play"), default="table")
     parser.add_argument("--game", action="append", choices=[*STAGES], help="play this game alone; repeatable")
     parser.add_argument("--learned", type=Path, help="the folder in which experiments/learned.py keeps its models")
     asked = parser.parse_args()
-    if asked.what == "play":
-        write_rows(_played(asked.game or STAGES, asked.out, asked.learned), asked.out / "rows.jsonl.xz")
-        return
-    rows = read_rows(PUBLISHED)
-    curves = areas_of(rows)
-    for name, lines in {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(curves)}.items():
-        show(PAGE, name, "\n".join(lines), publishes=asked.publish)
-    if asked.publish:
-        drawn = [each for each in curves if each.name.startswith(SUBJECT.name)]
-        save_figure(areas_under_curves(drawn), PAGE.parent / "figures" / "arena-areas", formats=["svg"])
+    EXPERIMENT.conclude(_played(asked.game or STAGES, asked.out, asked.learned), publishes=asked.publish)
 
 
 def _played(games: Iterable[str], out: Path, models: Path | None) -> Iterator[Row]:

@@ -1,80 +1,45 @@
 """The smallest caps on prompts at which a sweep measures context alone: the table of `docs/experiments.md`.
 
-    python experiments/caps.py             # the paper's settings and two larger ones; about two minutes
-    python experiments/caps.py --publish   # the same, and the table goes into the page
+    python experiments/caps.py             # the paper's settings and two larger ones; a minute
+    python experiments/caps.py --publish   # the same, and rows and table go into the checkout
 
 `result_tokens` is "auto" by default: a small `prompt_tokens` also caps every tool result, so below some cap a player
 sees less not only of its past but also of the present. For every game the longest observation in episodes of the
 players `random` and `rule` without a cap is found, and then the smallest cap that does not cut it; the same for the
-manual. The table also has the share of results that are cut under smaller caps.
+manual.
 """
 
 from __future__ import annotations
 
-import argparse
-import re
-import tempfile
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-from page_tables import show
+from page_tables import Experiment, arguments, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer
-from smartplay_tools.games import PAPER_RESULTS
+from smartplay_tools.games.paper_tables import PAPER_SETTINGS
 from smartplay_tools.records import Record
+from smartplay_tools.records.rows import Row, grouped
 
-PAGE = Path(__file__).parents[1] / "docs" / "experiments.md"
-GAMES = (*PAPER_RESULTS[0].raw, "Hanoi4Disk-v0", "MessengerL3-v0")
+GAMES = (*PAPER_SETTINGS, "Hanoi4Disk-v0", "MessengerL3-v0")
 PLAYERS = ("random", "rule")
-CAPS = (500, 1000, 2000)
+SEEDS = 3
 CALLS = 500
 """The most tool calls of an episode; longer games do not have longer observations later."""
 LARGEST = 100_000
 
 
-def main() -> None:
-    """Measure every game, print the table, and put it into the page."""
-    parser = argparse.ArgumentParser(
-        description="The smallest caps on prompts at which a sweep measures context alone."
-    )
-    parser.add_argument("--seeds", type=int, default=5, help="episodes of every player")
-    parser.add_argument("--publish", action="store_true", help="put the table into the documentation")
-    asked = parser.parse_args()
-    show(PAGE, "caps", "\n".join(_table(asked.seeds)), publishes=asked.publish)
-
-
-def _table(seeds: int) -> Iterator[str]:
-    heads = ["game", "longest observation", "observations whole from", "manual whole from"]
-    heads += [f"cut at {cap:,}" for cap in CAPS]
-    yield f"| {' | '.join(heads)} |"
-    yield f"| --- |{' ---: |' * (len(heads) - 1)}"
-    for game in GAMES:
-        observation, manual = longest(game, seeds)
-        enough, enough_for_manual = smallest_cap(game, result=observation), smallest_cap(game, manual=manual)
-        # At the cap that was found, only the manual may be cut.
-        assert not any(cut for name, cut in results(game, seeds, enough) if name != "read_manual"), game
-        shares = [_share(game, seeds, cap) for cap in CAPS]
-        numbers = [f"{observation:,}", f"**{enough:,}**", f"{enough_for_manual:,}", *shares]
-        yield f"| `{game}` | {' | '.join(numbers)} |"
-
-
-def longest(game: str, seeds: int) -> tuple[int, int]:
-    """Return the tokens of the longest result of an action or an observation, and of the manual."""
+def play() -> Iterator[Row]:
+    """Yield a row for every episode: the tokens of the longest result of an action or an observation."""
     count = get_tokenizer().count
-    texts = {text for text, _ in _texts(game, seeds, None)}
-    with sp.Episode(game, seed=0) as episode:
-        manual = count(episode.call("read_manual").text)
-    return max(map(count, texts)), manual
-
-
-def results(game: str, seeds: int, cap: int) -> Iterator[tuple[str, bool]]:
-    """Yield the name of every call under a cap, and whether its result was cut."""
-    for player in PLAYERS:
-        for seed in range(seeds):
-            for event in _calls(game, player, seed, cap):
-                yield event["name"], bool(re.search(r"\[\d+ tokens cut\]", event["text"])) or not event["text"]
+    for game in GAMES:
+        for player in PLAYERS:
+            for seed in range(SEEDS):
+                events: list[dict[str, object]] = []
+                with sp.Episode(game, seed=seed, budget=sp.Budget(tool_calls=CALLS), transcript=events) as episode:
+                    sp.play(episode, sp.get_player(player, seed=seed))
+                texts = {call["text"] for call in Record(events).calls if call["name"] != "read_manual"}
+                yield {"game": game, "player": player, "seed": seed, "longest": max(map(count, texts))}
 
 
 def smallest_cap(game: str, *, result: int = 0, manual: int = 0) -> int:
@@ -94,29 +59,24 @@ def smallest_cap(game: str, *, result: int = 0, manual: int = 0) -> int:
     return low
 
 
-def _share(game: str, seeds: int, cap: int) -> str:
-    try:
-        cuts = [cut for _, cut in results(game, seeds, cap)]
-    except sp.InvalidArgumentError:
-        return "head too long"
-    return f"{sum(cuts) / len(cuts):.0%}"
+def table(rows: Sequence[Row]) -> str:
+    """The longest observation of every game, and the caps from which on neither it nor the manual is cut."""
+    lines = []
+    for game, own in grouped(rows, lambda row: row["game"]).items():
+        longest = max(row["longest"] for row in own)
+        with sp.Episode(game, seed=0) as episode:
+            manual = get_tokenizer().count(episode.call("read_manual").text)
+        caps = smallest_cap(game, result=longest), smallest_cap(game, manual=manual)
+        lines.append((f"`{game}`", *(f"{tokens:,}" for tokens in (longest, *caps))))
+    return markdown_table(("game", "longest observation", "observations whole from", "manual whole from"), lines)
 
 
-def _texts(game: str, seeds: int, cap: int | None) -> Iterator[tuple[str, str]]:
-    for player in PLAYERS:
-        for seed in range(seeds):
-            for event in _calls(game, player, seed, cap):
-                if event["name"] != "read_manual":
-                    yield event["text"], event["name"]
+EXPERIMENT = Experiment("caps", lambda rows: {"caps": table(rows)})
 
 
-def _calls(game: str, player: str, seed: int, cap: int | None) -> Iterator[Mapping[str, Any]]:
-    budget = sp.Budget(prompt_tokens=cap, tool_calls=CALLS)
-    with tempfile.TemporaryDirectory() as folder:
-        record = Path(folder) / "record.jsonl"
-        with sp.Episode(game, seed=seed, budget=budget, transcript=record) as episode:
-            sp.play(episode, sp.get_player(player, seed=seed))
-        yield from Record.read(record).calls
+def main() -> None:
+    """Play, and print or publish the table."""
+    EXPERIMENT.conclude(play(), publishes=arguments(__doc__).parse_args().publish)
 
 
 if __name__ == "__main__":

@@ -3,19 +3,17 @@
     python experiments/carry.py                          # scripted players: no key, no network, minutes
     python experiments/carry.py --player openai:MODEL    # the same question to a model
 
-`rule-notes` can use what it carries at the bandit, where it learns how often better and worse machines win. MESSENGER
-is the control: all that this player notes there is about its own world, so it has to play as if nothing was carried.
-The same command continues where it stopped; `--publish` puts table and figure into the documentation.
+`rule-notes` can use what it carries at the bandit, where it learns how often better and worse machines win. The same
+command continues where it stopped; `--publish` puts rows, table and figure into the checkout.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from page_tables import arguments, complete, interval, show
+from page_tables import Experiment, arguments, complete, interval, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -26,7 +24,6 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     legend_below,
     panels,
     sample_note,
-    save_figure,
     spread,
 )
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
@@ -38,8 +35,7 @@ from smartplay_tools.records.rows import Row, grouped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DOCS = Path(__file__).parents[1] / "docs"
-GAMES = ("BanditTwoArmedHighLowFixed-v0", "BanditTwoArmedHighHighFixed-v0", "MessengerL2-v0")
+GAMES = ("BanditTwoArmedHighLowFixed-v0", "BanditTwoArmedHighHighFixed-v0")
 CHAIN = 10
 SEED = 4711
 """Of the run: its worlds are in no other table."""
@@ -58,17 +54,14 @@ def main() -> None:
             trials=CHAIN * asked.chains,
             seed=SEED,
             out=asked.out / (carry or "nothing"),
-            options={"split": "train", "sentences": "grammar"},
             workers=asked.workers,
             **({} if carry is None else {"carry": "notes", "chain": CHAIN}),
         )
         rows += done.rows
-    show(DOCS / "experiments.md", "carry", "\n".join(table(rows)), publishes=asked.publish)
-    if asked.publish:
-        save_figure(score_against_trial(rows), DOCS / "figures" / "carry-score-against-trial", formats=["svg"])
+    EXPERIMENT.conclude(rows, publishes=asked.publish)
 
 
-def table(rows: Sequence[Row]) -> Iterator[str]:
+def table(rows: Sequence[Row]) -> str:
     """What carrying adds to the score at every game, in Markdown; the unit is the chain; intervals hold together."""
     cells = by_cell(rows)
     without = {(cell.game, cell.player): members for cell, members in cells if cell.rules["carry"] is None}
@@ -79,12 +72,13 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     ]
     measure = MEASURES["score"]
     differences = mean_estimates([difference_sample(each, measure) for each in paired], bonferroni(len(paired)))
-    yield "| game | player | chains | score without | score with | with less without [95 %, all together] |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    lines = []
     for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):
         means = mean_estimates([sample(side, measure) for side in ([b for _, b in own], [a for a, _ in own])])
-        shown = " | ".join(f"{mean.mean:.2f}" for mean in means)
-        yield f"| `{cell.game}` | {cell.player} | {difference.episodes} | {shown} | {interval(difference, '+')} |"
+        shown = [f"{mean.mean:.2f}" for mean in means]
+        lines.append((f"`{cell.game}`", cell.player, str(difference.episodes), *shown, interval(difference, "+")))
+    headings = ("game", "player", "chains", "score without", "score with", "with less without [95 %, all together]")
+    return markdown_table(headings, lines)
 
 
 @figure
@@ -124,10 +118,15 @@ def _name(cell: PlayedCell) -> str:
     return f"{cell.player}, {carried}"
 
 
+EXPERIMENT = Experiment(
+    "carry", lambda rows: {"carry": table(rows)}, lambda rows: {"carry-score-against-trial": score_against_trial(rows)}
+)
+
+
 def _arguments() -> argparse.Namespace:
     parser = arguments("What notes are worth from trial to trial.", "runs/carry")
     parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
-    parser.add_argument("--chains", type=int, default=40, help="chains of every game")
+    parser.add_argument("--chains", type=int, default=15, help="chains of every game")
     parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     return parser.parse_args()
 

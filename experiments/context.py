@@ -8,44 +8,54 @@ the size of the window, so the effect of the window is measured and not programm
 prompts and is the control: it has to have exactly the same score with every window.
 
 Each question is one sweep with its own folder. The same command again continues where it stopped, and does not repeat
-finished episodes. `--publish` puts figures and tables into the documentation.
+finished episodes. `--publish` puts rows, tables and figures into the checkout.
 """
 
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 from context_questions import CONTROL, QUESTIONS
-from context_tables import table
-from page_tables import arguments, mark, publish as publish_table
-from strategy_figure import ALONG, effects_of_strategies
+from context_tables import TARIFFS, table
+from page_tables import DOCS, Experiment, arguments, priced, records_of
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.figures.style import save_figure
-from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.runs.sweeps import Sweep, sweep
+from smartplay_tools.records.rows import Row
 
-__all__ = ["CONTROL", "QUESTIONS", "main", "table"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-DOCS = Path(__file__).parents[1] / "docs"
-PAGES = (DOCS / "experiments.md", DOCS / "context-cost.md")
-"""The pages that have tables of this experiment."""
+__all__ = ["CONTROL", "EXPERIMENTS", "QUESTIONS", "main", "table"]
+
+
+def figures(name: str, rows: Sequence[Row]) -> dict[str, Figure]:
+    """The figures of a question's answer that the pages show."""
+    pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    named = {f"{name}-{figure}": drawn for figure, drawn in run_figures(rows).items()}
+    return {figure: drawn for figure, drawn in named.items() if f"figures/{figure}.svg)" in pages}
+
+
+EXPERIMENTS = {
+    name: Experiment(name, lambda rows, name=name: {name: table(name, rows)}, partial(figures, name))
+    for name in QUESTIONS
+}
 
 
 def main() -> None:
-    """Play the sweeps, print the tables, and write them and the figures."""
+    """Play the sweeps, and print or publish the tables."""
     asked = _arguments()
-    tables: dict[str, str] = {}
     for name in asked.questions:
-        played = _ask(name, asked)
-        tables[name] = table(name, played)
-        print(f"## {name}\n\n{tables[name]}\n", flush=True)
-    (asked.out / "tables.md").write_text("\n\n".join(tables.values()) + "\n", encoding="utf-8")
-    if asked.publish:
-        publish(tables, asked.out)
+        run = _ask(name, asked).run
+        tariffs = TARIFFS.get(name, [])
+        rows = priced(run.rows, records_of(run), tariffs) if tariffs else run.rows
+        print(f"## {name}\n")
+        EXPERIMENTS[name].conclude(rows, publishes=asked.publish)
 
 
 def _arguments() -> argparse.Namespace:
@@ -80,26 +90,7 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
         left = played.run.planned - len(played.rows)
         sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
     played.write()
-    if name == "strategies":
-        drawn = effects_of_strategies(compare_windows(played.rows, along=ALONG))
-        save_figure(drawn, asked.out / name / "figures" / "strategies")
     return played
-
-
-def publish(tables: dict[str, str], out: Path) -> None:
-    """Write the tables between their marks in the pages, and the figures into their folder."""
-    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
-    for name, answer in tables.items():
-        publish_table(next(page for page, text in texts.items() if mark(name) in text), name, answer)
-        for path in sorted((out / name / "figures").iterdir()):
-            if any(f"figures/{name}-{path.name})" in text for text in texts.values()):
-                drawn = _compact(path.read_text(encoding="utf-8"))
-                (DOCS / "figures" / f"{name}-{path.name}").write_text(drawn, encoding="utf-8", newline="\n")
-
-
-def _compact(drawing: str) -> str:
-    """A drawing with two decimals and without indentation: a repository keeps every version of it."""
-    return re.sub(r"\n +", "\n", re.sub(r"(\.\d\d)\d+", r"\1", drawing))
 
 
 if __name__ == "__main__":

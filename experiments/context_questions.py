@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.games import PAPER_RESULTS
 
 SMALL_GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0")
 
@@ -45,7 +44,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         # With notes the player lives for the paper's 10,000 steps; fewer are enough to show the effect of notes.
         "budget": sp.Budget(tool_calls=1000),
-        "trials": 40,
+        "trials": 20,
     },
     "messenger": {
         "games": ("MessengerL1-v0", "MessengerL2-v0", "MessengerL3-v0"),
@@ -53,14 +52,6 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         # The rules use the newest four observations: the latest one and three past ones.
         "vary": {
             "history": (0, 1, 2, 3),
-        },
-        "trials": 200,
-    },
-    "minecraft": {
-        "games": ("MinedojoCreative0-v0", "MinedojoCreative1-v0"),
-        "players": ("rule",),
-        "vary": {
-            "history": (0, 2, 5),
         },
         "trials": 20,
     },
@@ -89,13 +80,6 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         },
         "budget": sp.Budget(tool_calls=300),
         "trials": 10,
-    },
-    "capabilities": {
-        "games": tuple(PAPER_RESULTS[0].raw)[
-            :-1
-        ],  # the last is Minecraft, for which the default engine is not the paper's
-        "players": ("rule", "random"),
-        "trials": 20,
     },
 }
 """A sweep for each question."""

@@ -1,9 +1,9 @@
 """What is context worth to a model that was trained for it? The experiment of `docs/train-a-tiny-agent.md`.
 
     pip install 'smartplay-tools[train,evaluation]'
-    python experiments/learned.py play --quick      # a minute, which shows that everything works and teaches nothing
-    python experiments/learned.py play              # trains and plays, and continues where it stopped: an hour
-    python experiments/learned.py table --publish   # the tables and the figure, from the published rows
+    python experiments/learned.py --quick       # a minute, which shows that everything works and teaches nothing
+    python experiments/learned.py               # trains and plays, and continues where it stopped: an hour
+    python experiments/tables.py learned        # the tables, from the published rows
 
 Tiny transformers (`examples/tiny_agent.py`) learn to reply as a teacher did, each from windows of one kind, and play
 worlds that neither the teacher nor they have played, under caps and strategies that they were trained for and under
@@ -13,30 +13,16 @@ cells are published beside the rows.
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from learned_tables import Played, publish, tables
+from learned_lab import play
 from page_tables import arguments
-
-PUBLISHED = Path(__file__).parent / "learned"
 
 
 def main() -> None:
-    """Play, or print the tables."""
-    parser = arguments(__doc__, "runs/learned")
-    parser.add_argument("what", choices=("play", "table"))
+    """Train and play."""
+    parser = arguments(__doc__, "runs/learned", publishes=False)
     parser.add_argument("--quick", action="store_true", help="play a few small cells, of each kind one")
     asked = parser.parse_args()
-    if asked.what == "play":
-        from learned_lab import play  # which needs the extra `train`
-
-        play(asked.out, quick=asked.quick)
-        return
-    played = Played(PUBLISHED / "episodes.csv")
-    written = tables(played)
-    print("\n\n".join(written.values()))
-    if asked.publish:
-        publish(written, played)
+    play(asked.out, quick=asked.quick)
 
 
 if __name__ == "__main__":

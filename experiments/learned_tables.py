@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import fmean, median, variance
+from statistics import fmean, variance
 from typing import TYPE_CHECKING, Any
 
 from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
-from page_tables import publish as publish_table
+from page_tables import HERE, Experiment, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.distributions import t_quantile
-from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels, save_figure
+from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels
 from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate
 from smartplay_tools.evaluation.analysis.together import bonferroni
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE = Path(__file__).parents[1] / "docs" / "train-a-tiny-agent.md"
 NUMBERS = ("trial", "seed", "steps", "turns", "illegal_actions", "malformed_calls", "idle_replies", "refused_notes")
 ABOUT = ("game", "player", "cap", "way", "manual")
 SCORES = Bounds(0, 50)
@@ -104,34 +102,18 @@ def _matrix(played: Played, columns: Mapping[str, Mapping[str, Any]]) -> str:
         for player in dict.fromkeys(every)
         if all(Cell(player, **column) in played.rows for column in columns.values())
     ]
-    lines = [f"| played with | {' | '.join(columns)} |", f"|{' --- |' * (len(columns) + 1)}"]
+    lines = []
     for player in sorted(players, key=_order):
         cells = [Cell(player, **column) for column in columns.values()]
         means = (_interval(mean_estimate(played.scores(cell), SCORES), "-") for cell in cells)
         shown = (f"{mean}, {played.failures(cell)}" for mean, cell in zip(means, cells, strict=True))
-        lines.append(f"| {player} | {' | '.join(shown)} |")
-    return "\n".join(lines)
+        lines.append((player, *shown))
+    return markdown_table(("played with", *columns), lines)
 
 
 def _order(player: str) -> tuple[bool, bool, str]:
     """Scripted players stand first, then models, those of a regime together."""
     return bool(re.search(r"-\d", player)), player.endswith("-rewarded"), player
-
-
-def long_table(played: Played) -> str:
-    """Every cell as a line of CSV: mean, interval, median, failures, share of turns with a mistake."""
-    written = io.StringIO()
-    lines = csv.writer(written, lineterminator="\n")
-    lines.writerow((*ABOUT, "worlds", "mean", "low", "high", "median", "failures", "mistakes"))
-    for cell, rows in played.rows.items():
-        scores = played.scores(cell)
-        estimate = mean_estimate(scores, SCORES)
-        wrong = sum(row["illegal_actions"] + row["malformed_calls"] + row["idle_replies"] for row in rows)
-        bounds = ("" if bound is None else f"{bound:.2f}" for bound in (estimate.low, estimate.high))
-        figures = (f"{median(scores):g}", played.failures(cell), f"{wrong / sum(row['turns'] for row in rows):.4f}")
-        about = (cell.cap or "" if name == "cap" else getattr(cell, name) for name in ABOUT)
-        lines.writerow((*about, len(rows), f"{estimate.mean:.2f}", *bounds, *figures))
-    return written.getvalue()
 
 
 Compared = tuple[Cell, Cell]
@@ -185,14 +167,14 @@ def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
         if any(each := [_paired(played, kind) for kind in kinds]):
             rows.append((pair, each))
     together = bonferroni(sum(values is not None for _, each in rows for values in each))
-    lines = [f"| this | less this | {' | '.join(f'seed {seed}' for seed in SEEDS)} | any seed |", f"|{' --- |' * 6}"]
+    lines = []
     for (cell, other), each in rows:
         shown = [
             "not run" if values is None else _interval(mean_estimate(values, BOUNDS, together), "+") for values in each
         ]
         shown += ["" for _ in SEEDS[len(each) :]]
-        lines.append(f"| {_name(cell)} | {_name(other)} | {' | '.join(shown)} | {_any_seed(each)} |")
-    return "\n".join(lines)
+        lines.append((_name(cell), _name(other), *shown, _any_seed(each)))
+    return markdown_table(("this", "less this", *(f"seed {seed}" for seed in SEEDS), "any seed"), lines)
 
 
 def _of_seed(pair: Compared, seed: int) -> Compared:
@@ -227,11 +209,11 @@ def _any_seed(each: Sequence[Sequence[float] | None]) -> str:
 def _differences(played: Played, wanted: Sequence[Compared]) -> str:
     """Paired differences, whose intervals hold together in 95 of 100 such tables."""
     compared = [(pair, values) for pair in wanted if (values := _paired(played, pair)) is not None]
-    lines = ["| this | less this | difference [95 %, all together] |", f"|{' --- |' * 3}"]
+    lines = []
     for (cell, other), values in compared:
         estimate = mean_estimate(values, BOUNDS, bonferroni(len(compared)))
-        lines.append(f"| {_name(cell)} | {_name(other)} | {_interval(estimate, '+')} |")
-    return "\n".join(lines)
+        lines.append((_name(cell), _name(other), _interval(estimate, "+")))
+    return markdown_table(("this", "less this", "difference [95 %, all together]"), lines)
 
 
 def _name(cell: Cell) -> str:
@@ -270,9 +252,9 @@ def curves(played: Played) -> Figure:
     return drawn
 
 
-def publish(written: Mapping[str, str], played: Played) -> None:
-    """Put the tables between their marks in the page and beside the rows, and draw the figure."""
-    for name, table in written.items():
-        publish_table(PAGE, name, table)
-    played.path.with_name("cells.csv").write_text(long_table(played), encoding="utf-8", newline="")
-    save_figure(curves(played), PAGE.parent / "figures" / "learned-curves", formats=["svg"])
+EXPERIMENT = Experiment(
+    "learned",
+    tables,
+    lambda played: {"learned-curves": curves(played)},
+    lambda: Played(HERE / "learned" / "episodes.csv"),
+)

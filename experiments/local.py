@@ -4,7 +4,7 @@
     python experiments/local.py tune --out runs/local    # extra `train`, with accelerate and gguf; goes on if stopped
     python experiments/local.py play --out runs/local    # extra `local`; both models and two scripts, a row an episode
     python experiments/local.py syntax                   # what the grammar is worth: its prompts without it
-    python experiments/local.py table --publish          # the tables of the page, from the published rows
+    python experiments/tables.py local                   # the tables of the page, from the published rows
 
 `tune` lets `rule` play worlds that nobody is evaluated on, exports the records as `sft-chains`, and trains the last
 layers of SmolLM2 on the replies, in exactly the text that `--player local` sends (`local_tune.py`). A file of the same
@@ -20,14 +20,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from page_tables import arguments, markdown_table, show
+from page_tables import HERE, Experiment, arguments, markdown_table, mean_score
 from smartplay_local.model_files import find_model
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
-from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.prompts import sent_prompts
@@ -52,7 +50,6 @@ LAYERS = 4
 """How many of the 30 layers are trained, the last ones."""
 REPLIES = 8
 """Rows with fewer replies are mostly head, and are left out of training."""
-HERE = Path(__file__).parent
 PUBLISHED = HERE / "local"
 
 
@@ -152,16 +149,23 @@ def _score(rows: Sequence[Row]) -> str:
     """The mean score with its interval, and of how many worlds."""
     if not rows:
         return "not played"
-    scores = sample(rows, score)
-    estimate = mean_estimate(scores.values, scores.bounds)
+    estimate = mean_score(rows)
     bounds = "" if estimate.low is None or estimate.high is None else f" [{estimate.low:.1f}, {estimate.high:.1f}]"
     return f"{estimate.mean:.1f}{bounds} ({len(rows)})"
 
 
+def published() -> list[Row]:
+    """Return the rows of the published runs."""
+    return [row for path in sorted(PUBLISHED.glob("*/results.jsonl")) for row in read_rows(path)]
+
+
+EXPERIMENT = Experiment("local", tables, read=published)
+
+
 def main() -> None:
-    """Tune, play, or print the table."""
-    parser = arguments(__doc__, "runs/local")
-    parser.add_argument("what", choices=("tune", "play", "syntax", "table"))
+    """Tune, play, or ask without a grammar."""
+    parser = arguments(__doc__, "runs/local", publishes=False)
+    parser.add_argument("what", choices=("tune", "play", "syntax"))
     parser.add_argument("--source", default=MODEL, help="train this: a name, or a GGUF file of a Llama with ChatML")
     parser.add_argument("--worlds", type=int, default=20, help="worlds of each game and cap that the teacher plays")
     parser.add_argument("--rows", type=int, default=100, help="rows that are trained on, of different worlds")
@@ -170,10 +174,6 @@ def main() -> None:
     parser.add_argument("--player", action="append", help="play with this player alone, such as local:FILE.gguf")
     parser.add_argument("--trials", type=int, default=5, help="worlds of each game that are played")
     asked = parser.parse_args()
-    if asked.what == "table":
-        files = sorted(PUBLISHED.glob("*/results.jsonl"))
-        for name, written in tables([row for path in files for row in read_rows(path)]).items():
-            show(HERE.parent / "docs" / "local.md", name, written, publishes=asked.publish)
     if asked.what == "syntax":
         syntax()
     if asked.what == "play":

@@ -1,20 +1,41 @@
-"""The tables in the pages of the documentation: each stands between its marks, and its script renews it."""
+"""What the experiments share: published rows, tables of them in Markdown, and their places in the documentation.
+
+The rows of an experiment are the file `rows.jsonl.xz` in the folder of its name; the pages have each table between
+marks. `tables.py` makes all tables from the rows.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import lzma
+import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.windows import WindowComparison
+from smartplay_tools.evaluation.analysis.figures.style import save_figure
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
+from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
+from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.runs.runner import Run
+from smartplay_tools.records.rows import Row
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HERE = Path(__file__).parent
+DOCS = HERE.parent / "docs"
 END = "<!-- end -->"
+
+LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
+"""What the tables do not need of a row."""
 
 REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
 
@@ -27,9 +48,83 @@ def repeat_previous(k: int, decks: int = 1) -> str:
     return sp.register(replace(REPEAT, id=f"RepeatPrevious{k}-v0", **facts)).id
 
 
+@dataclass(frozen=True)
+class Experiment:
+    """The tables and the figures that pages show of rows."""
+
+    name: str
+    tables: Callable[[Any], Mapping[str, str]]
+    """Makes the tables, in Markdown, by the names in their marks."""
+    figures: Callable[[Any], Mapping[str, Figure]] = lambda _: {}
+    """Draws the figures, by the names of their files."""
+    read: Callable[[], Any] | None = None
+    """Reads the published rows, if they are not in `rows.jsonl.xz`."""
+
+    @property
+    def path(self) -> Path:
+        """The file of the published rows."""
+        return HERE / self.name / "rows.jsonl.xz"
+
+    def rows(self) -> Any:
+        """Return the published rows."""
+        return read_rows(self.path) if self.read is None else self.read()
+
+    def publish(self) -> None:
+        """Put tables and figures of the published rows into the documentation."""
+        rows = self.rows()
+        for name, written in self.tables(rows).items():
+            publish(page_of(name), name, written)
+        for name, drawn in self.figures(rows).items():
+            save_figure(drawn, DOCS / "figures" / name, formats=["svg"])
+            path = DOCS / "figures" / f"{name}.svg"
+            path.write_text(_compact(path.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
+
+    def conclude(self, rows: Iterable[Row], *, publishes: bool) -> None:
+        """Print the tables of rows that were played; if they are to be published, write them and what pages show."""
+        played = list(rows)
+        for written in self.tables(played).values():
+            print(written, "\n", flush=True)
+        if publishes:
+            write_rows(played, self.path)
+            self.publish()
+
+
+def write_rows(rows: Iterable[Row], path: Path) -> None:
+    """Write rows as JSON Lines, compressed, without what only their records need."""
+    lines = [json.dumps({name: row[name] for name in row if name not in LEFT_OUT}) for row in rows]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(lzma.compress("".join(f"{line}\n" for line in lines).encode(), preset=9))
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Read rows."""
+    return [json.loads(line) for line in lzma.decompress(path.read_bytes()).splitlines()]
+
+
+def priced(rows: Iterable[Row], records: Mapping[str, Path], tariffs: Sequence[Tariff]) -> Iterator[Row]:
+    """Yield rows with what only their records say: the cost of the episode under each rule of caches."""
+    charged = charge_records(records, tariffs, {})
+    for row in rows:
+        charge = charged[row["key"]]
+        yield {**row, "costs": [] if charge is None else [round(each.cost, 1) for each in charge.charges]}
+
+
+def records_of(run: Run) -> dict[str, Path]:
+    """Return the records of a run's episodes by their keys."""
+    return {row["key"]: run.transcript(row["key"]) for row in run.rows}
+
+
 def mark(name: str) -> str:
     """Return the line that begins the table of a name."""
     return f"<!-- table: {name} -->\n"
+
+
+def page_of(name: str) -> Path:
+    """Return the page that has a place for a table; ValueError if none has."""
+    for page in sorted(DOCS.glob("*.md")):
+        if mark(name) in page.read_text(encoding="utf-8"):
+            return page
+    raise ValueError(f"No page has a place for the table {name}: a line {mark(name)!r} and, below it, {END!r}.")
 
 
 def publish(page: Path, name: str, written: str) -> None:
@@ -41,11 +136,9 @@ def publish(page: Path, name: str, written: str) -> None:
     page.write_text(f"{before}{marked}\n{written}\n\n{end}{after}", encoding="utf-8")
 
 
-def show(page: Path, name: str, written: str, *, publishes: bool) -> None:
-    """Print a table, and put it into a page if it is to be published."""
-    print(written, "\n", flush=True)
-    if publishes:
-        publish(page, name, written)
+def _compact(drawing: str) -> str:
+    """A drawing with two decimals and without indentation: a repository keeps every version of it."""
+    return re.sub(r"\n +", "\n", re.sub(r"(\.\d\d)\d+", r"\1", drawing))
 
 
 def table_row(cells: Iterable[str]) -> str:
@@ -58,13 +151,63 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]]) -> st
     return "\n".join(map(table_row, [headings, ["---"] * len(headings), *rows]))
 
 
-Column = tuple[str, Callable[[WindowComparison], str]]
-"""A heading, and what it shows of a comparison."""
+@dataclass(frozen=True)
+class Line:
+    """A cell in a table: its comparison with the reference of its family, and its rows."""
+
+    compared: WindowComparison
+    rows: Sequence[Row]
+
+    def mean(self, figure: Callable[[Row], float], digits: int = 0) -> str:
+        """Return the mean of a figure of its episodes."""
+        return f"{fmean(map(figure, self.rows)):,.{digits}f}"
 
 
-def comparison_table(columns: Sequence[Column], comparisons: Iterable[WindowComparison]) -> str:
-    """Return a table in Markdown with a line for each comparison."""
-    return markdown_table([heading for heading, _ in columns], ([show(c) for _, show in columns] for c in comparisons))
+Column = tuple[str, Callable[[Line], str]]
+"""A heading, and what it shows of a cell."""
+
+
+def comparison_table(
+    rows: Sequence[Row], along: Sequence[str], columns: Sequence[Column], without: Container[str] = ()
+) -> str:
+    """Return a table in Markdown with a line for each cell, but those of the players `without`.
+
+    Cells are compared with the widest of those that differ in the fields `along` of the budget alone.
+    """
+    members = {cell.key(): own for cell, own in by_cell(rows)}
+    lines = [
+        Line(compared, members[compared.cell.key()])
+        for compared in compare_windows(rows, along=along)
+        if compared.cell.player not in without
+    ]
+    return markdown_table([heading for heading, _ in columns], ([show(line) for _, show in columns] for line in lines))
+
+
+GAME: Column = "game", lambda line: f"`{line.compared.cell.game}`"
+PLAYER: Column = "player", lambda line: line.compared.cell.player
+EPISODES: Column = "episodes", lambda line: str(line.compared.episodes)
+SCORE: Column = "score [95 %]", lambda line: interval(line.compared.means["score"])
+TOKENS: Column = "tokens an episode", lambda line: f"{line.compared.means['tokens'].mean:,.0f}"
+STABLE: Column = "prefix-stable", lambda line: f"{100 * line.compared.means['prefix_share'].mean:.1f} %"
+
+
+def difference(show: Callable[[WindowComparison], str]) -> Callable[[Line], str]:
+    """Return a column's difference to the reference: "reference", "identical" play, or what `show` returns."""
+
+    def shown(line: Line) -> str:
+        each = line.compared
+        return "reference" if each.is_reference else "identical" if each.is_identical else show(each)
+
+    return shown
+
+
+TOGETHER: Column = "less dropping [95 %, all together]", difference(lambda each: interval(each.together, "+"))
+
+
+def mean_score(rows: Sequence[Row]) -> MeanEstimate:
+    """Return the mean score of a cell's episodes with its interval."""
+    scores = sample(rows, MEASURES["score"])
+    return mean_estimate(scores.values, scores.bounds)
 
 
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
@@ -83,11 +226,13 @@ def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"
 
 
-def arguments(description: str | None, out: str) -> argparse.ArgumentParser:
-    """Return a parser of what every experiment takes: the folder of its runs, and whether to publish."""
+def arguments(description: str | None, out: str | None = None, *, publishes: bool = True) -> argparse.ArgumentParser:
+    """Return a parser of what experiments take: the folder of their runs, if they have one, and whether to publish."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path(out), help="the folder of the runs")
-    parser.add_argument("--publish", action="store_true", help="put tables and figures into the documentation")
+    if out is not None:
+        parser.add_argument("--out", type=Path, default=Path(out), help="the folder of the runs")
+    if publishes:
+        parser.add_argument("--publish", action="store_true", help="put rows, tables and figures into the checkout")
     return parser
 
 

@@ -1,8 +1,6 @@
 """The ruler: how much must be kept before a player that only reads can play, for games that need more and more of it.
 
-    python experiments/ruler.py                           # the table, from the published rows
-    python experiments/ruler.py --publish                 # and puts it and its figure into docs/memory.md
-    python experiments/ruler.py play --out runs/ruler     # plays it; needs the extra popgym
+    python experiments/ruler.py --out runs/ruler     # plays it; needs the extra popgym
 
 The player `reader` plays rightly from what its prompt shows, and guesses otherwise. Each game is played under every
 history without a cap, and under every cap without a limit on the history, on the same seeds.
@@ -14,8 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from arena_curves import read_rows, write_rows
-from page_tables import arguments, complete, interval, markdown_table, repeat_previous, show
+from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score, repeat_previous
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -26,11 +23,9 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     legend_below,
     panels,
     sample_note,
-    save_figure,
 )
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
-from smartplay_tools.evaluation.analysis.pairs import sample, score
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
@@ -38,8 +33,6 @@ from smartplay_tools.records.rows import Row
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAGE = Path(__file__).parents[1] / "docs" / "memory.md"
-PUBLISHED = Path(__file__).parent / "ruler" / "rows.jsonl.xz"
 PLAYER = PlayerConfig(name="reader")
 SEED, TRIALS = 1997, 10
 GAMES = {repeat_previous(k): f"RepeatPrevious, k = {k}" for k in (2, 8, 24)} | {
@@ -77,12 +70,11 @@ def is_playable(game: str, budget: sp.Budget) -> bool:
 def points(rows: Sequence[Row], game: str, along: str) -> Points:
     """Return the mean score of a game against its history, or against its cap, in ascending order."""
     other = {"history": "prompt_tokens", "prompt_tokens": "history"}[along]
-    cells = [
-        (cell.budget[along], sample(own, score))
+    return sorted(
+        (cell.budget[along], mean_score(own))
         for cell, own in by_cell(rows)
         if cell.game == game and cell.budget[other] is None and cell.budget[along] is not None
-    ]
-    return sorted((place, mean_estimate(own.values, own.bounds)) for place, own in cells)
+    )
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -121,17 +113,13 @@ def ruler(rows: Sequence[Row]) -> Figure:
     return drawn
 
 
+EXPERIMENT = Experiment("ruler", lambda rows: {"ruler": table(rows)}, lambda rows: {"memory-ruler": ruler(rows)})
+
+
 def main() -> None:
-    """Play, print and publish, as asked."""
-    parser = arguments(__doc__, "runs/ruler")
-    parser.add_argument("action", nargs="?", choices=("play",), help="play the games before")
-    given = parser.parse_args()
-    if given.action:
-        write_rows(play(given.out), PUBLISHED)
-    rows = read_rows(PUBLISHED)
-    show(PAGE, "ruler", table(rows), publishes=given.publish)
-    if given.publish:
-        save_figure(ruler(rows), PAGE.parent / "figures" / "memory-ruler", formats=("svg",))
+    """Play, and print or publish the table."""
+    given = arguments(__doc__, "runs/ruler").parse_args()
+    EXPERIMENT.conclude(play(given.out), publishes=given.publish)
 
 
 if __name__ == "__main__":

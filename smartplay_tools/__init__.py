@@ -54,35 +54,7 @@ if TYPE_CHECKING:
     __version__: str
 
 if not TYPE_CHECKING:
-    _of_a_module, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.context.strategies.choices": "Choice Past Strategy",
-            "smartplay_tools.context.strategies.custom": "register_strategy",
-            "smartplay_tools.conversation.loop": "aplay play",
-            "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
-            "smartplay_tools.conversation.text_env": "TextEnv",
-            "smartplay_tools.episode.config": "EpisodeConfig",
-            "smartplay_tools.episode.episode": "Episode",
-            "smartplay_tools.episode.tools": "schema",
-            "smartplay_tools.errors": "InvalidArgumentError SmartPlayError",
-            "smartplay_tools.evaluation.runs.runner": "evaluate",
-            "smartplay_tools.evaluation.runs.sweeps": "sweep",
-            "smartplay_tools.games.base": "TextGame",
-            "smartplay_tools.games.game_registry": "GameSpec",
-            "smartplay_tools.games.specs": "GAMES register",
-            "smartplay_tools.types.messages": "Message",
-            "smartplay_tools.players.prompt_reading": "call",
-            "smartplay_tools.players.player_registry": "get_player",
-            "smartplay_tools.players.scripted": "ScriptedPlayer",
-            "smartplay_tools.records.replays": "replay",
-            "smartplay_tools.records.resumption": "fork resume",
-            "smartplay_tools.transcript.file": "read_transcript",
-            "smartplay_tools.types": (
-                "AsyncPlayer Budget EpisodeResult Player Prompt Reply SampledTokens ToolResult ToolSpec Usage"
-            ),
-        },
-    )
+    _of_a_module, __dir__, __all__ = lazy_exports(__name__)
 
     def __getattr__(name: str) -> object:
         """Import a name when it is first used; finding the version takes longer than importing all the others."""

@@ -2,6 +2,7 @@
 
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget is invalid; also a ValueError
+    │   └── DamageError       a file of a run is damaged
     ├── UnknownNameError      no game, player or tokenizer has that name; the message lists similar ones
     ├── ResetNeededError      a step of a game that is over, or was never reset
     ├── EngineError           a game's engine, a separate program, does not start or has stopped
@@ -48,6 +49,14 @@ class SmartPlayError(Exception):
 
 class InvalidArgumentError(SmartPlayError, ValueError):
     """An argument is invalid; the message says what is valid."""
+
+
+class DamageError(InvalidArgumentError):
+    """A file of a run is damaged, or cannot be read; the message names it."""
+
+
+class DamageWarning(UserWarning):
+    """A damaged part of a run was left out, and the rest was read; the message names the part."""
 
 
 class UnknownNameError(SmartPlayError, KeyError):
@@ -182,19 +191,53 @@ def is_disk_full(error: BaseException | None) -> bool:
     return False
 
 
+SENSELESS = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    StopIteration,
+    TypeError,
+    ValueError,
+)
+"""The exceptions that Python raises if events have values that do not fit each other, or come in another order."""
+
+
 @contextmanager
 def damage_named(what: object) -> Iterator[None]:
-    """Turn the errors raised while damaged data is read into an `InvalidArgumentError` that names the data.
+    """Turn the errors raised while a record is used whose events are out of place into a `DamageError` that names it.
 
-    A file can be valid JSON and still hold a wrong value anywhere; checking all of it first would take a second reader.
+    Each event of a record is checked when it is read; only using them all shows whether they fit each other.
     """
     try:
         yield
+    except TranscriptError as error:
+        raise DamageError(str(error)) from error
     except SmartPlayError:
         raise
-    except (AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+    except SENSELESS as error:
         reason = f"{type(error).__name__}: {in_one_line(error)[:200]}"
-        raise InvalidArgumentError(f"{what} is damaged: {reason}.") from error
+        raise DamageError(f"{what} is damaged: {reason}.") from error
+    except OSError as error:
+        raise DamageError(f"{what} cannot be read: {error.strerror}.") from None
+
+
+@contextmanager
+def damage_left_out(what: object) -> Iterator[None]:
+    """Leave out what `damage_named` finds damaged, with a warning."""
+    try:
+        with damage_named(what):
+            yield
+    except DamageError as error:
+        warn_damaged(error)
+
+
+def warn_damaged(why: SmartPlayError | str) -> None:
+    """Warn that a damaged part of a run is left out."""
+    import warnings
+
+    warnings.warn(str(why), DamageWarning, stacklevel=3)
 
 
 @contextmanager

@@ -10,15 +10,16 @@ the digest of its content: one that was edited is imported again, and its earlie
 record names in this way has its digest beside the name, and is not imported for the record: see `NamedInFiles`.
 
 `lazy_exports` gives a package names that are imported when they are first used, so that importing the package takes
-milliseconds (PEP 562). The package lists them twice: for type checkers and editors as ordinary imports under
-`TYPE_CHECKING`, and for Python as the table that it passes. A test keeps the two equal. For the same reason this module
-imports what its functions need when they are called.
+milliseconds (PEP 562). The package lists them once, as imports under `TYPE_CHECKING`: type checkers and editors read
+them there, and so does `lazy_exports`. For the same reason this module imports what its functions need when they are
+called.
 """
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -133,15 +134,25 @@ class NamedInFiles:
         """
         file, _, attribute = name.rpartition(":")
         if digest is None or (digest, attribute) not in self.read:
-            found = read_file(f"{path or file}:{attribute}", self._kind, self._noun, self._is_one)
-            self.read[found.sha256, attribute] = found
-            if digest not in (None, found.sha256):
+            if digest is not None and _digest_of(path or file) not in (None, digest):
                 raise InvalidArgumentError(
-                    f"{found.path} has changed since its episodes were planned; put the earlier file back, or play "
+                    f"{path or file} has changed since its episodes were planned; put the earlier file back, or play "
                     "again with the new one."
                 )
+            found = read_file(f"{path or file}:{attribute}", self._kind, self._noun, self._is_one)
+            self.read[found.sha256, attribute] = found
             digest = found.sha256
         return self.read[digest, attribute]
+
+    def check(self, name: str, digests: Collection[str | None]) -> None:
+        """Refuse a file that a user names for records if it is none of theirs, before it is imported."""
+        file = name.rpartition(":")[0]
+        known = {digest for digest in digests if digest is not None}
+        if known and _digest_of(file) not in (None, *known):
+            raise InvalidArgumentError(
+                f"{file} is not the file of the record, or has changed since, so it is not imported; name an unchanged "
+                f"copy with --{self._kind}."
+            )
 
     def recorded(self, name: str, digest: str | None) -> InFile:
         """Return what a record names, without importing a file for it; `digest` is that of its file."""
@@ -156,6 +167,17 @@ class NamedInFiles:
             f"The record was played with the {self._kind} {name}; name it with --{self._kind}, with the path of its "
             "file, to import it."
         )
+
+
+def _digest_of(file: str | Path) -> str | None:
+    """The digest of a file; None if it cannot be read."""
+    from hashlib import sha256
+    from pathlib import Path
+
+    try:
+        return sha256(Path(file).read_bytes()).hexdigest()
+    except OSError:
+        return None
 
 
 def _module(path: Path, source: bytes, digest: str) -> ModuleType:
@@ -222,14 +244,15 @@ class Registry(Mapping[str, Any]):
         return [] if self._group is None else list(declared_in(self._group))
 
 
-def lazy_exports(
-    package: str, modules: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package.
+def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports that it has for type checkers.
 
-    `modules` maps each module to the names that the package exports from it, separated by spaces.
+    These are read from its source: every `X as X` in `from MODULE import ...` below `if TYPE_CHECKING`.
     """
-    places = {name: module for module, names in modules.items() for name in names.split()}
+    spec = sys.modules[package].__spec__
+    source = spec.loader.get_data(spec.origin).decode("utf-8")  # type: ignore[union-attr]
+    imports = re.findall(r"^    from (\S+) import (\([^)]*\)|.*)$", source, re.MULTILINE)
+    places = {name: module for module, names in imports for name in re.findall(r"\b(\w+) as \1\b", names)}
 
     def find(name: str) -> Any:
         if name not in places:

@@ -8,11 +8,13 @@ import json
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.players import call
 from smartplay_tools.records import Record
-from smartplay_tools.records.accounts import PARTS, Accounts, Departure
+from smartplay_tools.records.accounts import PARTS, Accounts, Departure, shown_turns
+from smartplay_tools.transcript.events import concerns_summary
 from smartplay_tools.types import ResolvedBudget, ToolSpec
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -27,7 +29,17 @@ BUDGETS = {
     "mask": sp.Budget(history=3, prompt_tokens=900, beyond_history="mask"),
     "notes": sp.Budget(history=3, notes_tokens=60),
     "summary": sp.Budget(history=None, prompt_tokens=900, slack=0.5, summary_tokens=60),
+    "compactor": sp.Budget(history=3, prompt_tokens=900, notes_tokens=60, strategy="shortening"),
 }
+
+
+class Shortening:
+    """A compactor that has a message in place of all but the newest six, once there are twelve."""
+
+    def compact(self, history, room):
+        if len(history) < 12 or history[-6]["role"] == "tool":
+            return history
+        return [history[0], {"role": "user", "content": "So far so good."}, *history[-6:]]
 
 
 class Talker:
@@ -52,6 +64,7 @@ class Talker:
 
 @pytest.fixture(params=BUDGETS, scope="module")
 def record(request):
+    custom._NAMED["shortening"] = custom.Loaded(Shortening)
     with sp.Episode(BANDIT, seed=3, budget=BUDGETS[request.param], transcript=(events := [])) as episode:
         sp.play(episode, Talker())
     return Record(events)
@@ -66,11 +79,22 @@ def accounts_of(record: Record) -> Accounts:
 def test_the_parts_are_what_they_are_called(record):
     last = dict(zip(PARTS, accounts_of(record).parts(record.views[-1]), strict=True))
     budget = sp.Budget(**record.facts["asked"])
-    assert all(last[part] for part in ("task", "manual", "words", "calls", "observations"))
+    assert all(last[part] for part in ("task", "words", "calls", "observations"))
+    assert bool(last["texts"]) == (budget.strategy is not None)
+    assert bool(last["manual"]) == (budget.strategy is None)  # with a compactor it is a result, which can leave
     assert bool(last["notes"]) == (budget.notes_tokens is not None)
     assert bool(last["summary"]) == (budget.summary_tokens is not None)
     if budget.beyond_history == "mask":
         assert last["masked"]
+
+
+def test_a_turn_that_was_shown_whole_is_in_the_prompt(record):
+    views = [view for view in record.views if not concerns_summary(view)]
+    for view, sent in zip(views, record.prompts, strict=False):
+        kinds, before = shown_turns(record, view), record.turns[: view["turn"]]
+        there = {turn.number for turn in before if all(message in sent.prompt.messages for message in turn.messages)}
+        assert {number for number, kind in enumerate(kinds) if kind == "whole"} <= there
+        assert {kinds[number] for number in there} <= {"whole", "notes"}
 
 
 def shown(record: Record, left: Departure, **budget: int | None) -> bool:

@@ -35,6 +35,10 @@ def test_prompts_follow_and_the_record_replays():
         third = play_turn(session, calling(act("C->B")))
     heads = [event for event in events if event["event"] == "head"]
     assert len(heads) == 2, "the same head again is not a change"
+    prefixes = [event["prefix_tokens"] for event in events if event["event"] == "view"]
+    assert [head.get("since") for head in heads] == [None, 1]
+    assert prefixes[:2] == [0, 0], "no prompt begins with other tools"
+    assert prefixes[2] > 0
     assert [prompt.messages[2]["content"] for prompt in (first, second, third)] == ["Be quick."] + ["Be careful."] * 2
     assert [len(prompt.tools) for prompt in (first, second, third)] == [3, 4, 4]
     assert all(sent.sha256 == sent.recorded_sha256 for sent in sent_prompts(events))

@@ -118,6 +118,6 @@ def test_a_record_of_any_of_them_replays_adds_up_and_names_them(asked):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("budget", WINDOW, ids=lambda budget: budget.describe() or "dropping")
+@pytest.mark.parametrize("budget", WINDOW[-2:], ids=lambda budget: budget.describe())
 def test_the_strategies_of_the_window_keep_it_in_two_processes(budget):
     check_strategy(budget, episodes=30)

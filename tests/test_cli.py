@@ -24,7 +24,8 @@ def run(*words: str) -> Result:
 def test_games_lists_every_setting():
     shown = run("games").output
     assert all(name in shown for name in sp.GAMES)
-    assert [row["id"] for row in json.loads(run("games", "--json").output)] == list(sp.GAMES)
+    rows = json.loads(run("games", "--json").output)
+    assert {row["id"]: row["challenges"] for row in rows} == {name: sp.GAMES[name].challenges for name in sp.GAMES}
 
 
 def test_manual_prints_the_manual():
@@ -75,6 +76,7 @@ def test_play_takes_every_episode_option():
         (["play", HANOI, "--prompt-tokens", "0,060"], "cannot hold the head"),
         (["play", HANOI, "--transcript", "none/a.jsonl"], "There is no folder none for a.jsonl."),
         (["play", HANOI, "--option", "colour"], "write it as KEY=VALUE"),
+        (["eval", "--games", HANOI, "--out", ""], "--out is empty"),
         (["play", HANOI, "--option", "colour=red"], "has no option colour"),
         (["play", HANOI, "--engine", "warp"], "has no engine 'warp'"),
         (["play", HANOI, "--tokenizer", "o200"], "no tokenizer 'o200'"),

@@ -20,9 +20,11 @@ from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay, resume, sent_prompts
+from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
 from smartplay_tools.testing import check_strategy
 from smartplay_tools.types.messages import text_of
+from tests.evaluation.test_continuing import interrupt
 
 RPS = "RockPaperScissorBasic-v0"
 MARKER = "[observation left the history window]"
@@ -512,10 +514,39 @@ def test_an_option_of_the_player_names_the_other_player_of_a_run(tmp_path):
     (row,) = run.rows
     assert row["player_options"] == options
     assert row["questions"] > 0
-    record = Record.read(run.transcript(row["key"]))
+    record = Record.read(run.transcript(row["key"]), {"rule-notes": Price.per_million(1, 1)})
     assert len(requests_of(record).requests) == len(record.views)
+    usages = [event for event in sp.read_transcript(run.transcript(row["key"])) if event["event"] == "usage"]
+    asked = [usage["prompt"] + usage["reply"] for usage in usages if usage.get("purpose") == "compaction"]
+    assert record.totals.cost == pytest.approx(sum(asked) / 1e6)  # the first player has no price
     with pytest.raises(InvalidArgumentError, match="compactor_player is the name of a player"):
         sp.evaluate([RPS], ["random"], out=tmp_path / "2", **{**given, "player_options": {"compactor_player": 3}})
+
+
+COUNTING = """
+import smartplay_tools as sp
+
+class Counting:
+    name, asked = "counting", 0
+    def __init__(self, *, seed): pass
+    def reply(self, prompt):
+        self.asked += 1
+        return sp.Reply({"role": "assistant", "content": f"Answer {self.asked}."})
+"""
+
+
+def test_the_other_player_has_its_state_again_where_an_episode_goes_on(tmp_path):
+    file = tmp_path / "counting.py"
+    file.write_text(COUNTING)
+    given: Any = {"trials": 1, "budgets": [sp.Budget(history=None, strategy=named(summing), tool_calls=12)]}
+    given |= {"player_options": {"compactor_player": f"{file}:Counting"}, "executor": "inline", "out": tmp_path / "run"}
+    run = sp.evaluate([RPS], ["random"], **given)
+    key = run.rows[0]["key"]
+    answers = [event["reply"]["content"] for event in Record.read(run.transcript(key)).questions]
+    interrupt(run.folder, key, 0.6)
+    again = Record.read(sp.evaluate([RPS], ["random"], **given).transcript(key))
+    assert again.resumes
+    assert [event["reply"]["content"] for event in again.questions] == answers
 
 
 def test_an_agent_session_answers_questions_only_where_the_host_makes_further_calls():
@@ -686,7 +717,7 @@ def test_a_prompt_is_blind_if_the_newest_observation_is_neither_shown_nor_told()
 def test_recall_searches_what_is_not_visible():
     conversation = begin(lambda self, h, r: [h[0], *h[-2:]] if len(h) > 2 else h, recall_tokens=500, history=9)
     play(conversation, 3)
-    assert conversation.view.visible == {2}
+    assert {form.step for form in conversation.view.forms} == {None, 2}
     conversation.prompt()
     (result,) = conversation.receive(call("recall", query="0-9"))
     assert result.data["recalled"] == [1, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
 import shutil
@@ -98,6 +99,13 @@ def test_a_record_imports_no_file_by_itself(file):
     custom.load_strategy(file)
     with pytest.raises(sp.InvalidArgumentError, match="has changed since the record was made"):
         replay(events)
+    forget()
+    Path("record.jsonl").write_text("".join(f"{json.dumps(event)}\n" for event in events), encoding="utf-8")
+    Path("first_and_newest.py").write_text('open("mark", "w")', encoding="utf-8")
+    refused = CliRunner().invoke(app, ["replay", "record.jsonl", "--strategy", file])
+    assert refused.exit_code == 2
+    assert "is not the file of the record, or has changed since, so it is not imported" in refused.stderr
+    assert not Path("mark").exists()
 
 
 def choosing(turns: str) -> str:

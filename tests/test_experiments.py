@@ -1,8 +1,8 @@
-"""The page of the experiment agrees with its results: a part of it is played again and compared word for word."""
+"""The tables in the pages are those of the published rows, of which a part is played again."""
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
 import sys
 from pathlib import Path
@@ -14,82 +14,71 @@ from smartplay_tools.evaluation.runs.sweeps import sweep
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
-PAGES = [ROOT / "docs" / name for name in ("experiments.md", "context-cost.md", "memory.md", "compaction.md")]
+MARK = re.compile(r"<!-- table: (\S+) -->")
+OF_SERVERS = {"chat", "responses", "messages", "set", "rules"}
+"""Tables of what clients do with servers' replies, which have tests of their own."""
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
 
 
-@pytest.fixture(scope="module")
-def experiment():
-    yield from script("context")
-
-
-@pytest.fixture(scope="module")
-def arena():
-    yield from script("arena")
-
-
-@pytest.fixture(scope="module")
-def curves():
-    yield from script("arena_curves")
-
-
-@pytest.fixture(scope="module")
-def ruler():
-    yield from script("ruler")
-
-
-@pytest.fixture(scope="module")
-def compaction():
-    yield from script("compaction")
-
-
-@pytest.fixture(scope="module")
-def claims():
-    yield from script("arena_claims")
-
-
-def script(name):
-    """The module of a script, which finds those beside it while it is loaded; games that it registers go with it."""
+@pytest.fixture(scope="module", autouse=True)
+def beside_the_scripts():
+    """Scripts find the modules beside them; these and the games that they register go when the tests end."""
     before, games = set(sys.modules), dict(sp.GAMES._specs)
-    spec = importlib.util.spec_from_file_location(f"{name}_experiment", SCRIPT.with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
     sys.path.insert(0, str(SCRIPT.parent))
-    spec.loader.exec_module(module)
+    yield
     sys.path.remove(str(SCRIPT.parent))
-    yield module
     sp.GAMES._specs = games
     for loaded in set(sys.modules) - before:
         if Path(getattr(sys.modules[loaded], "__file__", None) or "").parent == SCRIPT.parent:
             del sys.modules[loaded]
 
 
+@pytest.fixture(scope="module")
+def experiments():
+    return importlib.import_module("tables").experiments()
+
+
 def published(name):
-    """The lines of a table in the pages."""
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    marked = re.search(rf"<!-- table: {name} -->\n(.*?)<!-- end -->", text, flags=re.DOTALL)
-    return marked[1].strip().splitlines()
+    """The lines of a table in its page."""
+    pages = importlib.import_module("page_tables")
+    text = pages.page_of(name).read_text(encoding="utf-8")
+    return text.partition(pages.mark(name))[2].partition(pages.END)[0].strip().splitlines()
 
 
-def test_every_question_has_its_table_in_the_page(experiment):
-    for name, question in experiment.QUESTIONS.items():
-        rows = [line for line in published(name) if line.startswith("| `")]
-        players = set(question["players"]) - ({experiment.CONTROL} if name == "history" else set())
-        cells = len(players) * len(question["games"])
-        for values in question.get("vary", {}).values():
-            cells *= len(values)
-        assert len(rows) == cells, name
-        assert {row.split(" | ")[3] for row in rows} == {str(question["trials"])}, name
+def made(*experiments):
+    """The tables of experiments by their names, from the published rows."""
+    return {name: table for each in experiments for name, table in each.tables(each.rows()).items()}
 
 
-def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path, experiment):
+def test_tables_in_the_pages_are_those_of_the_published_rows(experiments):
+    """Of the experiments with the fewest rows."""
+    for name, table in made(*(experiments[name] for name in ("degrees", "local", "money", "ruler"))).items():
+        assert published(name) == table.splitlines(), name
+
+
+@pytest.mark.slow
+def test_every_table_in_the_pages_is_that_of_the_published_rows(experiments):
+    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md")]
+    marked = {name for page in pages for name in MARK.findall(page)}
+    tables = made(*experiments.values())
+    assert marked - set(tables) == OF_SERVERS
+    for name, table in tables.items():
+        assert published(name) == table.splitlines(), name
+
+
+def test_published_rows_are_small_enough_for_a_repository(experiments):
+    assert sum(each.path.stat().st_size for each in experiments.values() if each.path.exists()) < 3_000_000
+
+
+def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path):
+    publish = importlib.import_module("page_tables").publish
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- table: b -->\n\nold\n\n<!-- end -->\nc <!-- end -->\n", encoding="utf-8")
-    experiment.publish_table(page, "b", "| new \\1 |")
+    publish(page, "b", "| new \\1 |")
     assert page.read_text(encoding="utf-8") == "a\n<!-- table: b -->\n\n| new \\1 |\n\n<!-- end -->\nc <!-- end -->\n"
     with pytest.raises(ValueError, match="no place for the table d"):
-        experiment.publish_table(page, "d", "")
+        publish(page, "d", "")
 
 
 def test_figures_are_small_enough_for_a_repository():
@@ -98,104 +87,70 @@ def test_figures_are_small_enough_for_a_repository():
     assert all(figure.stat().st_size < 190_000 for figure in figures)
 
 
-@pytest.mark.slow
-def test_the_page_says_what_is_played(experiment, tmp_path):
-    """The ends of the first curve: 200 episodes of its 2,800."""
-    question = experiment.QUESTIONS["history"] | {
-        "games": ["BanditTwoArmedHighLowFixed-v0"],
-        "players": ["rule"],
-        "vary": {"history": (1, 50)},
-    }
-    played = sweep(**question, out=tmp_path, executor="inline")
-    rows = [line for line in experiment.table("history", played).splitlines() if line.startswith("| `")]
-    assert len(rows) == 2
-    assert set(rows) <= set(published("history"))
+def check_played(experiment, rows, folder):
+    """Hold rows against the published ones, of which those of version 1 of the prompts say less."""
+    tables = importlib.import_module("page_tables")
+    tables.write_rows(rows, folder / "rows.jsonl.xz")
+    known = experiment.rows()
+    later = dict.fromkeys(("prompts", "limited_prompts", "play_sha256") if known[0]["prompts"] == "v1" else ())
+    known = [row | later for row in known]
+    played = [row | later for row in tables.read_rows(folder / "rows.jsonl.xz")]
+    assert played
+    assert [row for row in played if row not in known] == []
 
 
 @pytest.mark.slow
-def test_the_same_questions_go_to_another_player(experiment, tmp_path, monkeypatch, capsys):
+def test_the_first_worlds_of_a_question_played_again_are_the_published_rows(experiments, tmp_path):
+    question = importlib.import_module("context").QUESTIONS["history"] | {
+        "games": ["BanditTwoArmedHighLowFixed-v0"], "trials": 5, "vary": {"history": (1, 50)},
+    }  # fmt: skip
+    check_played(experiments["history"], sweep(**question, out=tmp_path / "run", executor="inline").rows, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_first_worlds_of_the_arena_played_again_are_the_published_rows(experiments, tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    arena = importlib.import_module("arena")
+    game, silent = list(arena.GAMES.items())[1]
+    budgets = arena.budgets([arena.FIRST_AND_NEWEST])
+    done = sp.evaluate([game], [silent], budgets=budgets, trials=1, out=tmp_path / "run", executor="inline")
+    check_played(experiments["arena"], done.rows, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(experiments, tmp_path):
+    curves = importlib.import_module("arena_curves")
+    whole = curves.STAGES["RockPaperScissorBasic-v0"]
+    stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
+    rows = curves.play(stage, [curves.SUBJECT], (), tmp_path, trials=1, seed=curves.SEED, executor="inline")
+    check_played(experiments["arena-curves"], rows, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_same_questions_go_to_another_player(tmp_path, monkeypatch, capsys):
     asked = ["context.py", "--player", "random", "--questions", "slack", "--trials", "1", "--reply-tokens", "90",
              "--workers", "1", "--out", str(tmp_path)]  # fmt: skip
     monkeypatch.setattr(sys, "argv", asked)
-    experiment.main()
+    context = importlib.import_module("context")
+    context.main()
     shown = capsys.readouterr().out
-    assert shown.count("| random |") == 2 * len(experiment.QUESTIONS["slack"]["vary"]["slack"])
+    assert shown.count("| random |") == 2 * len(context.QUESTIONS["slack"]["vary"]["slack"])
     assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
-    assert (tmp_path / "tables.md").read_text(encoding="utf-8").strip() in shown
 
 
-def cells_of(lines):
-    """The cells of a table's rows without the difference, which depends on what else is compared."""
-    rows = [line.strip("| ").split(" | ") for line in lines if line.startswith("| `")]
-    return [[*row[:5], *row[6:]] for row in rows]
-
-
-def test_the_arena_has_a_row_for_every_strategy_and_cap(arena):
-    rows = cells_of(published("arena"))
-    assert len(rows) == len(arena.GAMES) * len(arena.budgets([arena.FIRST_AND_NEWEST]))
-    assert "of which 0 differ in score" in published("arena")[-1]
-
-
-def test_a_custom_strategy_is_the_same_as_the_windows_own(arena):
+def test_a_custom_strategy_is_the_same_as_the_windows_own():
     """Showing the first three turns and the newest ones is what `first_turns=3` does, as far as the cap decides."""
-    rows = cells_of(published("arena"))
+    rows = [line.strip("| ").split(" | ") for line in published("arena") if line.startswith("| `")]
     own, custom = ([row for row in rows if name in row[2]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
-    assert len(own) == len(arena.GAMES) * len(arena.CAPS)
     assert [row[3:5] for row in own] == [row[3:5] for row in custom]
     assert [row[3:] for row in own if row[2].startswith("700")] == [
         row[3:] for row in custom if row[2].startswith("700")
     ]
+    assert "of which 0 differ in score" in published("arena")[-1]
 
 
-@pytest.mark.slow
-def test_the_arenas_table_says_what_is_played(arena, tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    budgets = [budget for budget in arena.budgets([arena.FIRST_AND_NEWEST]) if budget.prompt_tokens == arena.CAPS[0]]
-    played = [budgets[0], budgets[-1]]
-    game, silent = list(arena.GAMES.items())[1]
-    done = arena.sp.evaluate([game], [silent], budgets=played, trials=20, out=tmp_path / "run", executor="inline")
-    rows = cells_of(arena.table(done.rows).splitlines())
-    assert len(rows) == 2
-    assert all(row in cells_of(published("arena")) for row in rows)
-
-
-@pytest.mark.slow
-def test_the_areas_in_the_page_are_those_of_the_published_rows(curves):
-    assert published("arena-curve-areas") == [*curves.areas_table(curves.areas_of(curves.read_rows(curves.PUBLISHED)))]
-
-
-@pytest.mark.slow
-def test_the_curves_in_the_page_are_those_of_the_published_rows(curves):
-    assert published("arena-curves") == [*curves.curves_table(curves.read_rows(curves.PUBLISHED))]
-
-
-@pytest.mark.slow
-def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(curves, tmp_path):
-    whole = curves.STAGES["RockPaperScissorBasic-v0"]
-    stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
-    rows = curves.play(stage, [curves.SUBJECT], (), tmp_path, trials=1, seed=curves.SEED, executor="inline")
-    curves.write_rows(rows, tmp_path / "rows.xz")
-    played = curves.read_rows(tmp_path / "rows.xz")
-    assert len(played) == 4
-    # These prompts hold nothing in which the versions of the prompts differ.
-    assert {row.pop("prompts") for row in played} == {"v2"}
-    later = {"prompts": "v1", "limited_prompts": None, "play_sha256": None}
-    known = [row | {name: None for name in later if name != "prompts"} for row in curves.read_rows(curves.PUBLISHED)]
-    assert [row for row in played if row | later not in known] == []
-
-
-def test_the_ruler_in_the_page_is_that_of_the_published_rows(ruler):
-    assert published("ruler") == ruler.table(ruler.read_rows(ruler.PUBLISHED)).splitlines()
-
-
-@pytest.mark.slow
-def test_the_tables_of_compaction_are_those_of_the_published_rows(compaction):
-    cells = compaction.cells_of(compaction.read_rows(compaction.PUBLISHED))
-    for name, written in compaction.tables(cells).items():
-        assert published(name) == written.splitlines()
-
-
-def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
+def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone():
+    claims = importlib.import_module("arena_claims")
     better = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=True)
     worse = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=False)
     above, around = claims.Outcome(64, 0.1, 0.05, 0.15), claims.Outcome(64, 0.1, -0.05, 0.25)
@@ -204,8 +159,8 @@ def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone(claims):
 
 
 @pytest.mark.slow
-def test_the_outcomes_in_the_page_are_those_of_the_published_rows_of_fresh_worlds(claims):
-    rows = claims.read_rows(claims.PUBLISHED)
-    assert published("arena-claims") == [*claims.table(rows)]
-    old = {(row["game"], row["seed"]) for row in claims.read_rows(claims.PUBLISHED.with_name("rows.jsonl.xz"))}
-    assert not old & {(row["game"], row["seed"]) for row in rows}
+def test_claims_are_held_against_worlds_that_are_in_no_other_table(experiments):
+    worlds = [
+        {(row["game"], row["seed"]) for row in experiments[name].rows()} for name in ("arena-claims", "arena-curves")
+    ]
+    assert not set.intersection(*worlds)

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.records.rows import read_rows, row_fault
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENTS = ROOT / "experiments"
@@ -39,22 +38,6 @@ def played(learned):
     return learned.Played(EXPERIMENTS / "learned" / "episodes.csv")
 
 
-def is_in(page, name, table):
-    return f"<!-- table: {name} -->\n\n{table}\n\n<!-- end -->" in (ROOT / "docs" / page).read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_the_page_of_the_tiny_agent_has_the_tables_of_the_rows(learned, played):
-    tables = learned.tables(played)
-    assert len(tables) == 6
-    assert all(is_in("train-a-tiny-agent.md", name, table) for name, table in tables.items())
-
-
-@pytest.mark.slow
-def test_the_table_of_all_cells_is_that_of_the_rows(learned, played):
-    assert (EXPERIMENTS / "learned" / "cells.csv").read_text(encoding="utf-8") == learned.long_table(played)
-
-
 @pytest.mark.slow
 def test_every_cell_has_every_world_once(played):
     cells = importlib.import_module("learned_cells")
@@ -78,13 +61,6 @@ def test_past_nine_all_counts_are_halved():
     tallied = importlib.import_module("learned_teacher").tallied
     assert tallied({"Rock": 9, "Paper": 3, "Scissor": 0}, "Rock") == {"Rock": 5, "Paper": 1, "Scissor": 0}
     assert tallied({"Rock": 9, "Paper": 3, "Scissor": 0}, "Paper") == {"Rock": 9, "Paper": 4, "Scissor": 0}
-
-
-def test_the_page_of_local_models_has_the_tables_of_the_rows():
-    local = importlib.import_module("local")
-    rows = [row for path in sorted(local.PUBLISHED.glob("*/results.jsonl")) for row in read_rows(path)]
-    assert not any(map(row_fault, rows))
-    assert all(is_in("local.md", name, table) for name, table in local.tables(rows).items())
 
 
 @pytest.mark.parametrize(

@@ -140,12 +140,15 @@ def test_the_settings_of_a_pack_are_known_everywhere_and_listed_where_they_can_b
 def test_gymnasium_knows_an_installed_setting_from_the_start(install):
     install({"Tower-v0": "tower_pack:TOWER"})
     Games([HANOI]).tell_gymnasium()  # as it does when both packages are imported
+    assert "tower_pack" not in sys.modules
+    before = gymnasium.spec("smartplay/Tower-v0")
     for _ in ("the first one imports the package", "from then on it is as if it had always been there"):
         environment = gymnasium.make("smartplay/Tower-v0", render_mode="ansi")
         assert environment.spec.max_episode_steps == 40
         environment.reset(seed=1)
         ends = [environment.step(0)[2:4] for _ in range(40)]
         assert ends == [(False, False)] * 39 + [(False, True)]
+        assert gymnasium.spec("smartplay/Tower-v0") == before
 
 
 @pytest.mark.parametrize(

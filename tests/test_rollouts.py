@@ -9,6 +9,7 @@ import pytest
 from smartplay_openai.chat import ChatCompletions
 
 import smartplay_tools as sp
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.exports.sft import reply_rows
 from smartplay_tools.records import Record
 
@@ -57,11 +58,24 @@ def test_without_tokens_nothing_is_written():
     assert size(sampled) - size(plain) < 50 * 40
 
 
-def test_the_reply_to_a_prompt_for_a_summary_has_its_tokens_too():
-    result, record = play(Sampler(), summary_tokens=40)
+class AsksTwice:
+    """A compactor that asks two questions for every prompt, and changes nothing."""
+
+    def compact(self, history, room):
+        for _ in range(2):
+            yield history[:1]
+        return history
+
+
+@pytest.mark.parametrize("budget", [{"summary_tokens": 40}, {"strategy": "asks-twice", "slack": 0}])
+def test_the_reply_to_a_prompt_for_a_summary_or_to_a_question_has_its_tokens_too(budget, monkeypatch):
+    monkeypatch.setitem(custom._NAMED, "asks-twice", custom.Loaded(AsksTwice))
+    result, record = play(Sampler(), **budget)
     rows = list(reply_rows(Record(record), summaries=True))
-    assert result.summaries
-    assert [row["completion_ids"][0] for row in rows] == list(range(result.turns + result.summaries))
+    assert result.summaries or result.questions == 100
+    assert [row["completion_ids"][0] for row in rows] == list(
+        range(result.turns + result.summaries + (result.questions or 0))
+    )
     assert sp.replay(record).identical
 
 

@@ -65,6 +65,23 @@ class TestMasking:
             oldest.append(conversation.view.selection.oldest)
         assert oldest == [0, 0, 0, 0, 3, 3, 3, 6, 6]
 
+    @pytest.mark.parametrize(
+        ("budget", "dropped"),
+        [
+            # Of 239 free tokens, half are 119.5, and two more turns would take 120.
+            (room(298, slack=0.5, history=None), [0, 0, 0, 0, 0, 4, 4, 4]),
+            # Of 3 steps, half are 1.5, and 2 stay.
+            ({"slack": 0.5, "history": 3}, [0, 0, 0, 0, 2, 2, 4, 4]),
+        ],
+    )
+    def test_of_a_full_window_no_token_more_than_the_share_stays_and_no_step_less(self, budget, dropped):
+        conversation, seen = begin(**budget), []
+        for _ in dropped:
+            conversation.receive(acting())
+            conversation.prompt()
+            seen.append(conversation.view.dropped_turns)
+        assert seen == dropped
+
     def test_without_a_history_there_is_nothing_to_mask(self):
         with pytest.raises(sp.InvalidArgumentError, match="masks nothing"):
             begin(history=None, beyond_history="mask")
@@ -323,7 +340,7 @@ def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, s
         window.append(_turn(number))
         most = max(most, sums)
         if window.is_owed_summary:
-            window.summarise("It goes on.")
+            window.answer("It goes on.")
     assert most <= 2 * 10 + 6
 
 

@@ -124,7 +124,7 @@ def test_the_example_runs(tmp_path):
 
 def test_the_experiment_runs_and_its_records_replay(tmp_path):
     """A few cells of each kind: a script, a model, one trained by reward, one that may take notes, a swapped manual."""
-    command = [sys.executable, "-W", "error", str(EXAMPLES.parent / "experiments" / "learned.py"), "play", "--quick"]
+    command = [sys.executable, "-W", "error", str(EXAMPLES.parent / "experiments" / "learned.py"), "--quick"]
     where = ["--out", str(tmp_path)]
     for _ in range(2):  # the second time everything is there
         shown = subprocess.run([*command, *where], capture_output=True, text=True, timeout=600)

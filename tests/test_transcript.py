@@ -1,4 +1,4 @@
-"""Transcripts: the recorded events, the prompts rebuilt from them, and their verification."""
+"""Transcripts: the recorded events, and their verification."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.prompts import recorded_turns, sent_prompts
+from smartplay_tools.records.prompts import recorded_turns
 from smartplay_tools.transcript import lines as appended
+from smartplay_tools.transcript.events import event_fault
 from smartplay_tools.transcript.file import TranscriptWriter, comparable
 from smartplay_tools.transcript.lines import GrowingLines
 
@@ -23,40 +24,13 @@ GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "
 TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)
 
 
-class Listening:
-    """Passes every prompt on to another player, and stores it."""
-
-    name = "listening"
-
-    def __init__(self, player: sp.Player) -> None:
-        self._player = player
-        self.prompts: list[sp.Prompt] = []
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        self.prompts.append(prompt)
-        return self._player.reply(prompt)
-
-
 @pytest.fixture(params=GAMES)
-def played(request, tmp_path):
-    """A transcript, and the prompts that its player was given."""
-    path, player = tmp_path / "episode.jsonl", Listening(sp.get_player("rule"))
+def path(request, tmp_path):
+    """A transcript."""
+    path = tmp_path / "episode.jsonl"
     with sp.Episode(request.param, seed=11, budget=TIGHT, transcript=path) as episode:
-        sp.play(episode, player)
-    return path, player.prompts
-
-
-def test_every_prompt_is_rebuilt_word_for_word(played):
-    path, prompts = played
-    rebuilt = list(sent_prompts(sp.read_transcript(path)))
-    assert [sent.prompt for sent in rebuilt] == prompts
-    assert all(sent.sha256 == sent.recorded_sha256 for sent in rebuilt)
-
-
-def test_it_replays_to_the_bit(played):
-    replayed = sp.replay(played[0])
-    assert replayed.identical, replayed.differences
-    assert replayed.result.steps > 0
+        sp.play(episode, sp.get_player("rule"))
+    return path
 
 
 @pytest.mark.parametrize(
@@ -71,8 +45,7 @@ def test_it_replays_to_the_bit(played):
         ("start", lambda event: event.update(seed=12), ""),
     ],
 )
-def test_a_record_that_was_tampered_with_is_found_out(played, event, change, sentence):
-    path, _ = played
+def test_a_record_that_was_tampered_with_is_found_out(path, event, change, sentence):
     events = sp.read_transcript(path)
     change(next(e for e in reversed(events) if e["event"] == event))
     path.write_text("\n".join(map(json.dumps, events)))
@@ -81,8 +54,7 @@ def test_a_record_that_was_tampered_with_is_found_out(played, event, change, sen
     assert any(sentence in difference for difference in replayed.differences)
 
 
-def test_a_torn_last_line_costs_that_line_only(played):
-    path, _ = played
+def test_a_torn_last_line_costs_that_line_only(path):
     whole = sp.read_transcript(path)
     text = path.read_text()
     for cut in (5, len(text) // 3, len(text) // 2):
@@ -110,8 +82,7 @@ def line_by_line(written: bytes) -> list[dict] | None:
     return events if events and events[0]["event"] == "start" and events[0].get("format") == 1 else None
 
 
-def test_a_damaged_record_is_read_line_by_line_or_refused(played):
-    path, _ = played
+def test_a_damaged_record_is_read_line_by_line_or_refused(path):
     whole = path.read_bytes()
     chance = random.Random(4)
     read = 0
@@ -121,7 +92,7 @@ def test_a_damaged_record_is_read_line_by_line_or_refused(played):
         damaged = whole[:place] + put + whole[place + chance.randrange(3) :]
         path.write_bytes(damaged)
         expected = line_by_line(damaged)
-        if expected is None:
+        if expected is None or any(map(event_fault, expected)):
             with pytest.raises(TranscriptError):
                 sp.read_transcript(path)
         else:

@@ -22,10 +22,4 @@ if TYPE_CHECKING:
     )
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_anthropic.codec": "reply request",
-            "smartplay_anthropic.player": "AnthropicPlayer async_tools tools",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

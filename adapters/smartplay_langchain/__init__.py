@@ -35,14 +35,4 @@ if TYPE_CHECKING:
     from smartplay_langchain.toolkit import SmartPlayTool as SmartPlayTool, SmartPlayToolkit as SmartPlayToolkit
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_langchain.chat_model": "PlayerChatModel",
-            "smartplay_langchain.graph": "GraphSession",
-            "smartplay_langchain.messages": "from_langchain to_langchain usage_of",
-            "smartplay_langchain.middleware": "SmartPlayMiddleware",
-            "smartplay_langchain.models": "LangChainPlayer",
-            "smartplay_langchain.toolkit": "SmartPlayTool SmartPlayToolkit",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

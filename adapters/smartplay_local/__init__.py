@@ -30,13 +30,4 @@ if TYPE_CHECKING:
     from smartplay_local.player import LocalPlayer as LocalPlayer, measure as measure
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_local.engine": "LocalServer",
-            "smartplay_local.model_files": (
-                "DEFAULT_MODEL GGUF KNOWN_MODELS KnownModel fetch find_model name_of read_gguf"
-            ),
-            "smartplay_local.player": "LocalPlayer measure",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -21,11 +21,4 @@ if TYPE_CHECKING:
 
 if not TYPE_CHECKING:
     # On stdio no web framework is imported, and the first answer does not even wait for the game.
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_mcp.http": "HttpServer http_app",
-            "smartplay_mcp.server": "CALL_KEY MANUAL game_server",
-            "smartplay_mcp.stdio": "open_episode serve_stdio",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

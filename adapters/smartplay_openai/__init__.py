@@ -41,14 +41,4 @@ if TYPE_CHECKING:
     from smartplay_tools.players import BrokenAnswerError as BrokenAnswerError, ModelCallError as ModelCallError
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_openai.chat": "CHAT chat_reply chat_request",
-            "smartplay_openai.player": "OpenAIPlayer ResponsesPlayer",
-            "smartplay_openai.responses": "RESPONSES responses_reply responses_request",
-            "smartplay_openai.server": "LocalEndpoint SimulatedLimits endpoint_app",
-            "smartplay_openai.window": "WindowEndpoint WindowStore window_app",
-            "smartplay_tools.players": "BrokenAnswerError ModelCallError",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

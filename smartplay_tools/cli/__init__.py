@@ -13,7 +13,9 @@ import io
 import json
 import shutil
 import sys
+import warnings
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -21,11 +23,15 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from smartplay_tools.errors import FULL, SmartPlayError
+from smartplay_tools.errors import FULL, DamageWarning, InvalidArgumentError, SmartPlayError
 from smartplay_tools.registry import resolve
 
+TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
+ANYWHERE = (*FULL, *TOO_MANY_OPEN)
+"""Errors of a machine that has no room for a file, or for another one that is open."""
+
 OF_FILES = frozenset(
-    {*FULL, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
+    {*ANYWHERE, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 )
 """Errors of a place where a user wants a file: read-only, full, missing, or a folder."""
 
@@ -177,6 +183,7 @@ class _LateCommands(Mapping[str, Any]):
         command.name = name
         for each in (command, *getattr(command, "commands", {}).values()):
             each.help = each.help and "\n\n".join(" ".join(part.split()) for part in each.help.split("\n\n"))
+        command.help = command.help or entry.summary  # python -OO has no docstrings
         return command
 
     def __iter__(self) -> Iterator[str]:
@@ -215,17 +222,35 @@ class _Commands(TyperGroup):
         TyperGroup.format_help(listed, ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; a bug keeps its traceback."""
+        """Run the command; a bug keeps its traceback. What is damaged and left out makes the exit code 1."""
+        told: list[str] = []
+
+        def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, DamageWarning):
+                usual(message, category, *where, **more)
+            elif str(message) not in told:
+                told.append(str(message))
+                typer.echo(f"smartplay-tools: {message}", err=True)
+
         try:
-            return super().invoke(ctx)
+            if ("--out", "") in pairwise(ctx.args):  # it would be this folder
+                raise InvalidArgumentError("--out is empty, as a variable is that is not set; name a file or a folder.")
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", DamageWarning)
+                usual, warnings.showwarning = warnings.showwarning, tell
+                result = super().invoke(ctx)
+            if told:
+                raise typer.Exit(1)
+            return result
         except SmartPlayError as error:
             typer.echo(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
-            if error.errno not in (OF_FILES if error.filename else FULL):
+            if error.errno not in (OF_FILES if error.filename else ANYWHERE):
                 raise
             named = error.filename or "A file"
-            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}.", err=True)
+            remedy = "; raise the limit (ulimit -n), or use fewer --workers" if error.errno in TOO_MANY_OPEN else ""
+            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}{remedy}.", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:  # outside of the code that handles it
             typer.echo("Stopped by SIGINT.", err=True)

@@ -27,7 +27,7 @@ from smartplay_tools.evaluation.analysis.planning import (
 from smartplay_tools.evaluation.analysis.tables import plain
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.analysis.windows import compare_windows
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.runs.sweeps import SUMMARY
 from smartplay_tools.records.rows import Row
 
@@ -115,4 +115,4 @@ def _rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:
     """Return the rows of runs by their folders, of which none may be named twice."""
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise InvalidArgumentError("The same folder is named twice; name every run once.")
-    return {str(folder): RunFolder(folder).rows() for folder in folders}
+    return dict(read_each(folders, lambda folder: (str(folder), RunFolder(folder).rows())))

@@ -17,7 +17,7 @@ from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
 from smartplay_tools.evaluation.costs.charges import PLACES, Place
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.prices import Price
 
 
@@ -48,13 +48,15 @@ def cost(
 
 def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path | None) -> list[CellCost]:
     """Return what the cells of runs cost; `InvalidArgumentError` if no cell's cost is known."""
-    cells: list[CellCost] = []
-    for folder in folders:
+
+    def of_run(folder: Path) -> list[CellCost]:
         run = RunFolder(folder)
         rows = run.rows()
         records = {row["key"]: run.transcript(row["key"]) for row in rows}
         charged = charge_records(records, tariffs, run.manifest().prices, caches=caches, processes=os.cpu_count() or 1)
-        cells += cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
+        return cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
+
+    cells = [cell for each in read_each(folders, of_run) for cell in each]
     if not cells:
         names = ", ".join(map(str, folders))
         raise InvalidArgumentError(

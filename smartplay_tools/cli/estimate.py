@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import reduce
 from operator import add, attrgetter
@@ -12,10 +12,10 @@ from typing import Any
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
-from smartplay_tools.cli.show import compact_table
+from smartplay_tools.cli.show import compact_table, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.runs.estimate import (
     SECONDS_A_CALL,
@@ -36,13 +36,12 @@ from smartplay_tools.records.rows import grouped
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""
 
-AXES: tuple[tuple[str, Callable[[CellConfig], Any]], ...] = (
-    ("game", lambda cell: cell.game),
-    ("player", lambda cell: player_of(cell)),
-    ("budget", lambda cell: cell.budget.describe() or "default"),
-    *((rule, attrgetter(rule)) for rule in RULES),
+FACTS: tuple[Callable[[CellConfig], Any], ...] = (
+    player_of,
+    lambda cell: cell.budget.describe() or "default",
+    *map(attrgetter, RULES),
 )
-"""The fields in which cells can differ; each gets a column if they do."""
+"""What cells of a game can differ in; a row is named by that in which they do."""
 
 
 def print_estimate(
@@ -56,36 +55,43 @@ def print_estimate(
     if as_json:
         print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))
         return
-    Console().print(_table(estimates))
+    print_table(table_console(), _table(estimates))
     for line in _sentences(estimates, options.caps, hours):
         typer.echo(line)
 
 
-def _table(estimates: Sequence[Estimate]) -> Any:
-    axes = [axis for axis in AXES if len({axis[1](each.cell) for each in estimates}) > 1] or [AXES[0]]
-    names = [name for name, _ in axes]
-    table = compact_table(*names, "episodes", "calls", "prompts", "replies", "USD", folded=len(names))
-    for each in estimates:
-        named = [escape("none" if value(each.cell) is None else str(value(each.cell))) for _, value in axes]
-        table.add_row(*named, *_figures(each.episodes, each.calls, each.prompt_tokens, each.reply_tokens, each.cost))
+def _table(estimates: Sequence[Estimate]) -> TextTable:
+    differing = [fact for fact in FACTS if len({fact(each.cell) for each in estimates}) > 1] or [player_of]
+
+    def rows(members: Sequence[Estimate]) -> Iterator[tuple[str, ...]]:
+        for each in members:
+            name = ", ".join(str(fact(each.cell)) for fact in differing)
+            used = _figures(each.episodes, each.calls, each.prompt_tokens, each.reply_tokens, each.cost)
+            yield f"  {name}", *used
+
+    games = grouped(estimates, lambda each: each.cell.game)
+    shown = sections((game, rows(members)) for game, members in games.items())
     if len(estimates) > 1:
         calls, prompts, replies = (
             _sum([getattr(each, name) for each in estimates]) for name in ("calls", "prompt_tokens", "reply_tokens")
         )
         episodes = sum(each.episodes for each in estimates)
-        names = ["[bold]all[/]", *[""] * (len(axes) - 1)]
-        table.add_row(*names, *_figures(episodes, calls, prompts, replies, _total_cost(estimates)))
-    return table
+        shown += (("all", *_figures(episodes, calls, prompts, replies, _total_cost(estimates))),)
+    return TextTable("", columns("game and player", "episodes", "calls", "prompts", "replies", "USD"), shown)
 
 
 def _figures(episodes: int, calls: Range, prompts: Range, replies: Range, cost: Range | None) -> list[str]:
-    tokens = [_span(figure, lambda value: short(round(value))) for figure in (calls, prompts, replies)]
+    tokens = [_span(figure, _short) for figure in (calls, prompts, replies)]
     return [f"{episodes:,}", *tokens, "unknown" if cost is None else _span(cost, "{:,.2f}".format)]
 
 
 def _span(figure: Range, show: Callable[[float], str]) -> str:
     low, high = show(figure.low), show(figure.high)
     return low if low == high else f"{low}-{high}"
+
+
+def _short(value: float) -> str:
+    return short(round(value))
 
 
 def _sum(ranges: Sequence[Range]) -> Range:
@@ -134,7 +140,7 @@ def _sentences(estimates: Sequence[Estimate], caps: Caps, how_long: tuple[Range,
             f"{TOKENS_A_SECOND[0]:g} a second."
         )
     tokens = _sum([each.prompt_tokens + each.reply_tokens for each in estimates])
-    sentences += _against_cap("--run-tokens", caps.tokens, tokens, lambda value: short(round(value)))
+    sentences += _against_cap("--run-tokens", caps.tokens, tokens, _short)
     cost = _total_cost(estimates)
     sentences += _against_cap("--run-cost", caps.cost, cost, "${:,.2f}".format) if cost is not None else []
     for each in estimates:
@@ -167,15 +173,16 @@ def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[Player
         if not played:
             continue
         estimates.append(each := estimate_from(members[0].cell, len(members), played, seconds))
-        used = [short(figure.expected) for figure in (each.calls, each.prompt_tokens + each.reply_tokens)]
-        dollars = "unknown" if each.cost is None else f"{each.cost.expected:,.2f}"
+        used = [_span(figure, _short) for figure in (each.calls, each.prompt_tokens + each.reply_tokens)]
+        dollars = "unknown" if each.cost is None else _span(each.cost, "{:,.2f}".format)
         table.add_row(cell_name(each.cell), str(len(played)), str(each.episodes), *used, dollars)
     console.print(table)
-    tokens = _sum([each.prompt_tokens + each.reply_tokens for each in estimates]).expected
+    tokens = _span(_sum([each.prompt_tokens + each.reply_tokens for each in estimates]), _short)
     cost, (hours, at_once) = _total_cost(estimates), _hours(estimates, players, options.workers)
     typer.echo(
-        f"The whole run: {short(tokens)} tokens, {'cost unknown' if cost is None else f'${cost.expected:,.2f}'}, "
-        f"about {duration(3600 * hours.expected)} with {at_once} episodes at a time. "
+        f"The whole run: {tokens} tokens, {'cost unknown' if cost is None else _span(cost, '${:,.2f}'.format)}, "
+        f"about {duration(3600 * hours.expected)} with {at_once} episodes at a time. Ranges are from what it would "
+        "take if all episodes were as the smallest of their cell in the pilot to the same for the largest. "
         "The same command without --pilot continues and keeps these episodes.",
         err=True,
     )

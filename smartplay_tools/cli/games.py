@@ -21,7 +21,8 @@ def games(as_json: options.Json = False) -> None:
     """
     rows = [_facts(name) for name in GAMES]
     if as_json:
-        print(json.dumps(rows, indent=2))
+        rated = [{**row, "challenges": dict(GAMES[row["id"]].challenges)} for row in rows]
+        print(json.dumps(rated, indent=2))
         return
     table = compact_table(*rows[0])
     for row in rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -14,9 +14,11 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay as run_again
 
 SHOWN_DIFFERENCES = 3
@@ -42,12 +44,15 @@ def replay(
 ) -> None:
     """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
 
-    Every finished episode of a run is replayed; paused and running ones are listed.
+    Every finished episode of a run is replayed. An episode that is planned and has no row is missing, whether it is
+    paused, running, not begun, or lost.
 
     Example: smartplay-tools replay run.jsonl
     """
     named = {"game": game, "strategy": strategy}
-    import_named(**named)
+    if game is not None or strategy is not None:
+        cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
+        import_named(**named, cells=cells)
     if path.is_dir():
         same = _replay_run(path, workers, tokenizer, named, as_json=as_json)
     else:
@@ -78,20 +83,20 @@ def _replay_run(
 ) -> bool:
     folder = RunFolder(path)
     rows = folder.rows()
-    total = len(rows)
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
     going = audit(folder, workers or os.cpu_count() or 1, tokenizer, **named, rows=rows)
-    shown = track(going, "replaying", total, console=progress, transient=True, disable=progress.quiet)
+    shown = track(going, "replaying", len(rows), console=progress, transient=True, disable=progress.quiet)
     findings = sorted(shown, key=lambda finding: finding.key)
-    differing = [finding for finding in findings if finding.differences]
+    if not findings:
+        raise InvalidArgumentError(f"{path} has no planned episode, so there is nothing to replay.")
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
     else:
-        _print_findings(path, total, differing)
+        _print_findings(path, findings)
         for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):
             _say(sentence)
         _print_unfinished(folder)
-    return not differing
+    return not any(finding.differences for finding in findings)
 
 
 def _print_unfinished(folder: RunFolder) -> None:
@@ -102,12 +107,17 @@ def _print_unfinished(folder: RunFolder) -> None:
             _say(f"{cell.game}, {cell.player}: {what}", markup=False)
 
 
-def _print_findings(path: Path, total: int, differing: list[EpisodeAudit]) -> None:
-    if not differing:
+def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
+    differing = [finding for finding in findings if finding.differences and finding.has_row]
+    missing = [finding for finding in findings if not finding.has_row]
+    total, same = len(findings), len(findings) - len(differing) - len(missing)
+    if same == total:
         _say(f"[green]identical[/]: all {total} episodes of {path}")
-        return
-    _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
-    for finding in differing:
+    if differing:
+        _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
+    if missing:
+        _say(f"[red]{same} of {total} planned episodes are identical; {len(missing)} have no row[/]", stderr=True)
+    for finding in (*differing, *(finding for finding in missing if finding.has_record)):
         for difference in finding.differences[:SHOWN_DIFFERENCES]:
             _say(f"{finding.key} ({finding.game}): {difference}", stderr=True, markup=False)
 

@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import took_tables
 from smartplay_tools.evaluation.analysis.windows import compare_windows, latencies
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
 
@@ -70,7 +70,7 @@ def results(
     form = Format.JSON if as_json else form
     check_columns(cache, caches, form)
     succeeds = None if success is None else RowCondition.parse(success)
-    shown = [_read(folder, weights, exact=exact) for folder in folders]
+    shown = read_each(folders, lambda folder: _read(folder, weights, exact=exact))
     _write_files(shown, csv, parquet)
     if form is Format.TEXT:
         console = table_console()

@@ -67,7 +67,7 @@ def _read_facts(path: Path | None) -> dict[str, Any]:
         facts = json.loads(path.read_bytes())
     except OSError as error:
         raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InvalidArgumentError(f"{path} is not JSON.") from None
     if not isinstance(facts, dict) or not isinstance(facts.get("methodology", {}), dict):
         raise InvalidArgumentError(f"{path} holds no fields of submission.json.")

@@ -4,10 +4,10 @@ prompts/     the texts that this library adds around the games, by version
 tokens/      budget tokens: exact and offline
 turns        a turn: a reply, its calls and their results
 strategies/  what happens to the past, one class for each way
-window       which turns a prompt shows; `choosing` for strategies that choose
+base         what the three windows share
+window       which turns a prompt shows; `choosing` for strategies that choose, `compacting` for compactors
 compaction   compactors: what they are given, and how code that does not yield becomes one
-rewriting    what a compactor returns: messages of the conversation, and new ones
-compacting   the window of a compactor
+rewriting    the history that a compactor rewrites: messages of the conversation, and new ones
 view         what a prompt showed, for its record
 """
 
@@ -30,12 +30,4 @@ if TYPE_CHECKING:
     from smartplay_tools.context.window import ContextWindow as ContextWindow
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.context.compaction": "Compactor ContextOverflowError GivenHistory Room asked",
-            "smartplay_tools.context.turns": "Item Turn TurnBuilder",
-            "smartplay_tools.context.view": "Selection View",
-            "smartplay_tools.context.window": "ContextWindow",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -8,130 +8,82 @@ than `history` is masked in every turn. The time for a prompt grows with what it
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import islice, zip_longest
+from itertools import islice
 
-from smartplay_tools.context.prefix import common_head, common_messages
+from smartplay_tools.context.base import Window
 from smartplay_tools.context.strategies.choices import Choice, Past, PastTurn, PastTurns, Strategy
-from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.context.view import Selection, View
-from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.context.window_state import Contents, WindowState
 from smartplay_tools.errors import PromptOverflowError, StrategyError
-from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types.messages import Message
 
 
-class ChoosingWindow(ContextWindow):
+class ChoosingWindow(Window):
     """A window whose turns a custom strategy chooses."""
 
+    _before: Contents | None = None
     _failure: Exception | None = None
     """The exception that the strategy raised; after it the strategy is not asked again."""
+    _overflows = False
+
+    def _begin(self, state: WindowState) -> None:
+        self._now = Contents(state, state.selected(0))
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn, and ask the strategy what is shown after it."""
-        state, cap = self._after(turn), self.budget.prompt_tokens
-        selection = chosen_selection(state, Choice())
-        room = None if cap is None else cap - self._tokens(state, selection)
+        before, self._before = self._now, self._now
+        state, cap = self._after(turn, before.state), self.budget.prompt_tokens
+        self._now = Contents(state, chosen_selection(state, Choice(), {}))
+        room = None if cap is None else cap - self._tokens(self._now)
         self._overflows = room is not None and room < 0
         if not self._overflows and self._failure is None:
             try:
-                selection = self._choose(state, room)
+                self._now = self._choose(state, room, before.selection.texts)
             except Exception as error:  # whatever the strategy does
                 self._failure = error
-        self._now = Contents(state, selection, None)
 
     def view(self) -> View:
-        """Return the contents of the next prompt; `PromptOverflowError` if the pinned parts do not fit.
+        """Return the next prompt; `PromptOverflowError` if the pinned parts do not fit.
 
         A choice that cannot be shown is a `StrategyError`, whose cause is the strategy's exception, if it raised one.
         """
-        state, chosen = self._now.state, self._now.selection
-        tokens = self._tokens(state, chosen)
+        state, chosen, forms = self._now.state, self._now.selection, self._now.forms
+        tokens = self._tokens(self._now)
         if self._overflows:
             raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
         if self._failure is not None:
             raise StrategyError("The strategy has failed.") from self._failure
         before, prefix = self._before, 0
         if before is not None:
-            prefix = self._prefix(before, self._now)
-        return self._view_of(self._now, tokens, prefix)
-
-    def canonical(self, view: View) -> list[bytes]:
-        """Return the canonical JSON of the latest view's messages, of which the prompt's sha256 is made."""
-        state, chosen = self._now.state, self._now.selection
-        lines = state.head.canonical.copy()
-        for index in chosen:
-            if index in chosen.texts:
-                lines.append(head_bytes(text_message(chosen.texts[index])))
-            lines += chosen.canonical_seen(state.index.turns[index])
-        return lines
-
-    def _choose(self, state: WindowState, room: int | None) -> Selection:
-        assert isinstance(self._strategies.custom, Strategy)
-        choice = self._strategies.custom.choose(past_of(state, self._text_tokens), room)
-        selection = chosen_selection(state, choice)
-        cap = self.budget.prompt_tokens
-        if room is not None and cap is not None and (over := self._tokens(state, selection) - cap) > 0:
-            raise StrategyError(f"The choice takes {room + over} tokens, and there is room for {room}.")
-        return selection
-
-    def _view_of(self, contents: Contents, tokens: int, prefix: int) -> View:
-        state, chosen = contents.state, contents.selection
-        turns, shown = state.index.turns, list(state.head.messages)
-        steps: set[int] = set()
-        for index in chosen:
-            if index in chosen.texts:
-                shown.append(text_message(chosen.texts[index]))
-            turn = turns[index]
-            shown += chosen.seen(turn)
-            masked = chosen.masked_items(turn)
-            shows = [
-                step
-                for at, item in enumerate(turn.items)
-                if (step := item.observation_step) is not None and at not in masked
-            ]
-            steps.update(shows)
+            prefix = self._prefix(before.state.head, before.forms, state.head, forms, tokens - state.head.tokens)
         return View(
             tools=self._tools,
             tokens=tokens,
-            shown_steps=len(steps),
+            shown_steps=len({form.step for form in forms} - {None}),
             dropped_turns=state.turns - len(chosen),
             prefix_tokens=prefix,
             selection=chosen,
-            shown=tuple(shown),
-            turns=turns,
-            text_tokens=self._written_tokens(chosen),
+            forms=[*state.head.forms, *forms],
+            turns=self._index.turns,
+            text_tokens=sum(form.tokens(self._counter) for form in chosen.texts.values()),
         )
 
-    # The tokens of a selection.
+    def _choose(self, state: WindowState, room: int | None, texts: Mapping[int, Form]) -> Contents:
+        assert isinstance(self._strategies.custom, Strategy)
 
-    def _text_tokens(self, text: str) -> int:
-        return self._counter.message(text_message(text))
+        def text_tokens(text: str) -> int:
+            return self._counter.message(text_message(text))
 
-    def _tokens(self, state: WindowState, chosen: Selection) -> int:
-        turns = sum(_turn_tokens(state, chosen, index) for index in chosen)
-        return state.head.tokens + turns + self._written_tokens(chosen)
+        choice = self._strategies.custom.choose(past_of(state, text_tokens), room)
+        chosen = Contents(state, chosen_selection(state, choice, texts))
+        cap = self.budget.prompt_tokens
+        if room is not None and cap is not None and (over := self._tokens(chosen) - cap) > 0:
+            raise StrategyError(f"The choice takes {room + over} tokens, and there is room for {room}.")
+        return chosen
 
-    def _written_tokens(self, chosen: Selection) -> int:
-        return sum(map(self._text_tokens, chosen.texts.values()))
-
-    def _prefix(self, before: Contents, now: Contents) -> int:
-        """The tokens at the beginning that are the same as in the view before the latest turn."""
-        state, chosen, chosen_before = now.state, now.selection, before.selection
-        shared, is_same = common_head(before.state.head, state.head, self._tools_tokens, self._counter)
-        if not is_same:
-            return shared
-        for index, was in zip_longest(chosen, chosen_before):
-            if index != was or chosen.texts.get(index) != chosen_before.texts.get(was):
-                return shared
-            if index in chosen.texts:
-                shared += self._text_tokens(chosen.texts[index])
-            turn = state.index.turns[index]
-            tokens, is_whole = common_messages(turn, chosen_before, chosen, self._counter)
-            shared += tokens
-            if not is_whole:
-                return shared
-        return shared
+    def _tokens(self, contents: Contents) -> int:
+        return contents.state.head.tokens + sum([form.tokens(self._counter) for form in contents.forms])
 
 
 def text_message(text: str) -> Message:
@@ -154,8 +106,11 @@ def past_of(state: WindowState, text_tokens: Callable[[str], int]) -> Past:
     return Past(turns, state.step, state.oldest, tuple(sorted(pinned)), text_tokens)
 
 
-def chosen_selection(state: WindowState, choice: Choice) -> Selection:
-    """Return a choice with the pinned turns; `StrategyError` if it cannot be shown."""
+def chosen_selection(state: WindowState, choice: Choice, before: Mapping[int, Form]) -> Selection:
+    """Return a choice with the pinned turns; `StrategyError` if it cannot be shown.
+
+    `before` are the texts of the choice before: one that stays is the same message.
+    """
     if not isinstance(choice, Choice):
         raise StrategyError(f"A strategy returns a Choice, not {type(choice).__name__}.")
     pinned = {index for index in (state.last, state.newest, state.notes) if index is not None}
@@ -165,10 +120,10 @@ def chosen_selection(state: WindowState, choice: Choice) -> Selection:
         if index in pinned or index not in shown:
             why = "which is pinned" if index in pinned else "which it does not show"
             raise StrategyError(f"The choice masks turn {index}, {why}.")
-    texts = _texts(choice.texts, shown)
+    texts = _texts(choice.texts, shown, before)
     earlier = tuple(sorted(shown - {state.last}))
     facts = state.oldest, state.notes, state.words, 0, state.pictures
-    return Selection(earlier, state.last, state.last, *facts, True, frozenset(masked), texts)
+    return Selection(earlier, state.last, state.last, *facts, True, frozenset(masked), texts, first_whole=state.turns)
 
 
 def _numbers(given: Iterable[int], turns: int) -> set[int]:
@@ -184,7 +139,7 @@ def _numbers(given: Iterable[int], turns: int) -> set[int]:
     return numbers
 
 
-def _texts(given: Mapping[int, str], shown: set[int]) -> Mapping[int, str]:
+def _texts(given: Mapping[int, str], shown: set[int], before: Mapping[int, Form]) -> Mapping[int, Form]:
     if not isinstance(given, Mapping):
         raise StrategyError(f"The texts of a choice are a mapping from turns to texts, not {type(given).__name__}.")
     for index, text in given.items():
@@ -192,10 +147,5 @@ def _texts(given: Mapping[int, str], shown: set[int]) -> Mapping[int, str]:
             raise StrategyError(f"The choice has a text before turn {index!r}, which it does not show.")
         if not isinstance(text, str) or not text:
             raise StrategyError(f"The text before turn {index} is {text!r}, not a text.")
-    return dict(sorted(given.items()))
-
-
-def _turn_tokens(state: WindowState, chosen: Selection, index: int) -> int:
-    if index == chosen.hidden or index in chosen.masked:
-        return state.masked(index)
-    return state.run(index, index + 1)
+    stays = {index: form for index, form in before.items() if given.get(index) == form.message["content"]}
+    return {index: stays.get(index) or Form(text_message(text)) for index, text in sorted(given.items())}

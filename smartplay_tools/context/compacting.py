@@ -9,32 +9,32 @@ grows with what it shows, and hardly with the conversation.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
-from itertools import chain, islice, takewhile
+from itertools import accumulate, takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
-from smartplay_tools.context.prefix import common_head
+from smartplay_tools.context.base import Window
+from smartplay_tools.context.compaction import AsRecorded, Compactor, GivenHistory, Room
 from smartplay_tools.context.rewriting import (
     SYSTEM,
-    NumberedMessages,
     Own,
     Piece,
-    Place,
     Reader,
+    RewrittenHistory,
     flat,
     from_record,
     given_form,
+    joined,
+    length_of,
     on_record,
 )
 from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.strategies.custom import AsRecorded
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import Selection, View
-from smartplay_tools.context.window import ContextWindow
-from smartplay_tools.context.window_state import Contents, WindowState
+from smartplay_tools.context.turns import Form, Turn
+from smartplay_tools.context.view import Head, Selection, View, ranges_of
+from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import ResolvedBudget, ToolSpec
@@ -50,7 +50,7 @@ MOST_QUESTIONS = 16
 """The most questions for a prompt, refused ones included."""
 
 
-class CompactingWindow(ContextWindow):
+class CompactingWindow(Window):
     """A window whose history a compactor rewrites."""
 
     def __init__(
@@ -61,46 +61,43 @@ class CompactingWindow(ContextWindow):
         counter: TokenCounter,
         strategies: Strategies,
         ids: CallIds,
+        record: Callable[[Event], None],
     ) -> None:
-        """`ids` are those of the conversation, of which calls get one whose id the compactor has made up."""
+        """`ids` are those of the conversation, of which calls get one whose id the compactor has made up.
+
+        `record` is called with what the compactor has done.
+        """
         super().__init__(head[:1], tools, budget, counter, strategies)
         assert isinstance(strategies.custom, Compactor)
         self._compactor, self._recorded, self._ids = strategies.custom, strategies.recorded_rewritings, ids
         self._is_persistent = getattr(self._compactor, "persistent", True)
-        self._messages = NumberedMessages(head[1:])
-        self._reader = Reader(self._messages, lambda: ids.take([""], self._now.state.turns)[0])
-        self._sizes = [counter.message(message) for message in head[1:]]
-        """The tokens of every message as it is shown now."""
-        self._history: list[Piece] = [range(len(self._sizes))]
-        """What came back last, and the messages since."""
-        self._total: int | None = None
-        """The tokens of the history, where they are known."""
+        self._history = RewrittenHistory(head[1:])
+        self._reader = Reader(self._history, lambda: ids.take([""], self._state.turns)[0])
+        self._sums = [0]
+        """The tokens of the messages before each number, as they are shown now."""
+        self._count(0)
         self._making: Generator[View, Message | None, View] | None = None
         """Makes the next prompt to play, and waits for the replies to questions."""
         self._reply: Message | None = None
         """The reply to the latest question, until the compactor has it."""
-        self._shown: Sequence[Piece] = ()
-        """What the latest view shows, after its head."""
-        self._played: tuple[WindowState, View] | None = None
-        """The latest prompt to play."""
-        self._events: list[Event] = []
+        self._played: tuple[Head, Sequence[Form], int] | None = None
+        """The latest prompt to play: its head, the messages after it, its tokens."""
+        self._record = record
+
+    def _begin(self, state: WindowState) -> None:
+        self._state = state
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn."""
-        state, first, whole = self._after(turn), len(self._sizes), self._index.whole
-        self._now = Contents(state, self._now.selection, None)
-        results = [self._counter.message(item.message) for item in turn.items]
-        self._sizes += (whole[-1] - whole[-2] - sum(results), *results)
-        self._messages.append(turn)
-        self._total = None if self._total is None else self._total + whole[-1] - whole[-2]
-        for numbers in self._messages.age(state.oldest, state.pictures):
-            self._total = None
-            self._sizes[numbers.start : numbers.stop] = map(self._counter.message, self._messages.shown(numbers))
-        last = self._history[-1]
-        if isinstance(last, range) and last.stop == first:
-            self._history[-1] = range(last.start, len(self._sizes))
-        else:
-            self._history.append(range(first, len(self._sizes)))
+        self._state = self._after(turn, self._state)
+        first = len(self._history.now)
+        self._history.append(turn)
+        self._count(min(first, self._history.age(self._state.oldest, self._state.pictures)))
+
+    def _count(self, first: int) -> None:
+        """Count the messages from a number on."""
+        sizes = [form.tokens(self._counter) for form in self._history.now[first:]]
+        self._sums[first:] = accumulate(sizes, initial=self._sums[first])
 
     def view(self) -> View:
         """Return the next question of the compactor, or the next prompt to play.
@@ -117,28 +114,19 @@ class CompactingWindow(ContextWindow):
             view: View = end.value
             return view
 
-    def answer(self, reply_text: str) -> None:
-        """Take the text of the reply to the latest question."""
+    def answer(self, reply_text: str) -> Event:
+        """Take the reply to the latest question."""
         self._reply = {"role": "assistant", "content": reply_text}
+        return {}
 
     def close(self) -> None:
         """End the compactor, which may wait for a reply that never comes."""
         if self._making is not None:
             self._making.close()
 
-    def taken_events(self) -> list[Event]:
-        """Return what has happened since this was last called, for the record."""
-        events, self._events = self._events, []
-        return events
-
-    def canonical(self, view: View) -> list[bytes]:
-        """Return the canonical JSON of the latest view's messages, of which the prompt's sha256 is made."""
-        head = [] if view.asks_for_summary else self._now.state.head.canonical
-        return [*head, *chain.from_iterable(map(self._messages.lines, self._shown))]
-
     def _make(self) -> Generator[View, Message | None, View]:
         """Yield the questions of the compactor that are sent; return the prompt to play."""
-        cap, head = self.budget.prompt_tokens, self._now.state.head.tokens
+        cap, head = self.budget.prompt_tokens, self._state.head.tokens
         if cap is not None and head > cap:
             raise PromptOverflowError(f"System message and tools take {head} tokens.")
         running = None if isinstance(self._compactor, AsRecorded) else self._run()
@@ -156,8 +144,8 @@ class CompactingWindow(ContextWindow):
                     answer = yield question
                     continue
                 answer = ContextOverflowError(f"The question has {question.tokens} tokens, and its cap is {most}.")
-                facts = {"turn": self._now.state.turns, "tokens": question.tokens, "reply": None, **question.facts}
-                self._events.append({"event": "question", **facts})
+                facts = {"turn": self._state.turns, "tokens": question.tokens, "reply": None, **question.facts}
+                self._record({"event": "question", **facts})
         finally:
             if running is not None:
                 with suppress(Exception):  # nobody is left to hear what it raises while it is closed
@@ -166,22 +154,24 @@ class CompactingWindow(ContextWindow):
 
     def _run(self) -> Answered:
         """Call the compactor: yield the messages of its questions, take the answers, return what comes back."""
-        given: list[Piece] = list(self._history) if self._is_persistent else [range(len(self._sizes))]
-        reader, cap, last = self._reader, self.budget.prompt_tokens, self._played
-        history = GivenHistory(
-            length=sum(map(_length, given)), copies=lambda: [copy_of(given_form(each)) for each in self._all(given)]
-        )
+        history, reader, cap, last = self._history, self._reader, self.budget.prompt_tokens, self._played
+        given: list[Piece] = list(history.pieces) if self._is_persistent else [range(len(history.now))]
+
+        def copies() -> list[Message]:
+            return [copy_of(given_form(form.message)) for form in history.forms(given)]
+
+        messages = GivenHistory(length=sum(map(length_of, given)), copies=copies)
         room = Room(
-            None if cap is None else cap - self._now.state.head.tokens,
+            None if cap is None else cap - self._state.head.tokens,
             cap if self.budget.question_tokens is None else self.budget.question_tokens,
-            None if last is None else last[1].tokens,
-            lambda messages: sum(chain.from_iterable(map(self._tokens, reader.read(messages, flat(given))))),
+            None if last is None else last[2],
+            lambda messages: self._tokens(history.forms(joined(reader.read(messages, flat(given))))),
         )
 
         def pieces(made: Any) -> list[Piece]:
-            return given if made is history and history.is_untouched else reader.pieces(made, flat(given))
+            return given if made is messages and messages.is_untouched else reader.pieces(made, flat(given))
 
-        made = self._compactor.compact(history, room)
+        made = self._compactor.compact(messages, room)
         if not inspect.isgenerator(made):
             return pieces(made)
         questions: Generator[Any, Any, Any] = made
@@ -214,176 +204,145 @@ class CompactingWindow(ContextWindow):
                 raise StrategyError("The record has no more rewritings.")
             return made
         is_question, messages = self._recorded.popleft()
-        was = is_question, self._history if messages is None else from_record(messages)
+        was = is_question, self._history.pieces if messages is None else from_record(messages)
         if made is not None and (made[0] or is_question) and made != was:
-            turn = self._now.state.turns
+            turn = self._state.turns
             raise TranscriptError(f"Before turn {turn} the compactor does not ask the question that is on record.")
         self._ids.reserve(call["id"] for own in was[1] if isinstance(own, Own) for call in calls_of(own.message))
         return was
 
     def _question(self, pieces: list[Piece]) -> View:
-        state, messages = self._now.state, tuple(self._all(pieces))
-        has_calls = any(calls_of(message) for message in messages)
-        tokens = PRIMING + sum(self._sizes_of(pieces)) + (self._tools_tokens if has_calls else 0)
-        self._shown = pieces
+        forms = self._history.forms(pieces)
+        tools = self._tools if any(calls_of(form.message) for form in forms) else ()
         return View(
-            tools=self._tools if has_calls else (),
-            tokens=tokens,
+            tools=tools,
+            tokens=PRIMING + self._tokens(forms) + (self._tools_tokens if tools else 0),
             shown_steps=0,
             dropped_turns=0,
             prefix_tokens=0,
-            selection=_selection(state, []),
-            shown=messages,
+            selection=self._selection([]),
+            forms=forms,
             turns=self._index.turns,
             purpose="compaction",
             facts={"messages": on_record(pieces)},
         )
 
     def _to_play(self, pieces: list[Piece]) -> View:
-        """Return the prompt that shows what came back, as far as it fits, and note both for the record."""
-        state, cap, head = self._now.state, self.budget.prompt_tokens, self._now.state.head.tokens
-        messages = None if pieces == self._history else on_record(pieces)
-        if messages is not None or self._total is None:
-            self._total = sum(self._sizes_of(pieces))
-        self._history = list(pieces)
-        lead = list(takewhile(lambda place: self._messages.role(place) != "assistant", _forward(pieces)))
-        length, total = sum(map(_length, pieces)), head + self._task(lead) + self._total
+        """Return the prompt that shows what came back, as far as it fits, and record both."""
+        history, cap, head = self._history, self.budget.prompt_tokens, self._state.head.tokens
+        messages = None if pieces == history.pieces else on_record(pieces)
+        lead = list(takewhile(lambda form: form.message["role"] != "assistant", history.walk(pieces)))
+        length, total = sum(map(length_of, pieces)), head + self._task(lead) + sum(map(self._size, pieces))
         is_over = cap is not None and total > cap
-        event: Event = {"event": "rewrite", "turn": state.turns, "messages": messages, "tokens": total, "over": is_over}
-        fitting: tuple[int, int] | None = (0, length - len(lead))
+        fitting: tuple[int, int, int] | None = (0, length - len(lead), total - head)
         if cap is not None and is_over:
             fitting = self._fitting(pieces, lead, cap - head)
+        event: Event = {"event": "rewrite", "turn": self._state.turns, "messages": messages, "tokens": total}
+        event |= {"over": is_over, "shown": None, "task": False, "blind": False}
         if fitting is None:
-            self._events.append({**event, "shown": None, "task": False, "blind": False})
+            history.take(event)
+            self._record(event)
             raise PromptOverflowError("The newest turn does not fit beside system message and tools.")
-        lost, kept = fitting
-        places = [range(lost, len(lead)), range(length - kept, length)]
-        has_task = bool(self._task(lead[lost:]))
-        front: list[Piece] = [range(1)] if has_task else []
-        self._shown = [*_part(pieces, places[0]), *front, *_part(pieces, places[1])]
-        view, is_blind = self._seen()
-        shown = [[each.start, each.stop - 1] for each in places if each]
-        if len(shown) > 1 and shown[0][1] + 1 == shown[1][0]:
-            shown = [[shown[0][0], shown[1][1]]]
-        self._events.append({**event, "shown": shown, "task": has_task, "blind": is_blind})
+        lost, kept, tokens = fitting
+        event["shown"] = ranges_of([*range(lost, len(lead)), *range(length - kept, length)])
+        event["task"] = bool(self._task(lead[lost:]))
+        history.take(event)
+        view = self._shown(head + tokens)
+        event["blind"] = not self._is_seen(view.forms[1:])
+        self._record(event)
         return view
 
-    def _fitting(self, pieces: Sequence[Piece], lead: Sequence[Place], room: int) -> tuple[int, int] | None:
-        """Return how many of the messages before the first reply leave, and how many of the turns stay.
+    def _fitting(self, pieces: Sequence[Piece], lead: Sequence[Form], room: int) -> tuple[int, int, int] | None:
+        """Return how many of the messages before the first reply leave, how many of the turns' stay, and the tokens.
 
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        lead_sizes = [size for place in lead for size in self._tokens(place)]
-        before, kept, tokens, turn = self._task(lead) + sum(lead_sizes), 0, 0, 0
-        newest_first = chain.from_iterable(map(self._backward, reversed(pieces)))
-        for length, (size, message) in enumerate(newest_first, start=1):
-            turn += size
+        sums, starts = self._sums, self._history.starts
+        before, passed, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0, 0
+        # `turn` are the tokens that were passed since the reply with which the messages that stay begin.
+        for piece in reversed(pieces):
+            passed += length_of(piece)
+            if isinstance(piece, Own):
+                turn += self._size(piece)
+                if piece.message["role"] == "assistant" and (not kept or before + tokens + turn <= room):
+                    kept, tokens, turn = passed, tokens + turn, 0
+            else:
+                first, stop = (bisect_left(starts, number) for number in (piece.start, piece.stop))
+                least = before + tokens + turn + sums[piece.stop] - room
+                at = bisect_left(starts, least, first, stop, key=sums.__getitem__)
+                if at == stop > first and not kept:
+                    at -= 1
+                start = starts[at] if at < stop else piece.stop  # of the first turn in the row that stays
+                if at < stop:
+                    kept, tokens, turn = (
+                        passed - (start - piece.start),
+                        tokens + turn + sums[piece.stop] - sums[start],
+                        0,
+                    )
+                turn += sums[start] - sums[piece.start]
             if kept and before + tokens + turn > room:
                 break
-            if message["role"] == "assistant":
-                kept, tokens, turn = length, tokens + turn, 0
         for lost in range(len(lead) + bool(kept)):
-            if self._task(lead[lost:]) + sum(lead_sizes[lost:]) + tokens <= room:
-                return lost, kept
+            if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
+                return lost, kept, needs
         return None
 
-    def _backward(self, piece: Piece) -> Iterable[tuple[int, Message]]:
-        """Return tokens and message of every message, the newest first."""
-        if isinstance(piece, Own):
-            return [(self._tokens(piece)[0], piece.message)]
-        later = len(self._sizes) - piece.stop
-        return islice(zip(reversed(self._sizes), reversed(self._messages.now), strict=True), later, later + len(piece))
-
-    def _task(self, lead: Sequence[Place]) -> int:
+    def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
 
         It does where no user's message is among those before the first reply: all others are system messages.
         """
-        return 0 if any(self._messages.role(place) not in SYSTEM for place in lead) else self._sizes[0]
+        if any(form.message["role"] not in SYSTEM for form in lead):
+            return 0
+        return self._history.now[0].tokens(self._counter)
 
-    def _tokens(self, place: Place | Piece) -> Sequence[int]:
+    def _size(self, piece: Piece) -> int:
         """The tokens of messages as they are shown now."""
-        if isinstance(place, int):
-            return self._sizes[place : place + 1]
-        if isinstance(place, Own):
-            return [self._counter.message(message) for message in self._messages.shown(place)]
-        return self._sizes[place.start : place.stop]
+        if isinstance(piece, Own):
+            return self._tokens(self._history.forms([piece]))
+        return self._sums[piece.stop] - self._sums[piece.start]
 
-    def _sizes_of(self, pieces: Iterable[Piece]) -> Iterable[int]:
-        return chain.from_iterable(map(self._tokens, pieces))
+    def _tokens(self, forms: Iterable[Form]) -> int:
+        return sum([form.tokens(self._counter) for form in forms])
 
-    def _all(self, pieces: Iterable[Piece]) -> Iterable[Message]:
-        return chain.from_iterable(map(self._messages.shown, pieces))
-
-    def _seen(self) -> tuple[View, bool]:
-        """The prompt that shows the pieces, and whether it neither shows nor tells the newest observation."""
-        state, shown, sizes = self._now.state, list(self._all(self._shown)), list(self._sizes_of(self._shown))
-        prefix = 0
-        if self._played is not None:
-            was, before = self._played
-            prefix, is_same = common_head(was.head, state.head, self._tools_tokens, self._counter)
-            if is_same:
-                same = takewhile(
-                    lambda pair: pair[0] is pair[1] or pair[0] == pair[1], zip(shown, before.shown[1:], strict=False)
-                )
-                prefix += sum(sizes[: len([*same])])
-        rows = [piece for piece in self._shown if isinstance(piece, range)]
-        steps: set[Any] = set().union(*[self._messages.steps[row.start : row.stop] for row in rows])
-        visible: set[int] = steps - {None}
-        turns = [self._messages.turns_of(row) for row in rows]
-        selection = _selection(state, turns)
-        view = View(
+    def _shown(self, tokens: int) -> View:
+        """The prompt that shows what the history shows, which has so many tokens."""
+        history, head, played, prefix = self._history, self._state.head, self._played, 0
+        forms = history.forms(history.shown)
+        if played is not None:
+            prefix = self._prefix(played[0], played[1], head, forms, tokens - head.tokens, is_equal=True)
+        selection = self._selection([history.turns_of(row) for row in history.shown if isinstance(row, range)])
+        self._played = head, forms, tokens
+        return View(
             tools=self._tools,
-            tokens=state.head.tokens + sum(sizes),
-            shown_steps=len(visible),
-            dropped_turns=state.turns - len(selection),
+            tokens=tokens,
+            shown_steps=len({form.step for form in forms} - {None}),
+            dropped_turns=self._state.turns - len(selection),
             prefix_tokens=prefix,
             selection=selection,
-            shown=(*state.head.messages, *shown),
+            forms=[*head.forms, *forms],
             turns=self._index.turns,
-            text_tokens=sum(self._sizes_of(piece for piece in self._shown if isinstance(piece, Own))),
-            visible=visible,
+            text_tokens=sum(self._size(piece) for piece in history.shown if isinstance(piece, Own)),
         )
-        self._played = state, view
-        return view, state.step not in visible and not self._is_told(shown)
 
-    def _is_told(self, shown: Sequence[Message]) -> bool:
-        """Whether the words or the picture of the newest observation stand in a message; True without one."""
-        state = self._now.state
-        if state.newest is None:
+    def _is_seen(self, forms: Sequence[Form]) -> bool:
+        """Whether messages show the newest observation, or have its words or its picture; True without one."""
+        state = self._state
+        if state.newest is None or any(form.step == state.step for form in forms):
             return True
         [*_, newest] = [item for item in state.index.turns[state.newest].items if item.observation_step == state.step]
         words, pictures = newest.observation_words, [part["sha256"] for part in pictures_of(newest.message)]
         return any(
-            (words and words in text_of(message)) or any(part["sha256"] in pictures for part in pictures_of(message))
-            for message in shown
+            (words and words in text_of(form.message))
+            or any(part["sha256"] in pictures for part in pictures_of(form.message))
+            for form in forms
         )
 
-
-def _length(piece: Piece) -> int:
-    return 1 if isinstance(piece, Own) else len(piece)
-
-
-def _forward(pieces: Iterable[Piece]) -> Iterator[Place]:
-    for piece in pieces:
-        yield from (piece,) if isinstance(piece, Own) else piece
-
-
-def _part(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
-    """Yield the messages at places of pieces."""
-    start = 0
-    for piece in pieces:
-        first, stop = max(places.start - start, 0), min(places.stop - start, _length(piece))
-        if first < stop:
-            yield piece if isinstance(piece, Own) else piece[first:stop]
-        start += _length(piece)
-
-
-def _selection(state: WindowState, turns: Sequence[range]) -> Selection:
-    """Return the selection that names turns of which a prompt shows messages."""
-    *others, run = turns if turns and turns[-1].stop == state.turns else [*turns, range(state.turns, state.turns)]
-    pinned = {turn for each in others for turn in each if turn not in run}
-    chosen = Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest)
-    chosen.pictures = state.pictures
-    return chosen
+    def _selection(self, turns: Sequence[range]) -> Selection:
+        """The selection that names turns of which a prompt shows messages."""
+        state = self._state
+        *others, run = turns if turns and turns[-1].stop == state.turns else [*turns, range(state.turns, state.turns)]
+        pinned = {turn for each in others for turn in each if turn not in run}
+        facts = {"pictures": state.pictures, "first_whole": state.first_whole}
+        return Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest, **facts)

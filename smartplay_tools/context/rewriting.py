@@ -10,13 +10,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain, takewhile
 from typing import Any, TypeAlias
 
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.turns import Item, Turn
+from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.errors import InvalidArgumentError, StrategyError
-from smartplay_tools.transcript.hashing import head_bytes
 from smartplay_tools.types import arguments
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
@@ -40,6 +40,11 @@ class Own:
     """A message of the compactor's own."""
 
     message: Message
+
+    @cached_property
+    def form(self) -> Form:
+        """The message as a prompt shows it, unless it is a result that has become too old."""
+        return Form(self.message)
 
 
 Piece: TypeAlias = "range | Own"
@@ -77,20 +82,39 @@ def from_record(recorded: Iterable[Any]) -> list[Piece]:
     return [range(each[0], each[1] + 1) if isinstance(each, list) else Own(each) for each in recorded]
 
 
-class NumberedMessages:
-    """The messages of a conversation by their numbers, as they are shown now."""
+def length_of(piece: Piece) -> int:
+    """Return how many messages a piece has."""
+    return 1 if isinstance(piece, Own) else len(piece)
+
+
+def part_of(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
+    """Yield the messages at places of pieces."""
+    start = 0
+    for piece in pieces:
+        length = length_of(piece)
+        first, stop = max(places.start - start, 0), min(places.stop - start, length)
+        if first < stop:
+            yield piece if isinstance(piece, Own) else piece[first:stop]
+        start += length
+
+
+class RewrittenHistory:
+    """The messages of a conversation by their numbers, and what a compactor has made of them.
+
+    It grows by turns (`append`) and is rewritten by `rewrite` events (`take`), in an episode and in a record alike.
+    """
 
     def __init__(self, head: Sequence[Message]) -> None:
         """`head` is the messages before the first reply, without the system message."""
-        self.now: list[Message] = list(head)
+        self.now: list[Form] = list(map(Form, head))
         """Every message as a prompt shows it now."""
-        self.steps: list[int | None] = [None] * len(head)
-        """The observation that each message shows now, None for none."""
-        self._lines: list[bytes | None] = [None] * len(head)
-        """The canonical JSON of each, as far as it was asked for."""
-        self._turns: list[Turn] = []
-        self._starts = [len(head)]
+        self.pieces: list[Piece] = [range(len(head))]
+        """What came back last, and the messages since."""
+        self.shown: list[Piece] = []
+        """What the next prompt to play shows after its head."""
+        self.starts = [len(head)]
         """The number of the first message of each turn, and the number that comes next."""
+        self._turns: list[Turn] = []
         self._oldest = self._pictures = self._aged = 0
         """What is masked and left out (`age`), and the first turn that can still change by it."""
         self._results: dict[str, int] = {}
@@ -106,86 +130,92 @@ class NumberedMessages:
 
     def append(self, turn: Turn) -> None:
         """Add a turn, nothing of which is masked yet."""
+        first = len(self.now)
         self._turns.append(turn)
-        self.now += turn.messages
-        self.steps += (None, *[item.observation_step for item in turn.items])
-        self._lines += [None] * len(turn.messages)
-        self._starts.append(len(self.now))
+        self.now += turn.whole
+        self.starts.append(len(self.now))
+        last = self.pieces[-1] if self.pieces else None
+        if isinstance(last, range) and last.stop == first:
+            first = last.start
+            self.pieces.pop()
+        self.pieces.append(range(first, len(self.now)))
 
-    def age(self, oldest: int, pictures: int) -> list[range]:
-        """Mask observations before the oldest, and leave out the first pictures; return the numbers that may change."""
-        changed: list[range] = []
+    def take(self, event: Mapping[str, Any]) -> None:
+        """Take a `rewrite` event: what came back takes the place of the history, and a part of it is shown."""
+        if event["messages"] is not None:
+            self.pieces = from_record(event["messages"])
+        if event["shown"] is not None:
+            parts = (part_of(self.pieces, range(first, last + 1)) for first, last in event["shown"])
+            self.shown = list(chain.from_iterable(parts))
+        if event["task"]:
+            roles = (form.message["role"] for form in self.walk(self.shown))
+            systems = len([*takewhile(SYSTEM.__contains__, roles)])
+            after = range(systems, sum(map(length_of, self.shown)))
+            self.shown = [*part_of(self.shown, range(systems)), range(1), *part_of(self.shown, after)]
+
+    def age(self, oldest: int, pictures: int) -> int:
+        """Mask observations before the oldest, and leave out the first pictures; return the first message that changes.
+
+        This is the number that comes next if none does.
+        """
+        changed = self.starts[-1]
         if (oldest, pictures) == (self._oldest, self._pictures):
             return changed
         before, self._oldest, self._pictures = self._pictures, oldest, pictures
         for index in range(self._aged, len(self._turns)):
-            turn, numbers = self._turns[index], range(self._starts[index], self._starts[index + 1])
+            turn = self._turns[index]
             pictured = turn.first_picture + len(turn.pictured)
             if turn.is_young(oldest) and pictured <= before:
                 continue  # its pictures were left out before, and it is not masked yet
-            self.now[numbers.start : numbers.stop] = seen = turn.seen(oldest, pictures=pictures)
-            shows = [
-                None if item.is_masked(m) else item.observation_step
-                for item, m in zip(turn.items, seen[1:], strict=True)
-            ]
-            self.steps[numbers.start : numbers.stop] = [None, *shows]
-            self._lines[numbers.start : numbers.stop] = [None] * len(numbers)
-            changed.append(numbers)
+            self.now[self.starts[index] : self.starts[index + 1]] = turn.seen(oldest, pictures=pictures)
+            changed = min(changed, self.starts[index])
             if turn.step < oldest:
                 self._aged = index + 1
             elif turn.is_young(oldest) and pictured >= pictures:
                 break  # and so is every later turn
         return changed
 
+    def forms(self, pieces: Iterable[Piece]) -> list[Form]:
+        """Return messages as a prompt shows them now."""
+        return list(chain.from_iterable(map(self._forms, pieces)))
+
+    def walk(self, pieces: Iterable[Piece]) -> Iterator[Form]:
+        """Yield messages as a prompt shows them now one by one."""
+        for piece in pieces:
+            if isinstance(piece, Own):
+                yield self._own(piece)
+            else:
+                yield from map(self.now.__getitem__, piece)
+
+    def _forms(self, piece: Piece) -> Sequence[Form]:
+        return (self._own(piece),) if isinstance(piece, Own) else self.now[piece.start : piece.stop]
+
     def turns_of(self, numbers: range) -> range:
         """Return the turns that messages in a row belong to."""
-        first, last = (bisect_right(self._starts, number) - 1 for number in (numbers.start, numbers.stop - 1))
+        first, last = (bisect_right(self.starts, number) - 1 for number in (numbers.start, numbers.stop - 1))
         return range(max(first, 0), last + 1)
 
-    def item(self, number: int) -> Item | None:
-        """Return the item that a message is; None for replies, and for messages before the first one."""
-        turn = bisect_right(self._starts, number) - 1
-        if turn < 0 or number == self._starts[turn]:
-            return None
-        return self._turns[turn].items[number - self._starts[turn] - 1]
+    def place_of(self, number: int) -> tuple[int, int]:
+        """Return the turn of a message and its place there, 0 for the reply; before the first turn, the turn is -1."""
+        turn = bisect_right(self.starts, number) - 1
+        return turn, number - self.starts[turn]
 
-    def role(self, place: Place) -> str:
-        """Return the role of a message."""
-        return (place.message if isinstance(place, Own) else self.now[place])["role"]
+    def _item(self, number: int) -> Item | None:
+        """The item that a message is; None for replies, and for messages before the first one."""
+        turn, place = self.place_of(number)
+        return self._turns[turn].items[place - 1] if turn >= 0 and place else None
 
-    def shown(self, piece: Piece) -> list[Message]:
-        """Return messages as a prompt shows them now."""
-        return [self._own(piece)] if isinstance(piece, Own) else self.now[piece.start : piece.stop]
-
-    def lines(self, piece: Piece) -> list[bytes]:
-        """Return the canonical JSON of `shown`."""
-        if isinstance(piece, Own):
-            return [head_bytes(self._own(piece))]
-        lines = self._lines[piece.start : piece.stop]
-        if None in lines:
-            for number in piece:
-                if self._lines[number] is None:
-                    self._lines[number] = self._line(number)
-            lines = self._lines[piece.start : piece.stop]
-        return lines  # type: ignore[return-value]
-
-    def _line(self, number: int) -> bytes:
-        if (turn := bisect_right(self._starts, number) - 1) < 0:
-            return head_bytes(self.now[number])
-        seen = self._turns[turn].canonical_seen(self._oldest, pictures=self._pictures)
-        return seen[number - self._starts[turn]]
-
-    def _own(self, own: Own) -> Message:
+    def _own(self, own: Own) -> Form:
         """An own message as it is shown: a result has the date of its call, whatever its text has become."""
         message = own.message
         number = self.result_of(message["tool_call_id"]) if message["role"] == "tool" else None
-        if number is None or (item := self.item(number)) is None:
-            return message
-        is_masked = item.is_masked(self.now[number])
-        if is_masked or (self.now[number] is not item.message and pictures_of(message)):
-            text = "" if is_masked else text_of(message)
-            return {**message, "content": text or item.masked["content"]}
-        return message
+        if number is None or (item := self._item(number)) is None:
+            return own.form
+        now = self.now[number].message
+        if now is item.message or not ((is_masked := now is item.masked) or pictures_of(message)):
+            return own.form
+        text = "" if is_masked else text_of(message)
+        return Form({**message, "content": text or item.masked["content"]})
 
     def result_of(self, call_id: str) -> int | None:
         """Return the result of a call of the conversation; None for another id."""
@@ -222,13 +252,14 @@ class NumberedMessages:
         if number is None:
             return None
         wanted = meaning(message)
-        return number if any(wanted == meaning(form) for form in self._forms(number)) else None
+        return number if any(wanted == meaning(form) for form in self._spelled(number)) else None
 
-    def _forms(self, number: int) -> Iterator[Message]:
+    def _spelled(self, number: int) -> Iterator[Message]:
         """The forms in which a message is or was given."""
-        yield given_form(self.now[number])
-        yield self.now[number]
-        if (item := self.item(number)) is not None and self.now[number] is not item.message:
+        now = self.now[number].message
+        yield given_form(now)
+        yield now
+        if (item := self._item(number)) is not None and now is not item.message:
             yield item.message
             if pictures_of(item.message):
                 yield item.unpictured
@@ -236,10 +267,10 @@ class NumberedMessages:
     def _look_up(self) -> None:
         """Enter the messages that are new."""
         for number in range(self._read, len(self.now)):
-            message = self.now[number]
+            message = self.now[number].message
             if message["role"] == "tool":
                 self._results[message["tool_call_id"]] = number
-                original = message if (item := self.item(number)) is None else item.message
+                original = message if (item := self._item(number)) is None else item.message
                 self._shown |= {part["sha256"]: part for part in pictures_of(original)}
             elif calls := calls_of(message):
                 self._replies |= dict.fromkeys((call["id"] for call in calls), number)
@@ -274,7 +305,7 @@ def meaning(message: Message) -> Any:
 class Reader:
     """Reads what a compactor returns or asks."""
 
-    messages: NumberedMessages
+    messages: RewrittenHistory
     new_id: Callable[[], str]
     """Makes the id of a call in place of one that the compactor has made up."""
     _ids: dict[str, str] = field(default_factory=dict)
@@ -352,7 +383,7 @@ class Reader:
         seen: set[str] = set()
         last = None
         for at, place in enumerate(read):
-            message = place.message if isinstance(place, Own) else self.messages.now[place]
+            message = place.message if isinstance(place, Own) else self.messages.now[place].message
             role = message["role"]
             if role == "tool":
                 if message["tool_call_id"] not in waiting:
@@ -374,44 +405,3 @@ class Reader:
             raise StrategyError("There is no message.")
         if last == "assistant":
             raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")
-
-
-class Rewriting:
-    """The history of a record that a compactor has rewritten, rebuilt without the compactor."""
-
-    def __init__(self, head: Sequence[Message]) -> None:
-        """`head` is the messages before the first reply, without the system message."""
-        self._messages = NumberedMessages(head)
-        self._turns = self._known = 0
-        """How many turns are read, and how many messages the history has had so far."""
-        self._history: list[Place] = []
-        """What came back last, and the messages since."""
-        self._pieces: list[Piece] = []
-        """What the next prompt to play shows."""
-
-    def take(self, event: Mapping[str, Any], turns: Sequence[Turn]) -> None:
-        """Take a `rewrite` event."""
-        self._read(event["turn"], turns)
-        self._history += range(self._known, len(self._messages.now))
-        self._known = len(self._messages.now)
-        if event["messages"] is not None:
-            self._history = flat(from_record(event["messages"]))
-        if event["shown"] is not None:
-            places = [place for first, last in event["shown"] for place in self._history[first : last + 1]]
-            if event["task"]:
-                systems = takewhile(lambda place: self._messages.role(place) in SYSTEM, places)
-                places.insert(len([*systems]), 0)
-            self._pieces = joined(places)
-
-    def shown(self, view: Mapping[str, Any], turns: Sequence[Turn]) -> tuple[list[Message], list[bytes]]:
-        """Return the messages of a prompt after its head, and their canonical JSON."""
-        self._read(view["turn"], turns)
-        self._messages.age(view["oldest"], view.get("pictures", 0))
-        pieces = from_record(view["messages"]) if "messages" in view else self._pieces
-        messages = chain.from_iterable(map(self._messages.shown, pieces))
-        return list(messages), list(chain.from_iterable(map(self._messages.lines, pieces)))
-
-    def _read(self, stop: int, turns: Sequence[Turn]) -> None:
-        for turn in turns[self._turns : stop]:
-            self._messages.append(turn)
-        self._turns = stop

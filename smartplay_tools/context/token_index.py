@@ -1,4 +1,4 @@
-"""An index of tokens: what every turn costs, whole and masked, and where every observation is shown.
+"""An index of tokens: what every turn costs, whole and masked.
 
 Turns are only appended, so running sums suffice: the tokens of consecutive turns are the difference of two sums. Steps
 never decrease from turn to turn. So the first turn that is not older than a given step is found by bisection. This turn
@@ -9,10 +9,10 @@ masked in part.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from operator import attrgetter
 
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.types.messages import Message
+from smartplay_tools.context.turns import Form, Turn
 
 
 class TokenIndex:
@@ -26,20 +26,16 @@ class TokenIndex:
         self._with_words, self._with_pictures = with_words, with_pictures
         self._unpictured, self._pictures = [0], list[int]()
         """The tokens of the pictures before each turn, and the number of pictures up to the end of each turn."""
-        self._spoken, self._wordy = [0], list[int]()
-        """The tokens of the words in the replies before each turn, and the turns whose replies have words."""
+        self._spoken = [0]
+        """The tokens of the words in the replies before each turn."""
         self.turns: list[Turn] = []
         self._counter = counter
         self.whole, self.masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
-        self._steps: list[int] = []
-        self._showing: list[int] = []
-        """The turns that show an observation."""
-        self._messages: list[Message] = []
+
+        self._forms: list[Form] = []
         self._starts = [0]
         """Every message, unmasked, and how many are before each turn."""
-        self._lines: list[bytes] = []
-        """The canonical JSON of the messages, as far as it was asked for."""
 
     def append(self, turn: Turn) -> None:
         """Add a turn."""
@@ -48,38 +44,21 @@ class TokenIndex:
         self.masked.append(self.masked[-1] + tokens - self.saved(turn, turn.step + 1))
         if self._with_words:
             self._spoken.append(self._spoken[-1] + turn.spoken(self._counter))
-            if turn.is_wordy:
-                self._wordy.append(len(self.turns))
         if self._with_pictures:
             count = turn.first_picture + len(turn.pictured)
             self._unpictured.append(self._unpictured[-1] + self.saved(turn, 0, count))
             self._pictures.append(count)
-        if turn.shows:
-            self._showing.append(len(self.turns))
-        self._steps.append(turn.step)
-        self._messages.extend(turn.messages)
-        self._starts.append(len(self._messages))
+        self._forms += turn.whole
+        self._starts.append(len(self._forms))
         self.turns.append(turn)
 
-    def messages(self, first: int, stop: int) -> list[Message]:
+    def forms(self, first: int, stop: int) -> list[Form]:
         """Return the messages of the turns from `first` to before `stop`, with no observation masked."""
-        return self._messages[self._starts[first] : self._starts[stop]]
-
-    def lines(self, first: int, stop: int) -> list[bytes]:
-        """Return the canonical JSON of `messages`; each is encoded once, when it is first asked for."""
-        encoded = bisect_left(self._starts, len(self._lines))
-        for turn in self.turns[encoded:stop]:
-            self._lines.extend(turn.canonical)
-        return self._lines[self._starts[first] : self._starts[stop]]
+        return self._forms[self._starts[first] : self._starts[stop]]
 
     def spoken(self, first: int, stop: int) -> int:
         """Tokens of the words in replies from `first` to before `stop`, which bare replies save."""
         return self._spoken[stop] - self._spoken[first] if first < stop else 0
-
-    def first_wordy(self, first: int, stop: int) -> int | None:
-        """The first turn from `first` to before `stop` whose reply would change by becoming bare."""
-        at = bisect_left(self._wordy, first)
-        return self._wordy[at] if at < len(self._wordy) and self._wordy[at] < stop else None
 
     def unpictured(self, first: int, stop: int) -> int:
         """Tokens of the pictures in turns from `first` to before `stop`, of which no observation is masked."""
@@ -105,9 +84,4 @@ class TokenIndex:
 
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""
-        return bisect_left(self._steps, step)
-
-    def first_showing(self, first: int, stop: int) -> int | None:
-        """The first turn from `first` to before `stop` that shows an observation."""
-        at = bisect_left(self._showing, first)
-        return self._showing[at] if at < len(self._showing) and self._showing[at] < stop else None
+        return bisect_left(self.turns, step, key=attrgetter("step"))

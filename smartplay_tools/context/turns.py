@@ -10,7 +10,7 @@ the item was made, so steps never decrease from turn to turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.transcript.hashing import message_bytes
+from smartplay_tools.transcript.hashing import head_bytes, message_bytes
 from smartplay_tools.types import NOTES_TOOL
 from smartplay_tools.types.messages import (
     Call,
@@ -34,6 +34,54 @@ from smartplay_tools.types.pictures import picture_part
 
 BROUGHT_BACK = frozenset({"recalled", "page"})
 """The data by which a result is known to bring observations back: a key for each tool that does so."""
+
+
+class Form:
+    """One form of a message, as prompts show it. Its canonical JSON and its tokens are made once.
+
+    Every form of a message of a turn is one object, so two prompts show the same message if they have the same form.
+    """
+
+    def __init__(
+        self,
+        message: Message,
+        turn: int | None = None,
+        *,
+        arguments: Sequence[str] | None = None,
+        position: int | None = None,
+        step: int | None = None,
+    ) -> None:
+        """`turn` is the number of its turn; None for a message of no turn, whose calls keep their ids.
+
+        `arguments` are those of its calls in canonical form, if they have been read. `position` is that of the call
+        whose result it is.
+        """
+        self.message = message
+        """It must not be changed."""
+        self.step = step
+        """The observation that it shows; None if it shows none."""
+        self._turn, self._position, self._arguments = turn, position, arguments
+        self._counter: TokenCounter | None = None
+        self._tokens = 0
+
+    @cached_property
+    def line(self) -> bytes:
+        """The canonical JSON of the message, of which a prompt's sha256 is made; the ids are `<turn>.<position>`."""
+        if self._turn is None:
+            return head_bytes(self.message)
+        positions = range(len(calls_of(self.message))) if self._position is None else [self._position]
+        ids = [f"{self._turn}.{position}" for position in positions]
+        return message_bytes(self.message, ids, self._arguments or ())
+
+    def tokens(self, counter: TokenCounter) -> int:
+        """Return the budget tokens of the message."""
+        if self._counter is not counter:
+            self.is_counted(counter, counter.message(self.message, self._arguments))
+        return self._tokens
+
+    def is_counted(self, counter: TokenCounter, tokens: int) -> None:
+        """Take note of the tokens that a counter has counted."""
+        self._counter, self._tokens = counter, tokens
 
 
 @dataclass
@@ -63,10 +111,6 @@ class Item:
         masked = self.message.copy()
         masked["content"] = self.words("observation_left")
         return masked
-
-    def is_masked(self, shown: Message) -> bool:
-        """Whether a form of the message is the one that replaces it once it is too old."""
-        return shown is not self.message and shown["content"] == self.words("observation_left")
 
     @property
     def observation_words(self) -> str:
@@ -147,15 +191,41 @@ class Turn:
         return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
 
     @cached_property
-    def hidden(self) -> tuple[Message, ...]:
-        """All its messages, with every observation masked."""
-        items = (item.message if item.date is None else item.masked for item in self.items)
-        return (self.shown, *items)
+    def whole(self) -> tuple[Form, ...]:
+        """All its messages, with no observation masked."""
+        reply = Form(self.shown, self.number, arguments=self.arguments)
+        return (reply, *[self._form(item, item.message, item.observation_step) for item in self.items])
 
     @cached_property
-    def plain(self) -> tuple[Message, ...]:
-        """All its messages without their pictures, with no observation masked."""
-        return (self.shown, *self._items(0, self.pictured))
+    def hidden(self) -> tuple[Form, ...]:
+        """All its messages, with every observation masked."""
+        dated = [self._form(item, item.masked) if item.date is not None else None for item in self.items]
+        return tuple([form or whole for form, whole in zip([None, *dated], self.whole, strict=True)])
+
+    @cached_property
+    def plain(self) -> tuple[Form, ...]:
+        """All its messages without their pictures; one that has no words is masked."""
+        forms = list(self.whole)
+        for at in self.pictured:
+            item = self.items[at]
+            is_empty = item.unpictured is item.masked
+            forms[at + 1] = (
+                self.hidden[at + 1] if is_empty else self._form(item, item.unpictured, item.observation_step)
+            )
+        return tuple(forms)
+
+    def _form(self, item: Item, message: Message, step: int | None = None) -> Form:
+        return Form(message, self.number, position=item.position, step=step)
+
+    def _shown(self, oldest: int, left_out: Sequence[int]) -> tuple[Form, ...]:
+        """The forms of all its messages: items before `oldest` are masked, others are without their pictures."""
+        forms = list(self.whole)
+        for at, item in enumerate(self.items):
+            if (date := item.date) is not None and date < oldest:
+                forms[at + 1] = self.hidden[at + 1]
+            elif at in left_out:
+                forms[at + 1] = self.plain[at + 1]
+        return tuple(forms)
 
     @cached_property
     def is_wordy(self) -> bool:
@@ -164,25 +234,19 @@ class Turn:
         return bool(self.calls) and bool(text_of(reply) or reasoning_of(reply) or reply.get("provider_items"))
 
     @cached_property
-    def bare(self) -> Message:
+    def bare(self) -> Form:
         """The reply with its calls alone: what is shown of it once its words are too old."""
         kept: Message = {"role": "assistant", "content": None}
         if name := self.shown.get("name"):
             kept["name"] = name
         kept["tool_calls"] = self.shown["tool_calls"]
-        return kept
-
-    @cached_property
-    def canonical_bare(self) -> bytes:
-        """The canonical JSON of the bare reply."""
-        ids = [f"{self.number}.{position}" for position in range(len(self.calls))]
-        return message_bytes(self.bare, ids, self.arguments)
+        return Form(kept, self.number, arguments=self.arguments)
 
     def spoken(self, counter: TokenCounter) -> int:
         """Return the budget tokens that a bare reply saves."""
         if not self.is_wordy:
             return 0
-        return counter.message(self.shown, self.arguments) - counter.message(self.bare, self.arguments)
+        return self.whole[0].tokens(counter) - self.bare.tokens(counter)
 
     def masked(self, oldest: int, pictures: int = 0) -> list[int]:
         """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
@@ -202,76 +266,23 @@ class Turn:
         """Return the indices of the items whose picture is left out where the first `pictures` of all are."""
         return self.pictured[: max(0, pictures - self.first_picture)]
 
-    def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> Sequence[Message]:
+    def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> tuple[Form, ...]:
         """Return its messages with every observation older than `oldest` masked.
 
         `bare`: without the reply's words. `pictures`: how many of the conversation's first pictures are left out.
         """
         if bare and self.is_wordy:
             return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
-        is_young = self.is_young(oldest)
         left_out = self.left_out(pictures) if pictures else ()
-        if is_young and not left_out:
-            return self.messages
-        if oldest > self.step:
-            return self.hidden
-        if is_young and len(left_out) == len(self.pictured):
-            return self.plain
-        return (self.shown, *self._items(oldest, left_out))
-
-    def _items(self, oldest: int, left_out: Sequence[int]) -> Iterator[Message]:
-        for at, item in enumerate(self.items):
-            if (date := item.date) is not None and date < oldest:
-                yield item.masked
-            else:
-                yield item.unpictured if at in left_out else item.message
+        if not left_out and self.is_young(oldest):
+            return self.whole
+        return self.hidden if oldest > self.step else self._shown(oldest, left_out)
 
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of its messages, unmasked."""
-        reply = self.reply_tokens
-        if reply is None:
-            reply = counter.message(self.shown, self.arguments)
-        return reply + sum([counter.message(item.message) for item in self.items])
-
-    @cached_property
-    def canonical(self) -> tuple[bytes, ...]:
-        """The canonical JSON of its messages, unmasked, with call ids `<turn>.<position>`."""
-        ids = [f"{self.number}.{position}" for position in range(len(self.calls))]
-        first = message_bytes(self.shown, ids, self.arguments)
-        return (first, *(self._bytes(item, item.message) for item in self.items))
-
-    @cached_property
-    def canonical_hidden(self) -> Sequence[bytes]:
-        """The canonical JSON of its messages, with every observation masked."""
-        return self._canonical(self.hidden)
-
-    @cached_property
-    def canonical_plain(self) -> Sequence[bytes]:
-        """The canonical JSON of its messages without their pictures, with no observation masked."""
-        return self._canonical(self.plain)
-
-    def canonical_seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> Sequence[bytes]:
-        """Return the canonical JSON of what `seen` returns."""
-        if bare and self.is_wordy:
-            return (self.canonical_bare, *self.canonical_seen(oldest, pictures=pictures)[1:])
-        seen = self.seen(oldest, pictures=pictures)
-        if seen is self.messages:
-            return self.canonical
-        if oldest > self.step:
-            return self.canonical_hidden
-        if pictures and seen is self.plain:
-            return self.canonical_plain
-        return self._canonical(seen)
-
-    def _canonical(self, seen: Sequence[Message]) -> Sequence[bytes]:
-        lines = list(self.canonical)
-        for at, item in enumerate(self.items, start=1):
-            if seen[at] is not item.message:
-                lines[at] = self._bytes(item, seen[at])
-        return lines
-
-    def _bytes(self, item: Item, message: Message) -> bytes:
-        return message_bytes(message, [f"{self.number}.{item.position}"])
+        if self.reply_tokens is not None:
+            self.whole[0].is_counted(counter, self.reply_tokens)
+        return sum([form.tokens(counter) for form in self.whole])
 
 
 class TurnBuilder:

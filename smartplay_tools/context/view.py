@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import takewhile
+from itertools import chain
 from typing import Any
 
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.transcript.hashing import head_bytes
+from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.types import Purpose, ToolSpec
 from smartplay_tools.types.messages import Message, copy_of, text_of
 
@@ -37,8 +36,10 @@ class Selection:
     """Whether a custom strategy has chosen the turns; `pinned` are then all but the newest."""
     masked: frozenset[int] = frozenset()
     """Turns whose observations a custom strategy masks."""
-    texts: Mapping[int, str] = field(default_factory=dict)
+    texts: Mapping[int, Form] = field(default_factory=dict)
     """The texts of a custom strategy, by the turn before which each stands."""
+    first_whole: int = 0
+    """The turn from which on every turn of the run is shown whole."""
 
     def __iter__(self) -> Iterator[int]:
         yield from self.pinned
@@ -57,17 +58,28 @@ class Selection:
         """How many of the pinned turns stand before a summary."""
         return bisect_left(self.pinned, self.anchors) if self.anchors else 0
 
-    def is_bare(self, turn: Turn) -> bool:
-        """Whether the reply of a turn is shown without its words."""
-        return turn.step < self.words
-
-    def seen(self, turn: Turn) -> Sequence[Message]:
+    def seen(self, turn: Turn) -> tuple[Form, ...]:
         """Return the messages of a turn as the selection shows them."""
-        return turn.seen(self.oldest_of(turn), bare=self.is_bare(turn), pictures=self.pictures)
+        return turn.seen(self.oldest_of(turn), bare=turn.step < self.words, pictures=self.pictures)
 
-    def canonical_seen(self, turn: Turn) -> Sequence[bytes]:
-        """Return the canonical JSON of `seen`."""
-        return turn.canonical_seen(self.oldest_of(turn), bare=self.is_bare(turn), pictures=self.pictures)
+    def forms(self, turns: Sequence[Turn], whole: Sequence[Form], summary: Form | None = None) -> list[Form]:
+        """Return the messages of the selected turns with the texts before them; `summary` is after the first turns.
+
+        `whole` are the messages of those after `changed`.
+        """
+        shown: list[Sequence[Form]] = []
+        for number in (*self.pinned, *self.changed):
+            if number in self.texts:
+                shown.append((self.texts[number],))
+            shown.append(self.seen(turns[number]))
+        if summary is not None:
+            shown.insert(self.front, (summary,))
+        return [*chain.from_iterable(shown), *whole]
+
+    @property
+    def changed(self) -> range:
+        """The turns of the run that may be shown in part."""
+        return range(self.first, min(max(self.first, self.first_whole), self.last + 1))
 
     def masked_items(self, turn: Turn) -> list[int]:
         """Return the indices of the items of a turn that read as the marker."""
@@ -97,8 +109,8 @@ class View:
     """Tokens of the messages at the beginning that are equal in the view before the latest turn."""
     selection: Selection
     """Which turns the view shows."""
-    shown: tuple[Message, ...] = field(repr=False)
-    """The window's own messages, which must not be changed; `messages` returns copies."""
+    forms: Sequence[Form] = field(repr=False)
+    """The messages in the forms in which they are shown."""
     turns: Sequence[Turn] = field(default=(), repr=False)
     """All turns of the conversation."""
     purpose: Purpose = "play"
@@ -107,8 +119,6 @@ class View:
     """The part of `tokens` that a custom strategy has written."""
     summaries: int = 0
     """How many summaries there have been."""
-    visible: Set[int] | None = None
-    """With a compactor: the observations that are visible; without one they follow from the selection."""
     facts: Mapping[str, Any] = field(default_factory=dict)
     """What else the record needs of the prompt."""
 
@@ -116,6 +126,11 @@ class View:
     def asks_for_summary(self) -> bool:
         """Whether words are asked for, a summary or the answer to a compactor's question, and not a move."""
         return self.purpose != "play"
+
+    @cached_property
+    def shown(self) -> tuple[Message, ...]:
+        """The window's own messages, which must not be changed; `messages` returns copies."""
+        return tuple([form.message for form in self.forms])
 
     @property
     def messages(self) -> list[Message]:
@@ -126,14 +141,8 @@ class View:
     def masked_results(self) -> tuple[tuple[int, int], ...]:
         """(turn, item) of every result in the view that reads as the marker."""
         chosen = self.selection
-        run = takewhile(self._may_be_masked, range(chosen.first, chosen.last + 1))
-        turns = [self.turns[index] for index in (*chosen.pinned, *run)]
+        turns = [self.turns[index] for index in (*chosen.pinned, *chosen.changed)]
         return tuple((turn.number, at) for turn in turns for at in chosen.masked_items(turn))
-
-    def _may_be_masked(self, index: int) -> bool:
-        """Whether this turn or a later one can have a masked result: observations never become older."""
-        dates, first_picture = self.turns[index].dates, self.turns[index].first_picture
-        return not dates or dates[0] < self.selection.oldest or first_picture < self.selection.pictures
 
 
 @dataclass(frozen=True)
@@ -146,9 +155,9 @@ class Head:
     tools: tuple[ToolSpec, ...] = ()
 
     @cached_property
-    def canonical(self) -> list[bytes]:
-        """The canonical JSON of its messages; examples of calls keep their ids, which are the head's own."""
-        return [head_bytes(message) for message in self.messages]
+    def forms(self) -> list[Form]:
+        """The messages; examples of calls keep their ids, which are the head's own."""
+        return [Form(message) for message in self.messages]
 
 
 def ranges_of(numbers: Iterable[int]) -> list[list[int]]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
 
 from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.token_index import TokenIndex
+from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Head, Selection
-from smartplay_tools.types.messages import Message
 
 
 @dataclass
@@ -132,7 +131,8 @@ class WindowState:
         """Return the selection whose run begins at `first`."""
         pinned = tuple(sorted(self._pinned_before(first).union(range(min(self.anchors, first)))))
         hidden = self.notes if self.notes in pinned else None
-        return Selection(pinned, first, self.last, self.oldest, hidden, self.words, self.anchors, self.pictures)
+        facts = hidden, self.words, self.anchors, self.pictures
+        return Selection(pinned, first, self.last, self.oldest, *facts, first_whole=self.first_whole)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
@@ -141,59 +141,33 @@ class WindowState:
         )
         return self.head.tokens + pins + self.run(chosen.first, chosen.last + 1)
 
-    def messages(self, chosen: Selection, summary: Sequence[Message]) -> list[Message]:
-        """Return the messages of the selected turns, and the summary after the first turns that stay."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        shown = [chosen.seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
-        shown.insert(chosen.front, summary)
-        return [*chain.from_iterable(shown), *self.index.messages(whole, chosen.last + 1)]
-
-    def lines(self, chosen: Selection, summary: Sequence[bytes]) -> list[bytes]:
-        """Return the canonical JSON of `messages`."""
-        whole, turns = self._whole_from(chosen), self.index.turns
-        shown = [chosen.canonical_seen(turns[index]) for index in (*chosen.pinned, *range(chosen.first, whole))]
-        shown.insert(chosen.front, summary)
-        return [*chain.from_iterable(shown), *self.index.lines(whole, chosen.last + 1)]
-
-    def _whole_from(self, chosen: Selection) -> int:
-        """The first turn of a selection's run that is shown whole, as all later ones are."""
-        return min(max(chosen.first, self.first_whole), chosen.last + 1)
-
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.
 
         Observations of first turns before the run are not counted, except in the latest turn that shows the newest.
         """
-        for index in chosen.pinned:
-            if index == self.newest and index != chosen.hidden:
-                return self.step + 1 - self._first_visible(index)
-        stop = chosen.last + 1
-        boundary = self.boundary if self._seen_from == self.oldest else max(self.boundary, self.pictured)
-        first = self.index.first_showing(max(chosen.first, boundary), stop)
-        if first is None:
-            return 0
-        return self.index.turns[chosen.last].step + 1 - self._first_visible(first)
-
-    @property
-    def _seen_from(self) -> int:
-        """The oldest observation that can be visible: one without words leaves with its picture."""
-        if not self.pictures or self.pictured == self.turns:
-            return self.oldest
-        turn = self.index.turns[self.pictured]
-        item = turn.items[turn.pictured[self.pictures - turn.first_picture]]
-        has_words = item.unpictured is not item.masked
-        return self.oldest if has_words else max(self.oldest, item.step)
-
-    def _first_visible(self, index: int) -> int:
-        shows = self.index.turns[index].shows
-        return shows[bisect_left(shows, self._seen_from)]
+        turns: Sequence[int] = range(max(chosen.first, self.boundary), chosen.last + 1)
+        if self.newest in chosen.pinned and self.newest != chosen.hidden:
+            turns = [self.newest]
+        for number in turns:
+            for form in chosen.seen(self.index.turns[number]):
+                if form.step is not None:
+                    return self.index.turns[chosen.last].step + 1 - form.step
+        return 0
 
 
-@dataclass(slots=True)
+@dataclass
 class Contents:
     """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
 
     state: WindowState
     selection: Selection
-    summary: Summary | None
-    question: Message | None = None
+    summary: Summary | None = None
+    question: Form | None = None
+
+    @cached_property
+    def forms(self) -> Sequence[Form]:
+        """The messages after the head."""
+        chosen, index, summary = self.selection, self.state.index, None if self.summary is None else self.summary.form
+        shown = chosen.forms(index.turns, index.forms(chosen.changed.stop, chosen.last + 1), summary)
+        return shown if self.question is None else [*shown, self.question]

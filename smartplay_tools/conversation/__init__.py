@@ -20,14 +20,4 @@ if TYPE_CHECKING:
     from smartplay_tools.conversation.text_env import TextEnv as TextEnv
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.conversation.agent_session": "AgentSession Conversation",
-            "smartplay_tools.conversation.base": "BaseConversation",
-            "smartplay_tools.conversation.host_chat": "HostChat HostHistory",
-            "smartplay_tools.conversation.loop": "AttachedPlayer aplay check_observation play",
-            "smartplay_tools.conversation.paper": "PaperConversation",
-            "smartplay_tools.conversation.text_env": "TextEnv",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -13,12 +13,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress, count
-from operator import is_not
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from smartplay_tools.context.turns import Turn, TurnBuilder
+from smartplay_tools.context.prefix import common_beginning
+from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import View
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
@@ -81,15 +80,6 @@ class Pending:
         }
 
 
-def _common_beginning(shown: Sequence[Message], before: Sequence[Message]) -> int:
-    """Return how many messages at the beginning of two prompts are the same."""
-    # Most are the same object in both, so comparing is fast; a text or a summary may be an equal new object.
-    for place in compress(count(), map(is_not, shown, before)):
-        if shown[place] != before[place]:
-            return place
-    return min(len(shown), len(before))
-
-
 class _NamedPictures(Mapping[str, Picture]):
     """The pictures that messages name, by their sha256, collected when the first is used."""
 
@@ -143,7 +133,7 @@ class BaseConversation(ABC):
         self._builder = TurnBuilder(episode.words, compacts=episode.ledger.strategies.compacts)
         self._ids = CallIds()
         self._view: View | None = None
-        self._shown_before: Sequence[Message] = ()
+        self._shown_before: Sequence[Form] = ()
         self._pending: Pending | None = None
         self._is_warm = False
         self._pictures: dict[str, Picture] = {}
@@ -302,8 +292,8 @@ class BaseConversation(ABC):
             self._record_view(view, max_tokens)
         if self._ledger.on_view is not None:
             self._ledger.on_view(view.tokens, max_tokens or 0)
-        prefix_messages = _common_beginning(view.shown, self._shown_before)
-        self._shown_before = view.shown
+        prefix_messages = common_beginning(view.forms, self._shown_before, is_equal=True)
+        self._shown_before = view.forms
         pictures, version = self._shown_pictures(view), self.episode.words.version
         return Pending(view, max_tokens, prefix_messages, self._cache_key, pictures, version)
 

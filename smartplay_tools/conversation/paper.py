@@ -20,6 +20,7 @@ from itertools import takewhile
 from typing import Any
 
 from smartplay_tools.context.tokens import PRIMING, truncation
+from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply
 from smartplay_tools.episode import budgets
@@ -174,7 +175,7 @@ class PaperConversation(BaseConversation):
             dropped_turns=first - oldest,
             prefix_tokens=prefix,
             selection=Selection((), turns, turns - 1, first),
-            shown=tuple(messages),
+            forms=[Form(message) for message in messages],
         )
 
     def _first_that_fits(self, oldest: int, step: int) -> int:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from smartplay_tools.context.base import Window
 from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
@@ -19,16 +20,13 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.stats import UNANSWERED
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError, StrategyError
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.types.result import UNUSUAL_ENDS
-
-if TYPE_CHECKING:
-    from smartplay_tools.context.compacting import CompactingWindow
 
 IDLE_REPLIES = 3
 """The number of replies in a row without a tool call that ends an episode."""
@@ -61,14 +59,13 @@ class ToolConversation(BaseConversation):
         self._edits: dict[int, str] = {}
         facts = {"compacts": True} if strategies.compacts else {}
         super().__init__(episode, player=player, head=whole_head, tools=tools, **facts)
-        self._compacting: CompactingWindow | None = None
-        """The window, if a compactor rewrites the history."""
         given = whole_head, tools, episode.budget, episode.counter, strategies
+        self._window: Window
         if strategies.compacts:
             from smartplay_tools.context.compacting import CompactingWindow
 
-            self._window: ContextWindow = (window := CompactingWindow(*given, self._ids))
-            self._compacting, self._ledger.at_end = window, window.close
+            window = CompactingWindow(*given, self._ids, self._ledger.record)
+            self._window, self._ledger.at_end = window, window.close
         elif strategies.custom is not None:
             from smartplay_tools.context.choosing import ChoosingWindow
 
@@ -93,11 +90,14 @@ class ToolConversation(BaseConversation):
         """The other tools of the host's agent."""
         return whole_head, tools
 
-    def change_head(self, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec]) -> None:
+    def change_head(
+        self, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec], *, keeps_first_view: bool = True
+    ) -> None:
         """Replace the host's messages and its other tools from the next prompt on; the record says from which.
 
         Hosts change instructions and tools during a run: a prompt that depends on the state, an agent that hands over
-        to another. Nothing happens if both are what they were.
+        to another. Nothing happens if both are what they were. Only for records without the turn of a changed head,
+        `keeps_first_view` is False: their prefix of the second prompt was counted as if the first had that head.
         """
         with self.episode.lock:
             if self.episode.result is not None:
@@ -114,8 +114,9 @@ class ToolConversation(BaseConversation):
                     "Where turns are summarised or rewritten, the head of an episode cannot change."
                 )
             whole_head, tools = self._use_head(self.episode, head, foreign_tools)
-            self._window.change_head(whole_head, tools)
-            self._record_head(whole_head, tools)
+            turn = self.episode.stats.turns
+            self._window.change_head(whole_head, tools, begins=turn == 0 or not keeps_first_view)
+            self._record_head(whole_head, tools, **({"since": turn} if keeps_first_view else {}))
 
     @property
     def progress(self) -> Progress:
@@ -148,8 +149,7 @@ class ToolConversation(BaseConversation):
         with self.episode.lock:
             pending = self._prepare()
             if pending is not None and pending.view.asks_for_summary:
-                take = self._take_summary if self._compacting is None else self._take_answer
-                take(pending, reply)
+                self._take_words(pending, reply)
                 return ()
             calls = self._open_turn(reply, pending)
             self._prompt_tokens = None if pending is None else pending.view.tokens
@@ -161,29 +161,18 @@ class ToolConversation(BaseConversation):
                 self._answer_idle_reply(reply.usage or {})
             return calls
 
-    def _take_summary(self, pending: Pending, reply: CheckedReply) -> None:
-        """Record and charge the reply to a prompt for a summary; its text replaces the turns that leave."""
-        turn, covers = self.episode.stats.turns, self._window.first
-        summary, is_cut, is_empty = self._window.summarise(text_of(reply.message))
-        shown = {"text": "", "tokens": 0} if summary is None else {"text": summary.text, "tokens": summary.tokens}
-        cost = pending.cost(self.episode.counter.message(reply.message))
-        self._ledger.record(
-            {**reply.event("summary", turn, covers=covers), **shown, "cut": is_cut, "empty": is_empty},
-            {"event": "usage", "turn": turn, "purpose": "summary", **cost, "provider": reply.usage},
-        )
-        self._pending, self._ledger.if_closed = None, None
-
-    def _take_answer(self, pending: Pending, reply: CheckedReply) -> None:
-        """Record and charge the reply to a compactor's question, which the compactor is sent."""
-        assert self._compacting is not None
+    def _take_words(self, pending: Pending, reply: CheckedReply) -> None:
+        """Record and charge the reply to a prompt for words, a summary or the answer to a question."""
         turn, view = self.episode.stats.turns, pending.view
+        facts = self._window.answer(text_of(reply.message))
+        if view.purpose == "summary":
+            event = {**reply.event("summary", turn, covers=facts.pop("covers")), **facts}
+        else:
+            event = {**reply.event("question", turn, tokens=view.tokens), "reply": reply.message}
         cost = pending.cost(self.episode.counter.message(reply.message))
-        answer = reply.event("question", turn, tokens=view.tokens)
         self._ledger.record(
-            {**answer, "reply": answer.pop("message")},
-            {"event": "usage", "turn": turn, "purpose": view.purpose, **cost, "provider": reply.usage},
+            event, {"event": "usage", "turn": turn, "purpose": view.purpose, **cost, "provider": reply.usage}
         )
-        self._compacting.answer(text_of(reply.message))
         self._pending, self._ledger.if_closed = None, None
 
     def add(self, message: Mapping[str, Any]) -> None:
@@ -215,20 +204,13 @@ class ToolConversation(BaseConversation):
                 self._add(clean, "host", None)
 
     def _next_view(self) -> View:
-        if self._compacting is None:
-            return self._window.request() if self._window.is_owed_summary else self._window.view()
-        try:
-            view = self._compacting.view()
-        except (PromptOverflowError, StrategyError):
-            self._ledger.record(*self._compacting.taken_events())
-            raise
-        self._ledger.record(*self._compacting.taken_events())
-        return view
+        return self._window.view()
 
     def _shown(self, view: View) -> dict[str, Any]:
         chosen = view.selection
         turns = chosen.ranges
-        sha256 = prompt_sha256(self._window.canonical(view), self._tools_bytes if view.tools else tools_bytes(()))
+        encoded = self._tools_bytes if view.tools else tools_bytes(())
+        sha256 = prompt_sha256([form.line for form in view.forms], encoded)
         if not self._has_strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.

@@ -30,15 +30,4 @@ if TYPE_CHECKING:
     )
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.episode.cells": "cell_config",
-            "smartplay_tools.episode.config": "CellConfig EpisodeConfig",
-            "smartplay_tools.episode.episode": "Episode NewListener add_listener",
-            "smartplay_tools.episode.factory": "EpisodeFactory RewardName reward_of",
-            "smartplay_tools.episode.ledger": "Listener",
-            "smartplay_tools.episode.stats": "EpisodeStats",
-            "smartplay_tools.episode.tools": "AsyncGameTools GameTools schema tool_functions tool_specs",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

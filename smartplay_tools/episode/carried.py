@@ -7,7 +7,8 @@ followed it in its own trial: in MESSENGER it has the only reward.
 
 The start event holds what was carried and the digest of the record that it comes from. `check_head` reserves the
 longest form of the message from the first trial on, so that no later trial is refused. A store is a function of the
-`call` events: to add one, add a class to `STORES` and its name to `types.CarriedStore`.
+`call` events: to add one, write a class beside its strategy, and add its place to `STORES` and its name to
+`types.CarriedStore`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,12 @@ from typing import Annotated, Any, Protocol, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.files import Files
-from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.registry import Registry
 from smartplay_tools.transcript.events import CallEvent, Event
-from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, Budget, CarriedStore, ResolvedBudget
-from smartplay_tools.types.arguments import read
+from smartplay_tools.types import Budget, CarriedStore, ResolvedBudget
 from smartplay_tools.types.messages import Message
 
 
@@ -37,49 +36,19 @@ class StoreKind(Protocol):
     kept: str
     """The field of `Carried` that holds it."""
 
-    def after(self, calls: Iterable[CallEvent], before: Any, words: Wording) -> Any:
+    @staticmethod
+    def after(calls: Iterable[CallEvent], before: Any, words: Wording) -> Any:
         """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
         ...
 
 
-class NotesStore:
-    """The newest notes that were accepted; the message that ends the head shows them."""
-
-    field = "notes_tokens"
-    kept = "notes"
-
-    def after(self, calls: Iterable[CallEvent], before: str | None, words: Wording) -> str | None:
-        """Return the newest notes; the earlier trial's if none were taken, None if the newest call cleared them."""
-        for call in calls:
-            if call["name"] == NOTES_TOOL and (done := call["data"].get("notes")) is not None:
-                before = str((read(call["arguments"]).values or {})["text"]) if done == "kept" else None
-        return before
-
-
-class FilesStore:
-    """The files of the tool `memory`, none of which is in view."""
-
-    field = "memory_tokens"
-    kept = "files"
-
-    def after(
-        self, calls: Iterable[CallEvent], before: Mapping[str, str] | None, words: Wording
-    ) -> dict[str, str] | None:
-        """Return the files after the commands that were carried out; None if there are none."""
-        files = Files(lambda path, text: 0, words)  # sizes are for answers, which are on record
-        files.apply(before or {})
-        for call in calls:
-            if call["name"] == MEMORY_TOOL and not call["is_error"]:
-                sent = read(call["arguments"]).values or {}
-                given = {name: value for name, value in sent.items() if value is not None}
-                command = given.pop("command")
-                if command not in COMMANDS:
-                    raise ValueError(f"{command!r} is not a command of the memory")
-                files.apply(getattr(files, command)(**given).changes)
-        return dict(files.texts) or None
-
-
-STORES: Mapping[CarriedStore, StoreKind] = {"notes": NotesStore(), "memory": FilesStore()}
+STORES = Registry(
+    "carried store",
+    {
+        "notes": "smartplay_tools.context.strategies.notes:NotesStore",
+        "memory": "smartplay_tools.context.strategies.memory:FilesStore",
+    },
+)
 """The stores by the value of `Rules.carry`."""
 
 

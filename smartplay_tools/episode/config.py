@@ -28,12 +28,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import GameSpec, Scoring
 from smartplay_tools.games.specs import GAMES, get_spec, recorded_game
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget, ResolvedBudget
@@ -206,6 +206,10 @@ class CellConfig(Rules):
         return hashlib.sha256(canonical_json(self.to_json())).hexdigest()[:16]
 
 
+SCORING = TypeAdapter(Scoring)
+"""Reads what a record or a row says of scores."""
+
+
 class EpisodeConfig(CellConfig):
     """Everything that determines an episode. Its `digest` is the episode's key in a run."""
 
@@ -221,11 +225,21 @@ class EpisodeConfig(CellConfig):
 
     @classmethod
     def from_event(cls, start: Mapping[str, Any]) -> Self:
-        """Return the config in the start event of a record; `TranscriptError` if it is not valid."""
+        """Return the config in the start event of a record; `TranscriptError` if it is not valid.
+
+        The budget in numbers and what scores can be, which stand beside it, are checked, too.
+        """
         try:
-            return cls(**start["config"])
-        except (KeyError, TypeError, ValueError) as error:
+            config = cls(**start["config"])
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise TranscriptError(f"The record's start event has no valid config: {in_one_line(error)}.") from None
+        try:
+            ResolvedBudget.from_record(start["budget"])
+            if (scoring := start.get("scoring")) is not None:
+                SCORING.validate_python(scoring)
+        except (KeyError, TypeError, ValueError) as error:
+            raise TranscriptError(f"The record's start event has no valid budget: {in_one_line(error)}.") from None
+        return config
 
 
 def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, Self, get_args
 
-from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
 from smartplay_tools.context.tokens.counter import picture_counter, shared_counter
 from smartplay_tools.context.tokens.tokenizers import split_rule, with_pictures
@@ -57,6 +56,7 @@ from smartplay_tools.types.arguments import as_text, read, well_formed
 from smartplay_tools.types.messages import Message
 
 if TYPE_CHECKING:
+    from smartplay_tools.context.compaction import Compactor
     from smartplay_tools.games.base import TextGame
 
 

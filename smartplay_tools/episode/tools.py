@@ -18,13 +18,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
-from smartplay_tools.context.prompts.wording import VERSION, Wording
+from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
 from smartplay_tools.context.strategies.base import StrategyTool
-from smartplay_tools.context.strategies.memory import is_memory_tool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.types import ToolResult, ToolSpec
+from smartplay_tools.types import MEMORY_TOOL, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import Arguments, as_text, is_strict, number_as_text, text_parameters
 
 if TYPE_CHECKING:
@@ -182,7 +181,7 @@ def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
             return {"type": "function", "function": {**function, "parameters": parameters, "strict": strict}}
         case "responses":
             return {"type": "function", **function, "parameters": parameters, "strict": strict}
-        case "anthropic" if is_memory_tool(tool):
+        case "anthropic" if tool.name == MEMORY_TOOL and _is_ours(tool):
             return {"type": "memory_20250818", "name": tool.name}
         case "anthropic":
             return {**function, "input_schema": parameters}
@@ -312,3 +311,11 @@ def documentation(tool: ToolSpec) -> str:
     properties: dict[str, Any] = tool.parameters["properties"]
     arguments = [f"    {name}: {field['description']}" for name, field in properties.items()]
     return "\n".join([tool.description, *(["\nArgs:", *arguments] if arguments else [])])
+
+
+def _is_ours(tool: ToolSpec) -> bool:
+    """Whether a tool with the name of the memory is that of this library, and not a host's own."""
+    from smartplay_tools.context.strategies.memory import memory_spec
+
+    specs = (memory_spec(1, Wording.of(version)) for version in versions())
+    return any(tool.parameters == spec.parameters for spec in specs)

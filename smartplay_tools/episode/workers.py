@@ -6,10 +6,14 @@ episode would be too many for ten thousand episodes; here a call that waits for 
 Handing a call to another thread costs more than a step of most games. So a thread that has run a function takes the
 next waiting function itself. Results go back to an event loop in batches: whenever the loop wakes up, it takes all
 results that are ready.
+
+Threads are not copied when a process forks, so a forked process begins with none: it starts threads of its own for the
+episodes that it plays, and does not run what the functions of its parent wait for.
 """
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -38,7 +42,8 @@ class SerialQueue:
     def __init__(self, *, is_slow: bool = False) -> None:
         self.is_slow = is_slow
         self._waiting: deque[_Job] = deque()
-        self._is_running = False
+        self._running_in: _SharedThreads | None = None
+        """The threads that run its functions now; those of a parent process run nothing here."""
 
     async def run(self, function: Callable[[], T]) -> T:
         """Return the result of a function; it is not run if the waiting task is cancelled before it has begun.
@@ -65,10 +70,12 @@ class SerialQueue:
     def _submit(self, function: Callable[[], Any]) -> _Job:
         job = _Job(function)
         with _LOCK:
+            if self._running_in is not _SHARED:
+                self._waiting.clear()
             self._waiting.append(job)
-            if self._is_running:
+            if self._running_in is _SHARED:
                 return job
-            self._is_running = True
+            self._running_in = _SHARED
         _SHARED.add(self)
         return job
 
@@ -78,8 +85,8 @@ class SerialQueue:
             job = self._waiting.popleft()
         job.run()
         with _LOCK:
-            self._is_running = bool(self._waiting)
-            return self._is_running
+            self._running_in = _SHARED if self._waiting else None
+            return bool(self._waiting)
 
 
 class _Job:
@@ -217,6 +224,17 @@ _LOCK = threading.Lock()
 
 _MAILBOXES: WeakKeyDictionary[asyncio.AbstractEventLoop, _Mailbox] = WeakKeyDictionary()
 _SHARED = _SharedThreads()
+
+
+def _begin_anew() -> None:
+    """Give a forked process a lock that nobody holds, and no threads yet."""
+    global _LOCK, _MAILBOXES, _SHARED
+    _LOCK, _MAILBOXES = threading.Lock(), WeakKeyDictionary()
+    _SHARED = _SharedThreads()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_anew)
 
 
 def _mailbox(loop: asyncio.AbstractEventLoop) -> _Mailbox:

@@ -31,6 +31,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Generic, Self, TypeVar
 
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES
 
 J = TypeVar("J")
@@ -45,6 +46,20 @@ END_SECONDS = 5.0
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """The signals that go to whole groups of processes."""
+
+
+def is_daemonic() -> bool:
+    """Return whether this process may not start others, as a worker of `multiprocessing.Pool` may not."""
+    return bool(multiprocessing.current_process().daemon)
+
+
+def check_may_start_processes() -> None:
+    """Raise an `InvalidArgumentError` in a daemonic process."""
+    if is_daemonic():
+        raise InvalidArgumentError(
+            "A daemonic process, such as a worker of multiprocessing.Pool, may not start others: play a run with "
+            'executor="async" or executor="inline", and check a submission with workers=0.'
+        )
 
 
 @dataclass(frozen=True)
@@ -68,6 +83,7 @@ class ProcessPool(Generic[J, A]):
         begin: Callable[[], None] | None = None,
         seconds: float = math.inf,
     ) -> None:
+        check_may_start_processes()
         self._work, self._begin, self._workers, self._seconds = work, begin, workers, seconds
         self._crew: list[_Worker[J, A]] = []
         self.has_begun = False
@@ -322,7 +338,7 @@ def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool =
     Only this process is used if it has games that others would not have; `plugins`: these import games of packages. A
     record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
     """
-    if processes == 1 or not _others_know_the_games(plugins):
+    if processes == 1 or is_daemonic() or not _others_know_the_games(plugins):
         return 1
     total = 0
     for record in records:

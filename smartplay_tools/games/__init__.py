@@ -23,13 +23,4 @@ if TYPE_CHECKING:
     from smartplay_tools.games.specs import GAMES as GAMES, get_spec as get_spec, register as register
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.games.base": "TextGame with_action_list",
-            "smartplay_tools.games.paper_tables": "PAPER_RESULTS",
-            "smartplay_tools.games.game_registry": "GameSpec",
-            "smartplay_tools.games.gymnasium_game": "GymnasiumGame",
-            "smartplay_tools.games.specs": "GAMES get_spec register",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -26,8 +26,6 @@ from smartplay_tools.registry import declared_in, load_declared, package_of, res
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-    import gymnasium
-
     from smartplay_tools.games.base import TextGame
 
 __all__ = ["Pack"]
@@ -285,31 +283,43 @@ def _load(declared: EntryPoint) -> GameSpec:
 
 
 def _register_with_gymnasium(spec: GameSpec) -> None:
-    keywords = {"history": spec.history, **spec.kwargs}
-    _tell_gymnasium(
-        spec.id,
-        spec.gymnasium_entry_point or spec.entry_point,
-        kwargs=keywords,
+    import gymnasium
+
+    name = f"smartplay/{spec.id}"
+    creator: Any = spec.gymnasium_entry_point or spec.entry_point
+    gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
+    gymnasium.register(
+        name,
+        creator,
+        kwargs=_with_lists({"history": spec.history, **spec.kwargs}),
         max_episode_steps=spec.rollout,
     )
 
 
+def _with_lists(value: Any) -> Any:
+    """Return arguments with lists in place of tuples, as Gymnasium reads a specification from JSON."""
+    if isinstance(value, Mapping):
+        return {name: _with_lists(each) for name, each in value.items()}
+    return [*map(_with_lists, value)] if isinstance(value, list | tuple) else value
+
+
 def _announce_to_gymnasium(declared: EntryPoint, games: Games) -> None:
-    """Register only the name in Gymnasium: the first `make` imports the package and registers the setting itself."""
+    """Register only the name in Gymnasium: the package is imported when anything else is asked of its setting."""
+    from gymnasium import registry
+    from gymnasium.envs.registration import EnvSpec
 
-    def make(**options: Any) -> gymnasium.Env[str, Any]:
-        from gymnasium.wrappers import TimeLimit
+    class DeclaredSpec(EnvSpec):
+        """A specification that becomes a usual one with the first question beyond its name."""
 
-        spec = games[declared.name]
-        return TimeLimit(spec.make(**options), spec.rollout)
+        def __getattribute__(self, name: str) -> Any:
+            if name not in ("id", "namespace", "name", "version"):
+                _register_with_gymnasium(games[declared.name])  # imports the package
+                facts = vars(registry[f"smartplay/{declared.name}"])
+                object.__setattr__(self, "__class__", EnvSpec)
+                self.__dict__.update(facts)
+            return object.__getattribute__(self, name)
 
     if ID.fullmatch(declared.name):
-        _tell_gymnasium(declared.name, make)
-
-
-def _tell_gymnasium(name: str, creator: Any, **facts: Any) -> None:
-    import gymnasium
-
-    name = f"smartplay/{name}"
-    gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
-    gymnasium.register(name, creator, **facts)
+        spec = EnvSpec(f"smartplay/{declared.name}")
+        spec.__class__ = DeclaredSpec
+        registry[spec.id] = spec

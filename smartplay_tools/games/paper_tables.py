@@ -20,7 +20,7 @@ CAPABILITIES = (
     "error handling",
     "spatial reasoning",
 )
-"""The nine capabilities, in the order of the paper's table `table:challenges`."""
+"""The nine capabilities, in the order of the paper's table 3."""
 
 
 PAPER_SETTINGS = (

@@ -24,8 +24,8 @@ def _challenges(*degrees: int) -> Mapping[str, int]:
     return MappingProxyType(dict(zip(CAPABILITIES, degrees, strict=True)))
 
 
-# The degree of each capability, from 1 (hardly needed) to 3 or 4, is that of the table `table:challenges`. MESSENGER
-# level 1 is not in it, so its degrees come from the file evaluation.yml of the original code.
+# The degree of each capability is that of the paper's table 3; docs/metrics.md has the scale. MESSENGER level 1 is not
+# in that table, so its degrees come from the file evaluation.yml of the original code.
 _BANDIT = _challenges(1, 1, 1, 1, 2, 3, 2, 1, 1)
 _ROCK_PAPER_SCISSORS = _challenges(2, 1, 3, 1, 2, 3, 3, 1, 1)
 _HANOI = _challenges(2, 3, 2, 3, 1, 1, 1, 2, 1)

@@ -41,16 +41,4 @@ if TYPE_CHECKING:
     from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.players.attempts": "BrokenAnswerError ModelCallError count_in error_in plain_answer "
-            "reported_in with_end",
-            "smartplay_tools.players.environment": "check_key readable_proxies",
-            "smartplay_tools.players.model": "ModelPlayer",
-            "smartplay_tools.players.optional_fields": "OptionalFields",
-            "smartplay_tools.players.player_registry": "PLAYERS get_player is_interactive is_model player_names",
-            "smartplay_tools.players.prompt_reading": "Reading call",
-            "smartplay_tools.players.scripted": "NotedPlayer ScriptedPlayer",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -11,6 +11,7 @@ An adapter for another provider defines how a request is made and sent (`docs/ot
 from __future__ import annotations
 
 import asyncio
+import os
 import random
 import ssl
 import threading
@@ -28,6 +29,21 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.players.attempts import Attempts
 from smartplay_tools.types import Prompt, Reply
 
+_PLAYERS: weakref.WeakSet[ModelPlayer] = weakref.WeakSet()
+_OF_PARENTS: list[object] = []
+"""The clients of a parent process, never closed: a lock in one may be held by a thread that does not exist here."""
+
+
+def _begin_anew() -> None:
+    """In a forked process: open new connections."""
+    for player in list(_PLAYERS):
+        _OF_PARENTS.extend([player._in_threads, *player._in_loops.values()])
+        player._begin_anew()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_anew)
+
 
 class ModelPlayer(ABC):
     """A player that asks a model over a network.
@@ -41,7 +57,7 @@ class ModelPlayer(ABC):
 
     A player may be used from several threads and event loops at the same time: hundreds of calls of `areply` in one
     event loop share one client. `close` and `aclose`, or `with` and `async with`, close the connections; a later call
-    opens new ones.
+    opens new ones, and so does a forked process, which must not share connections with its parent.
     """
 
     serves_many: ClassVar[bool] = True
@@ -61,6 +77,10 @@ class ModelPlayer(ABC):
         self.name = name
         self._retries, self._pause, self._at_once = retries, pause, at_once
         self._jitter = random.Random(f"{name} {seed}")
+        self._begin_anew()
+        _PLAYERS.add(self)
+
+    def _begin_anew(self) -> None:
         self._lock = threading.Lock()
         self._in_threads: _Line | None = None
         # A client's connections belong to the event loop that opened them.

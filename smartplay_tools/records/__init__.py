@@ -27,13 +27,4 @@ if TYPE_CHECKING:
     from smartplay_tools.records.resumption import resume as resume
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.records.prompts": "sent_prompts",
-            "smartplay_tools.records.record": "Record",
-            "smartplay_tools.records.replays": "recorded_pictures replay",
-            "smartplay_tools.records.requests": "requests_of",
-            "smartplay_tools.records.resumption": "resume",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -9,7 +9,7 @@ prompt showed of each turn before it, as a word for each turn.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -18,13 +18,15 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import split_rule
-from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.view import numbers_in, with_manual
+from smartplay_tools.records.prompts import oldest_of, rewritten_prompts, selection_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
 from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
@@ -96,12 +98,7 @@ class Accounts:
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
         """Return the accounts of a record; None if it has none."""
-        if (
-            record.is_paper
-            or record.rewrites
-            or not record.views
-            or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH
-        ):
+        if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
             return None
         return cls(record)
 
@@ -118,9 +115,11 @@ class Accounts:
     @cached_property
     def _spoken(self) -> list[Tokens]:
         """The tokens that bare replies save in the turns before each."""
-        pairs = zip(self._turns, self._replies, strict=True)
-        bare = ((whole, self._parts_of_reply(turn, turn.bare) if turn.is_wordy else whole) for turn, whole in pairs)
-        return _sums(_minus(*each) for each in bare)
+
+        def saved(turn: Turn, whole: Tokens) -> Tokens:
+            return _minus(whole, self._parts_of_reply(turn, turn.bare.message)) if turn.is_wordy else _NOTHING
+
+        return _sums(map(saved, self._turns, self._replies))
 
     def sizes(self) -> Iterator[tuple[int, int]]:
         """Yield the tokens of each turn, unmasked and with every observation masked."""
@@ -134,9 +133,12 @@ class Accounts:
         seen = view["turn"] - is_request
         manual = self._turns[seen - 1].manual if seen else None
         tokens = _NOTHING.copy()
-        tokens[_TASK], tokens[_MANUAL] = self._head(self._record.head_of[view["turn"]], manual)
+        head = self._record.head_of[view["turn"]]
+        tokens[_TASK], tokens[_NOTES if head.get("compacts") else _MANUAL] = self._head(head, manual)
+        if head.get("compacts"):
+            return _plus(tokens, self._rewritten[view["turn"]])
         tokens[_SUMMARY] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
-        oldest, notes = _oldest(view, self._turns), view.get("notes")
+        oldest, notes = oldest_of(view, self._turns), view.get("notes")
         if self._budget.strategy is not None or view.get("pictures"):
             return self._parts_by_turn(view, tokens)
         spoken = bisect_left(self._steps, view.get("words", 0))
@@ -170,6 +172,26 @@ class Accounts:
             tokens[_TEXTS] += self._counter.message(text_message(text))
         return tokens
 
+    @cached_property
+    def _rewritten(self) -> dict[int, Tokens]:
+        """The parts of the prompts to play that a compactor has made, without their heads, by turn."""
+        rewritten = rewritten_prompts(self._record.events, self._turns)
+        return {view["turn"]: self._parts_of_history(history) for view, history in rewritten}
+
+    def _parts_of_history(self, history: RewrittenHistory) -> Tokens:
+        """The parts of what a compactor's history shows: messages of the conversation, and its own as texts."""
+        tokens = _NOTHING.copy()
+        for piece in history.shown:
+            for form, number in zip(history.forms([piece]), flat([piece]), strict=True):
+                turn, place = (-1, 0) if isinstance(number, Own) else history.place_of(number)
+                if turn >= 0 and not place:
+                    tokens = _plus(tokens, self._replies[turn])
+                    continue
+                part = _TEXTS if isinstance(number, Own) else _TASK
+                part = _part_of(self._turns[turn].items[place - 1], form) if turn >= 0 else part
+                tokens[part] += form.tokens(self._counter)
+        return tokens
+
     def departures(self) -> Iterator[Departure]:
         """Yield every turn that left, in the order of the prompts."""
         before: ViewEvent | None = None
@@ -190,7 +212,7 @@ class Accounts:
         run = before["turns"][-1][0]
         """The first turn of the run that moved on; turns before it were pinned."""
         history = budget.history if self._drops else None
-        oldest = _oldest(view, turns)
+        oldest = oldest_of(view, turns)
         still = view["tokens"] - self._summary(view) + self._summary(before)
         needs = {turn: self._needs(turns[turn], oldest, view) for turn in gone}
         unmoved = still + sum(needs.values()) + (self._form.question_tokens if self._form else 0)
@@ -229,7 +251,7 @@ class Accounts:
         """The tokens of head, tools and priming, and those that the manual adds."""
         key = (self._record.heads.index(head), manual)
         if key not in self._heads:
-            messages = head["messages"]
+            messages = head["messages"][:1] if head.get("compacts") else head["messages"]
             plain = self._counter.messages(messages)
             more = 0 if manual is None else self._counter.messages(with_manual(messages, manual)) - plain
             tools = self._counter.tools([ToolSpec(**tool) for tool in head["tools"]])
@@ -238,10 +260,9 @@ class Accounts:
 
     def _parts_of(self, turn: Turn, oldest: int, pictures: int = 0) -> Tokens:
         """The parts of a turn whose observations before `oldest` are masked, and whose first pictures are left out."""
-        tokens, count = self._replies[turn.number].copy(), self._counter.message
-        for item, message in zip(turn.items, turn.seen(oldest, pictures=pictures)[1:], strict=True):
-            part = _OTHER if item.date is None else _OBSERVATIONS if message is not item.masked else _MASKED
-            tokens[part] += count(message)
+        tokens = self._replies[turn.number].copy()
+        for item, form in zip(turn.items, turn.seen(oldest, pictures=pictures)[1:], strict=True):
+            tokens[_part_of(item, form)] += form.tokens(self._counter)
         return tokens
 
     def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:
@@ -254,12 +275,11 @@ class Accounts:
         return tokens
 
 
-def _oldest(view: ViewEvent, turns: Sequence[Turn]) -> int:
-    """The observation before which a prompt masked every other."""
-    if "oldest" in view:
-        return view["oldest"]
-    steps = (turns[turn].items[item].observation_step for turn, item in view.get("masked", []))
-    return max((step for step in steps if step is not None), default=-1) + 1
+def _part_of(item: Item, form: Form) -> int:
+    """The part of a prompt that an item is, in one of its forms."""
+    if item.date is None:
+        return _OTHER
+    return _MASKED if form.message is item.masked else _OBSERVATIONS
 
 
 def _sums(parts: Iterable[Tokens]) -> list[Tokens]:
@@ -280,18 +300,24 @@ ShownAs = Literal["whole", "bare", "masked", "notes", "gone"]
 
 
 def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
-    """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns."""
+    """Return how a prompt showed every turn before it. An episode in the paper's protocol has no turns.
+
+    Where a compactor has rewritten the history, a turn of which only some messages were shown counts as masked.
+    """
     shown: list[ShownAs] = ["gone"] * view["turn"]
-    masked = {turn for turn, _ in view.get("masked", [])} | set(numbers_in(view.get("hidden", [])))
-    oldest, words, pictures = view.get("oldest", 0), view.get("words", 0), view.get("pictures", 0)
-    for turn in numbers_in(view.get("turns", [])):
-        if turn >= view["turn"]:  # a request for a summary is about the turn before it
+    if record.is_paper:
+        return shown
+    turns, chosen = record.turns, selection_of(view, record.turns)
+    rewritten = (history for event, history in rewritten_prompts(record.events, turns) if event["turn"] == view["turn"])
+    forms = next(({*history.forms(history.shown)} for history in rewritten), None)
+    for number in chosen:
+        if number >= view["turn"]:  # a request for a summary is about the turn before it
             continue
-        past = record.turns[turn]
-        if turn == view.get("notes"):
-            shown[turn] = "notes"
-        elif turn in masked or past.masked(oldest, pictures):
-            shown[turn] = "masked"
+        turn = turns[number]
+        if number == chosen.hidden:
+            shown[number] = "notes"
+        elif chosen.masked_items(turn) or (forms is not None and not forms.issuperset(turn.whole)):
+            shown[number] = "masked"
         else:
-            shown[turn] = "bare" if past.step < words else "whole"
+            shown[number] = "bare" if turn.step < chosen.words else "whole"
     return shown

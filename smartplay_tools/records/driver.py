@@ -12,8 +12,8 @@ from dataclasses import replace
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from smartplay_tools.context.compaction import AsRecorded
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.custom import AsRecorded
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.conversation.paper import PaperConversation
@@ -128,7 +128,7 @@ class Driver:
                 self.conversation = self._converse(event)
             case "head":
                 assert isinstance(conversation, Conversation | AgentSession)
-                conversation.change_head(*self._host_part(event))
+                conversation.change_head(*self._host_part(event), keeps_first_view="since" in event)
             case "reveal":
                 self.episode.privileged_game()
             case "picture":

@@ -12,25 +12,25 @@ config. The words that the host's model said with its calls are in no record.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import Rewriting
+from smartplay_tools.context.rewriting import RewrittenHistory, from_record
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.context.turns import Turn, TurnBuilder
+from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
 from smartplay_tools.conversation import paper
 from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
-from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, concerns_summary, purpose_of
-from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes
+from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, purpose_of
+from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 from smartplay_tools.types.messages import Message, calls_of, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
@@ -64,12 +64,19 @@ def sent_prompts(
     rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns, pictures)
     with ErrorLocation() as at:
         for at.number, at.event in enumerate(events, start=1):
-            if at.event["event"] == "head":
-                rebuilder.use_head(at.event)
-            if at.event["event"] == "rewrite":
-                rebuilder.use_rewriting(at.event)
+            rebuilder.take(at.event)
             if at.event["event"] == "view":
                 yield rebuilder.rebuild(at.event)
+
+
+def rewritten_prompts(events: Sequence[Event], turns: Sequence[Turn]) -> Iterator[tuple[Event, RewrittenHistory]]:
+    """Yield every prompt to play whose messages a compactor has rewritten: its view, and the history that it shows."""
+    if is_compacted(events):
+        rebuilder = Rebuilder(events, turns)
+        for event in events:
+            rebuilder.take(event)
+            if event["event"] == "view" and purpose_of(event) == "play":
+                yield event, rebuilder.history_of(event)
 
 
 def _prompts_of_the_paper(events: Sequence[Event]) -> Iterator[SentPrompt]:
@@ -110,41 +117,28 @@ def is_compacted(events: Sequence[Event]) -> bool:
     return head is not None and bool(head.get("compacts"))
 
 
-class PromptParts(NamedTuple):
-    """The parts of a prompt, in their order."""
+def selection_of(view: Mapping[str, Any], turns: Sequence[Turn]) -> Selection:
+    """Return the selection of turns that a `view` event describes, without the texts between them."""
+    *earlier, (first, last) = view["turns"] or [(0, -1)]
+    shown = Selection(tuple(numbers_in(earlier)), first, last, oldest_of(view, turns), view.get("notes"))
+    shown.words, shown.pictures, shown.anchors = (view.get(name, 0) for name in ("words", "pictures", "anchors"))
+    shown.masked = frozenset(numbers_in(view.get("hidden", ())))
+    if shown.oldest or shown.words or shown.pictures or shown.masked or view.get("texts"):
+        shown.first_whole = len(turns)
+    return shown
 
-    head: Head
-    before: Sequence[Message]
-    """The summary, if one is shown."""
-    front: int
-    """How many of the turns stand before the summary: first turns that stay."""
-    ranges: Sequence[Sequence[int]]
-    """The turns, as ranges of their numbers, first and last included."""
-    masks: Callable[[Turn], int] | None
-    """Returns the oldest observation that is shown of a turn; None if all are shown."""
-    words: int
-    """Replies of turns older than this step are bare."""
-    pictures: int
-    """How many of the first pictures are left out."""
-    texts: Mapping[int, Message]
-    """The texts of a custom strategy, by the turn before which each stands."""
-    after: Sequence[Message]
-    """The question for a summary, if the prompt asks for one."""
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether there are only turns between head and question, and these whole."""
-        return self.masks is None and not (self.words or self.pictures or self.before or self.texts)
-
-    def seen(self, turns: Sequence[Turn]) -> Iterator[tuple[Turn, int, bool]]:
-        """Yield each of the turns with the oldest observation that is shown of it, and whether its reply is bare."""
-        for first, last in self.ranges:
-            for turn in turns[first : last + 1]:
-                yield turn, 0 if self.masks is None else self.masks(turn), turn.step < self.words
+def oldest_of(view: Mapping[str, Any], turns: Sequence[Turn]) -> int:
+    """Return the observation before which a prompt masked every other."""
+    if "oldest" in view:
+        oldest: int = view["oldest"]
+        return oldest
+    dates = (turns[turn].items[item].date for turn, item in view.get("masked", ()))
+    return max((date for date in dates if date is not None), default=-1) + 1
 
 
 class Rebuilder:
-    """Rebuilds the prompts of one record; parts that several prompts share are encoded once."""
+    """Rebuilds the prompts of one record from its events, in their order. What prompts share is made once."""
 
     def __init__(
         self, events: Sequence[Event], turns: Sequence[Turn], pictures: Mapping[str, Picture] = NO_PICTURES
@@ -153,103 +147,73 @@ class Rebuilder:
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
         self._version = words.version
-        self._rewriting: Rewriting | None = None
+        self._history: RewrittenHistory | None = None
+        """With a compactor: the history that it has made, after `_read` turns."""
+        self._read = 0
         # What a prompt says does not depend on how it is counted.
         self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), words)
 
-    def use_head(self, head: Event) -> None:
-        """Rebuild the following prompts with another head and its tools."""
-        self._head: list[Message] = head["messages"]
-        self._tools = tuple(ToolSpec(**tool) for tool in head["tools"])
-        self._tools_bytes = tools_bytes(self._tools)
-        self._heads: dict[str | None, Head] = {}
-        if head.get("compacts"):
-            self._rewriting = Rewriting(self._head[1:])
-            self._head = self._head[:1]
-
-    def use_rewriting(self, event: Event) -> None:
-        """Rebuild the next prompt to play with what a compactor has returned."""
-        assert self._rewriting is not None
-        self._rewriting.take(event, self._turns)
+    def take(self, event: Event) -> None:
+        """Take the next event; a `head` and a `rewrite` event change what the following prompts show."""
+        if event["event"] == "head":
+            self._head: list[Message] = event["messages"]
+            self._tools = tuple(ToolSpec(**tool) for tool in event["tools"])
+            self._tools_bytes = tools_bytes(self._tools)
+            self._heads: dict[str | None, Head] = {}
+            if event.get("compacts"):
+                self._history, self._head = RewrittenHistory(self._head[1:]), self._head[:1]
+        elif event["event"] == "rewrite":
+            self._rewritten(event["turn"]).take(event)
 
     def rebuild(self, view: Event) -> SentPrompt:
         """Return the prompt that a view shows."""
-        if self._rewriting is not None:
-            return self._rebuilt(view, self._rewriting)
-        shown = self.shown(view)
-        messages, lines = [*shown.head.messages], shown.head.canonical.copy()
-        for place, (turn, oldest, bare) in enumerate(shown.seen(self._turns)):
-            if place == shown.front:
-                messages.extend(shown.before)
-                lines += map(head_bytes, shown.before)
-            if turn.number in shown.texts:
-                messages.append(shown.texts[turn.number])
-                lines.append(head_bytes(shown.texts[turn.number]))
-            messages.extend(turn.seen(oldest, bare=bare, pictures=shown.pictures))
-            lines.extend(turn.canonical_seen(oldest, bare=bare, pictures=shown.pictures))
-        messages += shown.after
-        lines += map(head_bytes, shown.after)
-        return self._sent(view, messages, lines, self._tools, self._tools_bytes)
-
-    def _rebuilt(self, view: Event, rewriting: Rewriting) -> SentPrompt:
-        """The prompt of a compactor's rewriting, or of its question."""
-        shown = rewriting.shown(view, self._turns)
-        if not concerns_summary(view):
-            head = self._head_of(self._turns[view["turn"] - 1].manual if view["turn"] else None)
-            messages, lines = [*head.messages, *shown[0]], [*head.canonical, *shown[1]]
-            return self._sent(view, messages, lines, self._tools, self._tools_bytes)
-        tools = self._tools if any(calls_of(message) for message in shown[0]) else ()
-        return self._sent(view, *shown, tools, self._tools_bytes if tools else tools_bytes(()))
-
-    def _sent(
-        self, view: Event, messages: list[Message], lines: list[bytes], tools: tuple[ToolSpec, ...], encoded: bytes
-    ) -> SentPrompt:
+        tools, forms = self.parts(view)
+        messages = [form.message for form in forms]
         named = [part["sha256"] for message in messages for part in pictures_of(message)] if self._pictures else []
         shown_pictures = {sha256: self._pictures[sha256] for sha256 in named}
         cap, asked = view["max_tokens"], purpose_of(view)
         prompt = Prompt(messages, tools, cap, purpose=asked, pictures=shown_pictures, version=self._version)
-        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(lines, encoded))
+        encoded = self._tools_bytes if tools else tools_bytes(())
+        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256([form.line for form in forms], encoded))
 
-    def shown(self, view: Event) -> PromptParts:
-        """Return the parts of the prompt that a view shows."""
-        is_summary = concerns_summary(view)
-        seen_turns = view["turn"] - is_summary
-        before: list[Message] = []
+    def parts(self, view: Event) -> tuple[tuple[ToolSpec, ...], list[Form]]:
+        """Return the tools and the messages of the prompt that a view shows."""
+        asked = purpose_of(view)
+        seen = view["turn"] - (asked == "summary")
+        head = [] if asked == "compaction" else self._head_of(self._turns[seen - 1].manual if seen else None).forms
+        if self._history is not None:
+            history = self.history_of(view)
+            pieces = from_record(view["messages"]) if asked == "compaction" else history.shown
+            forms = [*head, *history.forms(pieces)]
+            has_tools = asked == "play" or any(calls_of(form.message) for form in forms)
+            return self._tools if has_tools else (), forms
+        chosen, summary = selection_of(view, self._turns), None
+        chosen.texts = {turn: Form(text_message(text)) for turn, text in view.get("texts", ())}
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
-            before.append(self._form.show(text).message)
-        return PromptParts(
-            self._head_of(self._turns[seen_turns - 1].manual if seen_turns else None),
-            before,
-            sum([last < view["anchors"] for _, last in view["turns"][:-1]]) if "anchors" in view else 0,
-            view["turns"],
-            self._masks(view),
-            view.get("words", 0),
-            view.get("pictures", 0),
-            {turn: text_message(text) for turn, text in view["texts"]} if "texts" in view else {},
-            [self._form.question] if self._form is not None and is_summary else [],
-        )
+            summary = self._form.show(text).form
+        question = [self._form.question] if self._form is not None and asked == "summary" else []
+        whole = [form for turn in self._turns[chosen.changed.stop : chosen.last + 1] for form in turn.whole]
+        return self._tools, [*head, *chosen.forms(self._turns, whole, summary), *question]
 
-    def _masks(self, view: Event) -> Callable[[Turn], int] | None:
-        """Return a function of the oldest observation that a view shows of a turn; None if it shows all."""
-        if "oldest" in view:
-            masked = frozenset(numbers_in(view.get("hidden", ())))
-            return Selection((), 0, -1, view["oldest"], view["notes"], masked=masked).oldest_of
-        if not view["masked"]:
-            return None
-        results = {(turn, item) for turn, item in view["masked"]}
-        return lambda turn: _boundary(turn, results)
+    def _rewritten(self, stop: int) -> RewrittenHistory:
+        """The history after some turns."""
+        assert self._history is not None
+        for turn in self._turns[self._read : stop]:
+            self._history.append(turn)
+        self._read = stop
+        return self._history
+
+    def history_of(self, view: Event) -> RewrittenHistory:
+        """Return the history that a compactor has made, as the prompt of a view shows it."""
+        history = self._rewritten(view["turn"])
+        history.age(view["oldest"], view.get("pictures", 0))
+        return history
 
     def _head_of(self, manual: str | None) -> Head:
         if manual not in self._heads:
             messages = self._head if manual is None else with_manual(self._head, manual)
             self._heads[manual] = Head(tuple(messages), 0)
         return self._heads[manual]
-
-
-def _boundary(turn: Turn, masked: set[tuple[int, int]]) -> int:
-    """The observation below which a turn's results were masked."""
-    steps = [item.date for at, item in enumerate(turn.items) if (turn.number, at) in masked]
-    return max((step for step in steps if step is not None), default=-1) + 1
 
 
 @dataclass(frozen=True)

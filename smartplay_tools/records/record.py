@@ -10,6 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
 
@@ -117,9 +119,12 @@ class Record:
             self._take(event["event"], event)
 
     @classmethod
-    def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None) -> Self:
-        """Read a whole record; a file that is not one is a `TranscriptError`."""
-        events, written = read_written(path)
+    def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None, *, checks_fields: bool = True) -> Self:
+        """Read a whole record; a file that is not one is a `TranscriptError`.
+
+        Without `checks_fields` an event may have any, as a replay wants it.
+        """
+        events, written = read_written(path, checks_fields=checks_fields)
         record = cls(events, path=path, prices=prices)
         record.written = written
         return record
@@ -168,6 +173,7 @@ class Record:
         match kind:
             case "start" if self.start is None:  # an episode begins once; another start is a fault that replay finds
                 self.start = self._parsed(event)
+                self.config  # noqa: B018 - it is checked before anything is read from it
             case "end" | "exception":
                 self.ending = self._parsed(event)
 
@@ -219,17 +225,17 @@ class Record:
     @property
     def game(self) -> str:
         """The setting's id; empty before the first event."""
-        return "" if self.start is None else str(self.start["config"]["game"])
+        return "" if self.start is None else self.config.game
 
     @property
     def player(self) -> str:
         """The player's name; empty if there is none."""
-        return "" if self.start is None else self.start["config"].get("player") or ""
+        return "" if self.start is None else self.config.player or ""
 
     @property
     def seed(self) -> int | None:
         """The episode's seed; None before the first event."""
-        return None if self.start is None else self.start["config"]["seed"]
+        return None if self.start is None else self.config.seed
 
     @property
     def budget(self) -> dict[str, Any]:
@@ -478,11 +484,21 @@ class Record:
         return {event["turn"]: event["message"] for event in self.messages if event["by"] == "player"}
 
     @cached_property
-    def sampled(self) -> dict[tuple[int, Purpose], SampledTokens]:
-        """The sampled tokens of replies, where the player gave them, by turn and by the purpose of the prompt."""
-        asked: Mapping[Purpose, Sequence[Any]] = {"play": self.messages, "summary": self.summaries}
-        replies = ((kind, event) for kind, events in asked.items() for event in events if "sampled" in event)
-        return {(event["turn"], kind): SampledTokens.from_record(event["sampled"]) for kind, event in replies}
+    def sampled(self) -> dict[tuple[int, Purpose, int], SampledTokens]:
+        """The sampled tokens of replies, where the player gave them, by turn and by the purpose of the prompt.
+
+        The last part of a key is the place of a question among those of its turn that were answered; 0 for others.
+        """
+        answered = [event for event in self.questions if event["reply"] is not None]
+        replies: Mapping[Purpose, Sequence[Any]]
+        replies = {"play": self.messages, "summary": self.summaries, "compaction": answered}
+        return {
+            (turn, purpose, place): SampledTokens.from_record(event["sampled"])
+            for purpose, events in replies.items()
+            for turn, group in groupby(events, key=itemgetter("turn"))
+            for place, event in enumerate(group)
+            if "sampled" in event
+        }
 
     def sent_prompts(self) -> Iterator[SentPrompt]:
         """Yield every prompt that was sent, as rebuilt from the record; those for a summary, too."""

@@ -22,11 +22,11 @@ from typing import Literal
 
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
-from smartplay_tools.errors import SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.errors import SENSELESS, SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import SENSELESS, Event, compares_pictures
+from smartplay_tools.transcript.events import Event, compares_pictures
 from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
@@ -75,7 +75,7 @@ def replay(
     What a compactor returned is taken from the record; with `calls_compactor` it is called again, with the recorded
     replies, and compared.
     """
-    record = Record.read(source) if isinstance(source, str | Path) else Record(read_events(source))
+    record = Record.read(source, checks_fields=False) if isinstance(source, str | Path) else Record(read_events(source))
     return replay_record(record, tokenizer=tokenizer, calls_compactor=calls_compactor)
 
 

@@ -12,15 +12,15 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from itertools import accumulate, chain, compress, count
+from itertools import compress, count
 from operator import is_not
 from typing import Any, NamedTuple
 
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.context.turns import Turn, with_ids
+from smartplay_tools.context.turns import Form, with_ids
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.prompts import PromptParts, Rebuilder, sent_prompts
+from smartplay_tools.records.prompts import Rebuilder, sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import purpose_of
 from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
@@ -264,62 +264,32 @@ def _counted(usage: Mapping[str, Any], ratio: Fraction | None) -> tuple[int, int
     return prompt, usage["reply"] if provider is None or not provider.prompt else provider.reply
 
 
-class _Units:
-    """The units of a record's prompts; what prompts share is numbered and counted once."""
+class _Units(dict[Form, Unit]):
+    """The units of a record's prompts by the forms of messages; equal ones are numbered and counted once."""
 
     def __init__(self, record: Record, counter: TokenCounter) -> None:
+        super().__init__()
         self._record, self._counter = record, counter
         self._units: dict[Hashable, Unit] = {}
-        turns = [] if record.is_paper else [[*map(self._of, turn.messages)] for turn in record.turns]
-        self._turns = [*chain.from_iterable(turns)]
-        """The units of all turns, unmasked."""
-        self._starts = [*accumulate(map(len, turns), initial=0)]
-        """Where each turn begins among them."""
-        self._partly: dict[tuple[int, int, int], Sequence[Unit]] = {}
-        """The units of turns, by how many results are masked and pictures left out: they are the oldest ones."""
+
+    def __missing__(self, form: Form) -> Unit:
+        unit = self[form] = self._of(form.message)
+        return unit
 
     def prompts(self) -> Iterator[list[Unit]]:
         """Yield the units of every prompt of the record."""
-        if self._record.is_paper or self._record.rewrites:
+        if self._record.is_paper:
             for sent in sent_prompts(self._record.events):
                 yield [self._tools(sent.prompt.tools), *map(self._of, sent.prompt.messages)]
             return
-        rebuilder = Rebuilder(self._record.events, self._record.turns)
+        rebuilder, known = Rebuilder(self._record.events, self._record.turns), None
         for event in self._record.events:
-            if event["event"] == "head":
-                rebuilder.use_head(event)
-                tools, head = self._tools([ToolSpec(**tool) for tool in event["tools"]]), None
-            elif event["event"] == "view":
-                shown = rebuilder.shown(event)
-                if shown.head is not head:
-                    head, first = shown.head, [tools, *map(self._of, shown.head.messages)]
-                past = self._whole(shown.ranges) if shown.is_whole else self._past(shown)
-                yield [*first, *past, *map(self._of, shown.after)]
-
-    def _whole(self, ranges: Iterable[Sequence[int]]) -> Sequence[Unit]:
-        """The units of whole turns."""
-        parts = [self._turns[self._starts[first] : self._starts[last + 1]] for first, last in ranges]
-        return parts[0] if len(parts) == 1 else [*chain.from_iterable(parts)]
-
-    def _past(self, shown: PromptParts) -> Iterator[Unit]:
-        """Yield the units of a prompt between its head and its question."""
-        for place, (turn, oldest, bare) in enumerate(shown.seen(self._record.turns)):
-            if place == shown.front:
-                yield from map(self._of, shown.before)
-            if turn.number in shown.texts:
-                yield self._of(shown.texts[turn.number])
-            seen = self._seen(turn, oldest, shown.pictures)
-            yield from (self._of(turn.bare), *seen[1:]) if bare and turn.is_wordy else seen
-
-    def _seen(self, turn: Turn, oldest: int, pictures: int) -> Sequence[Unit]:
-        """The units of a turn whose observations before the oldest one are masked, and first pictures left out."""
-        left_out = turn.left_out(pictures)
-        if not left_out and (not turn.dates or oldest <= turn.dates[0]):
-            return self._whole([(turn.number, turn.number)])
-        key = turn.number, len(turn.masked(oldest)), len(left_out)
-        if key not in self._partly:
-            self._partly[key] = [*map(self._of, turn.seen(oldest, pictures=pictures))]
-        return self._partly[key]
+            rebuilder.take(event)
+            if event["event"] == "view":
+                tools, forms = rebuilder.parts(event)
+                if tools is not known:
+                    known, unit = tools, self._tools(tools)
+                yield [unit, *map(self.__getitem__, forms)]
 
     def replies(self) -> dict[Key, Unit]:
         """Return the units of the replies as they were said, which is mostly how they are shown again."""
@@ -332,7 +302,7 @@ class _Units:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
                 replies[number, "play", 0] = self._of(with_ids(event["message"], ids))
             else:
-                replies[number, "play", 0] = self._turns[self._starts[number]]
+                replies[number, "play", 0] = self[record.turns[number].whole[0]]
         replies |= {(event["turn"], "summary", 0): self._of(event["message"]) for event in record.summaries}
         answers = [(event["turn"], event["reply"]) for event in record.questions if event["reply"] is not None]
         keys = _keys({"turn": turn, "purpose": "compaction"} for turn, _ in answers)

@@ -21,11 +21,11 @@ from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.episode.carried import STORES, Carried
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.errors import SENSELESS, InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import read_events
-from smartplay_tools.transcript.events import SENSELESS, Event
+from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import TranscriptWriter, broken_links
 from smartplay_tools.types import EpisodeResult
 

@@ -17,16 +17,17 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, Field
 
-from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.episode.config import RULES, SCORING, Rules
+from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
+from smartplay_tools.transcript.events import Amount, Count, RecordedResult
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
-from smartplay_tools.types import STRATEGIES, EpisodeResult, RecordedBudget, ResolvedBudget, Usage
+from smartplay_tools.types import STRATEGIES, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
 
 __all__ = [
@@ -79,9 +80,6 @@ EARLY_ENDS = frozenset(
 """Ends that a budget, a stall or a strategy causes, before the game's own."""
 
 
-_SCORING = TypeAdapter(Scoring)
-
-
 def has_early_end(row: Row) -> bool:
     """Return whether an episode ended early, in a game whose means count that."""
     return row["end_reason"] in EARLY_ENDS and row["game"] not in GAMES.benchmark
@@ -108,7 +106,7 @@ def scoring_of(row: Row) -> Scoring | None:
     None if neither is so: rows of older versions say nothing of scores.
     """
     recorded = row.get("scoring")
-    return GAMES.get(row["game"]) if recorded is None else _SCORING.validate_python(recorded)
+    return GAMES.get(row["game"]) if recorded is None else SCORING.validate_python(recorded)
 
 
 def recorded_score(record: Record) -> float:
@@ -143,11 +141,10 @@ def unit_of(*rows: Row) -> int:
     return rows[0]["trial"] // math.lcm(*lengths) if len(lengths) == len(chains) else 0
 
 
-class _Row(EpisodeResult):
+class _Row(RecordedResult):
     """A row: the fields of an `EpisodeResult`, and what a run and the record's configuration add."""
 
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
+    deviations: dict[str, dict[str, Any]]
     key: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     player: str
     player_options: dict[str, Any]
@@ -164,38 +161,44 @@ class _Row(EpisodeResult):
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget
-    trial: int
-    peak_prompt_tokens: int = 0
-    limited_prompts: int | None = None
+    trial: Count
+    peak_prompt_tokens: Count = 0
+    limited_prompts: Count | None = None
     play_sha256: str | None = None
-    cost: float | None
+    cost: Amount | None
 
 
-def row_fault(row: Any) -> str | None:
-    """Return what keeps a row from being read, None if nothing does."""
+class Timing(BaseModel):
+    """The row of an attempt in `timings.jsonl`, as far as it is read again."""
+
+    key: str
+    attempt: Count
+    seconds: Amount
+    began_again: str | None = None
+
+
+_HALF = re.compile(rb"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")
+"""Half a character in JSON, which Pydantic does not read."""
+
+
+def read_row(line: bytes, kind: type[BaseModel] = _Row) -> Row:
+    """Return the row on a line, in which every field has its type; `DamageError` if one has not."""
     try:
-        _Row.model_validate(row)
-    except (TypeError, ValueError) as error:
-        return in_one_line(error)[:200]
-    return None
+        row: Row = parse_json(line)
+        kind.model_validate_json(_HALF.sub(rb"\\ufffd", line), strict=True)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise DamageError(in_one_line(error)[:200].rstrip(".")) from None
+    return row
 
 
-def read_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the objects of a JSON Lines file, without an incomplete last line; a missing file has none."""
+def read_rows(path: Path, kind: type[BaseModel] = _Row) -> Iterator[Row]:
+    """Yield the rows of a file; a damaged one is left out with a `DamageWarning`, and a missing file has none."""
     lines, _ = GrowingLines(path).read()
     for number, line in enumerate(lines, start=1):
-        yield read_row(path, number, line)
-
-
-def read_row(path: Path, number: int, line: bytes) -> dict[str, Any]:
-    """Return the object on a line of a file of JSON lines."""
-    try:
-        row = parse_json(line)
-    except (ValueError, RecursionError):
-        row = None
-    if not isinstance(row, dict):
-        raise InvalidArgumentError(f"Line {number} of {path} is damaged: it is not JSON.")
-    return row
+        try:
+            yield read_row(line, kind)
+        except DamageError as error:
+            warn_damaged(f"Line {number} of {path} is damaged and left out: {error}.")
 
 
 MORE_TOKENS = "raise --reply-tokens, or the server's own cap; a model that reasons may need thousands"

@@ -151,9 +151,16 @@ def gives_texts_numbers_and_json(spec: GameSpec) -> None:
 
 @_check
 def is_a_gymnasium_environment(spec: GameSpec) -> None:
-    """Gymnasium's own checker finds nothing wrong; a registered setting is made, and truncated, by Gymnasium."""
+    """Gymnasium's own checker finds nothing wrong; a registered setting is made, and truncated, by Gymnasium.
+
+    `np_random_seed` after a reset without a seed is the seed of its world.
+    """
     from gymnasium.utils.env_checker import check_env
 
+    game = spec.make()
+    played = game.reset(), game.state_hash()
+    again = game.reset(seed=game.np_random_seed), game.state_hash()
+    _require(played == again, "np_random_seed after a reset without a seed brings another world: draw from np_random")
     if not _is_registered(spec):
         check_env(spec.make(), skip_render_check=True)  # it asks Gymnasium's registry for the render modes
         return

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.events import FORMAT, Event
+from smartplay_tools.transcript.events import FORMAT, Event, event_fault
 from smartplay_tools.transcript.hashing import chained_lines, event_line
 from smartplay_tools.transcript.lines import AppendedFile, complete_lines, parse_json, parse_lines
 from smartplay_tools.transcript.times import TimesWriter
@@ -138,12 +138,19 @@ def read_transcript(path: str | Path) -> list[Event]:
     return read_written(path)[0]
 
 
-def read_written(path: str | Path) -> tuple[list[Event], bytes]:
-    """Return the events of a transcript, and the bytes from which they were read, as `read_transcript` does."""
+def read_written(path: str | Path, *, checks_fields: bool = True) -> tuple[list[Event], bytes]:
+    """Return the events of a transcript, and the bytes from which they were read, as `read_transcript` does.
+
+    Without `checks_fields` an event may have any: a replay compares them with those of a new episode.
+    """
     events, written = _read(path)
     if not events or events[0]["event"] != "start":
         raise TranscriptError(f"{path} is not a transcript: it does not begin with a start event.")
     check_format(events[0], path)
+    if checks_fields:
+        for number, event in enumerate(events, start=1):
+            if fault := event_fault(event):
+                raise TranscriptError(f"{path} is not a transcript: line {number} {fault.rstrip('.')}.")
     return events, written
 
 
@@ -157,7 +164,7 @@ def _read(path: str | Path) -> tuple[list[Event], bytes]:
     lines = complete_lines(written) or written.splitlines(keepends=True)  # one line alone is damaged
     events = parse_lines(lines)
     if events is None or not all(map(is_event, events)):
-        events = [read_line(line, path, number) for number, line in enumerate(lines, start=1)]
+        events = [_parsed(line, path, number) for number, line in enumerate(lines, start=1)]
     return events, written
 
 
@@ -167,11 +174,6 @@ def check_format(start: Event, path: object = "The record") -> None:
         raise TranscriptError(
             f"{path} has format {start.get('format')!r}; this version of smartplay-tools reads format {FORMAT} only."
         )
-
-
-def is_event(value: object) -> bool:
-    """Whether a value is an event of some kind, with whatever fields."""
-    return isinstance(value, dict) and isinstance(value.get("event"), str)
 
 
 def kind_of(line: bytes) -> str:
@@ -189,8 +191,20 @@ KIND = b'{"event": "'
 """How a line begins: an event is written with its kind first."""
 
 
-def read_line(line: bytes, path: object = None, number: int | None = None) -> Event:
-    """Return the event on a line; `TranscriptError` if there is none."""
+def is_event(value: object) -> bool:
+    """Whether a value is an event of some kind, with whatever fields."""
+    return isinstance(value, dict) and isinstance(value.get("event"), str)
+
+
+def read_line(line: bytes, path: object = None) -> Event:
+    """Return the event on a line; `TranscriptError` if there is none, or if its fields are not those of its kind."""
+    event = _parsed(line, path)
+    if fault := event_fault(event):
+        raise TranscriptError(f"{path or 'The record'} is not a transcript: one of its lines {fault.rstrip('.')}.")
+    return event
+
+
+def _parsed(line: bytes, path: object, number: int | None = None) -> Event:
     where = "one of its lines" if number is None else f"line {number}"
     try:
         event: Event = parse_json(line)

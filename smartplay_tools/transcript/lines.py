@@ -27,6 +27,8 @@ from typing import Any
 
 from pydantic_core import from_json
 
+from smartplay_tools.errors import TranscriptError
+
 LAST_BYTES = 8_192
 """How much of the end of a file is read at first to find its last line: most records end with shorter ones."""
 
@@ -80,6 +82,8 @@ class GrowingLines:
                 lines = complete_lines(file.read())
         except FileNotFoundError:
             return [], False
+        except OSError as error:
+            raise TranscriptError(f"{self.path} cannot be read: {error.strerror}.") from None
         self._position += sum(map(len, lines))
         return lines, replaced
 
@@ -168,14 +172,19 @@ class AppendedFile:
         """Keep the handle; if there are too many, close that of the file whose last write is longest ago."""
         with _LOCK:
             _OPEN[self._reference] = None
-            for reference in list(islice(_OPEN, max(0, len(_OPEN) - HANDLES))):
-                longest = reference()
-                if longest is None:
-                    del _OPEN[reference]
-                elif longest._in_use.acquire(blocking=False):
-                    del _OPEN[reference]
-                    longest._let_go()
-                    longest._in_use.release()
+            self._keep(HANDLES)
+
+    @staticmethod
+    def _keep(count: int) -> None:
+        """Close the handles of all files but those that were written last or are being written; `_LOCK` is held."""
+        for reference in list(islice(_OPEN, max(0, len(_OPEN) - count))):
+            longest = reference()
+            if longest is None:
+                del _OPEN[reference]
+            elif longest._in_use.acquire(blocking=False):
+                del _OPEN[reference]
+                longest._let_go()
+                longest._in_use.release()
 
     def _let_go(self) -> None:
         file, self._file = self._file, None
@@ -183,3 +192,23 @@ class AppendedFile:
             self._size = file.tell()
             with suppress(OSError):
                 file.close()
+
+
+def _before_fork() -> None:
+    """Close all handles: parent and child then open the file again, and see whether the other has written it."""
+    with _LOCK:
+        AppendedFile._keep(0)
+
+
+def _begin_anew() -> None:
+    """In a forked process: make new locks, as the old ones may be held by threads that do not exist here."""
+    global _LOCK
+    _LOCK = threading.Lock()
+    for written in filter(None, [reference() for reference in _OPEN]):
+        written._in_use = threading.RLock()
+        written._let_go()
+    _OPEN.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_child=_begin_anew)

@@ -50,15 +50,4 @@ if TYPE_CHECKING:
     )
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.types.budget": ("STRATEGIES WORDS Budget Cap Recorded RecordedBudget ResolvedBudget"),
-            "smartplay_tools.types.prompt": "AsyncPlayer Player Prompt Purpose Reply",
-            "smartplay_tools.types.result": (
-                "MEMORY_TOOL MISTAKES NOTES_TOOL PAGES_TOOL RECALL_TOOL TOOL_NAMES CarriedStore EndReason "
-                "EpisodeResult ObservationForm Progress SampledTokens Tokens ToolCall ToolResult ToolSpec Usage "
-                "facts_as_html"
-            ),
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

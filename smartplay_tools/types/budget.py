@@ -17,6 +17,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
+NEWER = "newer than the first records, in which it is 0"
+
+NewerCount = Annotated[int, NEWER]
+"""A count that older records lack."""
+
 
 class Recorded(BaseModel):
     """Data of a record. A newer field is left out at the value that older records imply, so these stay valid.
@@ -27,7 +32,15 @@ class Recorded(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     later: ClassVar[Mapping[str, Any]] = {}
-    """The newer fields, each with the value that a record without it has; the default can be another value."""
+    """The newer fields, each with the value that a record without it has; the default can be another value.
+
+    Counts that are annotated as `NewerCount` are among them.
+    """
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        counts = [name for name, field in cls.model_fields.items() if NEWER in field.metadata]
+        cls.later = {**cls.later, **dict.fromkeys(counts, 0)}
 
     @model_serializer(mode="wrap")
     def _without_what_was_before(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NotRequired, Required, TypedDict
+from typing import Any, Literal, NotRequired, Required
+
+from typing_extensions import TypedDict  # Pydantic, which checks recorded messages, needs it on Python 3.11
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from smartplay_tools.types.budget import Count, Recorded
+from smartplay_tools.types.budget import Count, NewerCount, Recorded
 from smartplay_tools.types.pictures import Picture
 
 TOOL_NAMES = ("observe", "act", "read_manual")
@@ -100,27 +100,23 @@ class Usage(Recorded):
     `cached`, read from its cache, and `written` to it are parts of `prompt`, `reasoning` is a part of `reply`.
     """
 
-    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("written", "written_1h", "cut", "refused", "broken_calls", "paused"), 0
-    )
-
     prompt: int = 0
     reply: int = 0
     cached: int | None = None
     """None if the provider does not say; then all tokens of the prompt cost the same."""
-    written: int = 0
-    written_1h: int = 0
+    written: NewerCount = 0
+    written_1h: NewerCount = 0
     """The part of `written` that is kept for an hour, where a provider reports it separately."""
     reasoning: int = 0
     requests: int = 1
     """The attempts made for one reply, each of which is billed."""
-    cut: int = 0
+    cut: NewerCount = 0
     """Replies that the provider cut at their length limit, by their `finish_reason`."""
-    refused: int = 0
+    refused: NewerCount = 0
     """Replies that were refusals, or that a filter of the provider took away."""
-    broken_calls: int = 0
+    broken_calls: NewerCount = 0
     """Replies whose malformed call the provider kept to itself, as Gemini does."""
-    paused: int = 0
+    paused: NewerCount = 0
     """Replies in the middle of which the provider paused, as Anthropic does in long turns."""
 
     @classmethod
@@ -205,10 +201,6 @@ class Progress:
 class Tokens(Recorded):
     """The tokens of an episode: our count and the provider's."""
 
-    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("summary_prompt", "summary_reply", "question_prompt", "question_reply", "texts"), 0
-    )
-
     prompt: int = 0
     """Sum over all prompts."""
     reply: int = 0
@@ -218,40 +210,20 @@ class Tokens(Recorded):
     overruns: int = 0
     """Replies longer than their cap; they are charged in full."""
     provider: Usage | None = None
-    summary_prompt: int = 0
+    summary_prompt: NewerCount = 0
     """The part of `prompt` that asked for summaries."""
-    summary_reply: int = 0
+    summary_reply: NewerCount = 0
     """The part of `reply` that was summaries."""
-    question_prompt: int = 0
+    question_prompt: NewerCount = 0
     """The part of `prompt` that was a compactor's questions."""
-    question_reply: int = 0
+    question_reply: NewerCount = 0
     """The part of `reply` that answered them."""
-    texts: int = 0
+    texts: NewerCount = 0
     """The part of `prompt` that custom strategies have written."""
 
 
 class EpisodeResult(Recorded):
     """The result of an episode, a row of `results.jsonl`. It contains no times, so equal play gives equal rows."""
-
-    later: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        (
-            "blind_prompts",
-            "cut_summaries",
-            "empty_summaries",
-            "over_peak",
-            "over_prompts",
-            "pages",
-            "questions",
-            "recalls",
-            "refused_memory",
-            "refused_notes",
-            "refused_questions",
-            "rewrites",
-            "summaries",
-            "unusable_usages",
-        ),
-        0,
-    )
 
     game: str
     engine: str | None = None
@@ -275,33 +247,33 @@ class EpisodeResult(Recorded):
     """Answers in which the paper's protocol found no action, so that the game's first action was played."""
     tokens: Tokens
     cut_results: int
-    refused_notes: int = 0
+    refused_notes: NewerCount = 0
     """Notes that were longer than `notes_tokens`, so that the earlier ones stood."""
-    refused_memory: int = 0
+    refused_memory: NewerCount = 0
     """Calls of `memory` that would have made its files larger than `memory_tokens`, so that nothing changed."""
-    recalls: int = 0
+    recalls: NewerCount = 0
     """Answers of `recall`, empty ones included."""
-    pages: int = 0
+    pages: NewerCount = 0
     """Pages of results that were read with `read_result`."""
-    summaries: int = 0
+    summaries: NewerCount = 0
     """Summaries that were asked for and answered: one for each time that the window moved."""
-    cut_summaries: int = 0
+    cut_summaries: NewerCount = 0
     """Summaries whose end was cut to `summary_tokens`."""
-    empty_summaries: int = 0
+    empty_summaries: NewerCount = 0
     """Summaries of which nothing was left to show, so that the earlier one stood."""
-    over_prompts: int = 0
+    over_prompts: NewerCount = 0
     """Prompts over `prompt_tokens` as a host or a compactor made them: a host's were counted, a compactor's cut."""
-    over_peak: int = 0
+    over_peak: NewerCount = 0
     """The tokens of the largest of those that a compactor made."""
-    rewrites: int = 0
+    rewrites: NewerCount = 0
     """Prompts for which a compactor returned something else than the last time and the new messages."""
-    questions: int = 0
+    questions: NewerCount = 0
     """Questions that a compactor asked, refused ones included."""
-    refused_questions: int = 0
+    refused_questions: NewerCount = 0
     """Questions that were not sent, because they were longer than `question_tokens`."""
-    blind_prompts: int = 0
+    blind_prompts: NewerCount = 0
     """Prompts of a compactor in which the newest observation is not visible, and its words stand in no message."""
-    unusable_usages: int = 0
+    unusable_usages: NewerCount = 0
     """Usages reported by a provider whose numbers cannot be token counts; they are ignored."""
     end_reason: EndReason
     error: str | None = None

@@ -23,13 +23,4 @@ if TYPE_CHECKING:
     from smartplay_tools.web.store import EpisodeStore as EpisodeStore, FullError as FullError, Store as Store
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__, __all__ = lazy_exports(
-        __name__,
-        {
-            "smartplay_tools.web.guard": "carries check_address guarded",
-            "smartplay_tools.web.bodies": "LARGEST_REQUEST UNAUTHORIZED Bounded hosted_or_refusal",
-            "smartplay_tools.web.hosted": "HostedEpisode",
-            "smartplay_tools.web.store": "EpisodeStore FullError Store",
-            "smartplay_tools.web.server": "Server",
-        },
-    )
+    __getattr__, __dir__, __all__ = lazy_exports(__name__)

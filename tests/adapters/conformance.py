@@ -92,6 +92,8 @@ class Window:
     """With which words its user is refused a request that is not for a move; None if it is answered."""
     slow: bool = False
     """Whether only the slow tests play it, because it needs servers or repeats another row on an event loop."""
+    repeats: bool = False
+    """Whether it differs from another row in its wire or event loop alone, and is held to the checks of `REPEATED`."""
 
 
 Send = Callable[[str, Any], Awaitable[tuple[str, bool | None]]]
@@ -491,6 +493,20 @@ CHECKS: Mapping[str, Callable[[Window], Any]] = {
     INTERLEAVED: judge_interleaved,
 }
 """What every row is held to, beside the situations; a wire that cannot carry broken JSON is not held to that."""
+REPEATED = (
+    "the budget `tight`",
+    "words without a call",
+    BROKEN_JSON,
+    "prompts for a summary",
+    "the smaller of two caps",
+    INTERLEAVED,
+)
+"""What a row is held to that repeats another one."""
+
+
+def checks_of(row: Window) -> list[str]:
+    """What a row is held to."""
+    return [name for name in (REPEATED if row.repeats else CHECKS) if row.broken_json or name != BROKEN_JSON]
 
 
 class WindowConformance:

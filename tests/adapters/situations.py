@@ -205,6 +205,10 @@ def lacking(reason: str, *also: str) -> dict[str, str]:
 
 
 LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
+AWAITED = lacking(
+    "the other row of its framework gets there, and this one differs in how replies are awaited",
+    *("again", "forgets", "no calls", "no tools", "picture", "schema"),
+)
 REFUSED = {
     "no calls": "tool choice `none`",
     "no tools": "has the game's tools|has removed act, observe, read_manual",

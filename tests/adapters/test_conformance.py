@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from tests.adapters import conformance
-from tests.adapters.conformance import BASIC, BROKEN_JSON, BUDGETS, CHECKS, line_of
+from tests.adapters.conformance import BASIC, BROKEN_JSON, BUDGETS, CHECKS, checks_of, line_of
 from tests.adapters.rows import QUICK, rows
 
 WINDOW, HOST = rows(QUICK)
 
-OF_ANOTHER_PLAYER = ("the budget `tight`", "the tools of memory", BROKEN_JSON, "the line of the table")
-"""The checks that fast tests make of the second player of models, too; they make all of them of the first one."""
+OF_ANOTHER_WIRE = ("the budget `tight`", BROKEN_JSON)
+"""The checks that fast tests make of a row that repeats another one; they make all of them of the first one."""
 
 
 def is_slow(row: str, check: str) -> bool:
     """Whether only the slow tests make a check."""
-    is_repeated = row == "OpenAI Responses player" and check not in OF_ANOTHER_PLAYER
+    is_repeated = WINDOW[row].repeats and check not in OF_ANOTHER_WIRE
     takes_long = row == "OpenAI player" and check == "mistakes without end"
     return WINDOW[row].slow or is_repeated or takes_long
 
@@ -35,8 +35,7 @@ def test_these_budgets_make_turns_leave_the_window(budget):
     [
         pytest.param(row, check, marks=pytest.mark.slow if is_slow(row, check) else ())
         for row in WINDOW
-        for check in CHECKS
-        if WINDOW[row].broken_json or check != BROKEN_JSON
+        for check in checks_of(WINDOW[row])
     ],
 )
 def test_the_game_cannot_tell_adapters_apart(row, check):

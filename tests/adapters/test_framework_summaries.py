@@ -168,10 +168,10 @@ HOSTS = {
     "Agents SDK, streamed": partial(agents_sdk, streamed=True),
 }
 
-SLOW = {"LangChain agent, async", "LangGraph, async", "Agents SDK, streamed"}
-in_every_host = pytest.mark.parametrize(
-    "host", [pytest.param(host, marks=pytest.mark.slow) if host in SLOW else host for host in HOSTS]
-)
+ALIKE = {"LangChain agent, async", "LangGraph, async", "Agents SDK, streamed"}
+"""Hosts that differ from another one in how replies are awaited."""
+in_every_host = pytest.mark.parametrize("host", HOSTS)
+in_each_kind_of_host = pytest.mark.parametrize("host", [host for host in HOSTS if host not in ALIKE])
 
 
 def as_recorded(events: list[Any], stub: Provider) -> None:
@@ -241,7 +241,7 @@ def test_callbacks_of_langchain_tell_a_summary_by_its_tag():
     assert Watching.purposes == stub.purposes
 
 
-@in_every_host
+@in_each_kind_of_host
 def test_a_failure_in_a_summary_ends_the_episode_as_any_failure_does(host):
     episode, events = fresh(BUDGET)
     down = Provider(lambda purpose, number: purpose == "summary")
@@ -253,7 +253,6 @@ def test_a_failure_in_a_summary_ends_the_episode_as_any_failure_does(host):
         assert resumed.conversation.prompt().purpose == "summary"
 
 
-@pytest.mark.slow
 @in_every_host
 def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host):
     """The first request for a summary fails once, and so does the prompt to play after it."""
@@ -278,7 +277,7 @@ def spent_at_the_first_summary() -> int:
     raise AssertionError("there is no summary")
 
 
-@in_every_host
+@in_each_kind_of_host
 def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run(host):
     episode, events = fresh(BUDGET.model_copy(update={"episode_tokens": spent_at_the_first_summary() + 5}))
     with Provider() as stub, episode:

@@ -22,9 +22,7 @@ pytestmark = pytest.mark.skipif(not RUNNER.exists(), reason="the agents are run 
 @pytest.mark.parametrize(
     "agent",
     [
-        "python-agents#pydantic-ai",
         "python-agents#smolagents",
-        "python-agents#strands-agents",
         "javascript-agents#vercel-ai-sdk",
     ],
 )

@@ -287,16 +287,6 @@ def test_after_a_failure_the_agent_may_be_invoked_again():
     assert sp.replay(events).identical
 
 
-def test_new_words_wait_for_the_reply_to_the_first_prompt_too():
-    episode, _ = fresh()
-    agent = create_agent(ScriptedModel([]), middleware=[SmartPlayMiddleware(episode)], checkpointer=InMemorySaver())
-    with episode:
-        with pytest.raises(Exception, match="StopIteration"):
-            agent.invoke({"messages": [HumanMessage("Play!")]}, THREAD)
-        with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
-            agent.invoke({"messages": [HumanMessage("Hurry!")]}, THREAD)
-
-
 def test_a_fallback_model_plays_where_it_is_outside_and_is_refused_inside():
     def run(inside: bool) -> sp.EpisodeResult:
         episode, _ = fresh()

@@ -127,31 +127,32 @@ def assert_given_up(result, *words):
 # Temporary faults.
 
 
+TROUBLE = {
+    "429": problem(429, retry_after="0"),
+    "500": problem(500, retry_after="0"),
+    "503": problem(503, retry_after_ms="5"),
+    "408": problem(408),
+    "retry wanted": problem(400, x_should_retry="true"),
+    "a page": answer("<html>Bad gateway</html>", kind="text/html"),
+    "half a body": answer("{", kind="application/json"),
+    "not UTF-8": answer('{"é": 1}'.encode("latin-1")),
+    "a body that breaks off": cut('{"id": "c", "choi', kind="application/json"),
+}
+
+
 @pytest.mark.parametrize(
-    ("player", "stream"),
+    ("fault", "player", "stream"),
     [
-        ("openai:rule", False),
-        pytest.param("openai-responses:rule", True, marks=pytest.mark.slow),
-        pytest.param("openai:rule", True, marks=pytest.mark.slow),
-        pytest.param("openai-responses:rule", False, marks=pytest.mark.slow),
-    ],
-)
-@pytest.mark.parametrize(
-    "fault",
-    [
-        pytest.param(problem(429, retry_after="0"), id="429"),
-        pytest.param(problem(500, retry_after="0"), id="500"),
-        pytest.param(problem(503, retry_after_ms="5"), id="503"),
-        pytest.param(problem(408), id="408"),
-        pytest.param(problem(400, x_should_retry="true"), id="retry wanted"),
-        pytest.param(answer("<html>Bad gateway</html>", kind="text/html"), id="a page"),
-        pytest.param(answer("{", kind="application/json"), id="half a body"),
-        pytest.param(answer('{"é": 1}'.encode("latin-1")), id="not UTF-8"),
-        pytest.param(cut('{"id": "c", "choi', kind="application/json"), id="a body that breaks off"),
+        *((fault, "openai:rule", False) for fault in TROUBLE),
+        *(
+            pytest.param(fault, f"{player}:rule", stream, marks=pytest.mark.slow)
+            for player, stream in (("openai-responses", True), ("openai", True), ("openai-responses", False))
+            for fault in ("429", "a body that breaks off")
+        ),
     ],
 )
 def test_a_server_in_trouble_is_asked_again_and_every_request_counted(fault, player, stream, tmp_path):
-    faulty = Faulty(fault, fault)
+    faulty = Faulty(TROUBLE[fault], TROUBLE[fault])
     result, _ = play(faulty, tmp_path, player, stream=stream)
     assert_as_if_nothing_had_happened(result, extra_requests=2)
     assert len(faulty.requests) == result.tokens.provider.requests

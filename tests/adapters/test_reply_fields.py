@@ -168,17 +168,11 @@ def compare_responses(seed: int) -> None:
     assert RESPONSES.reply(RESPONSES.assemble(events)) == RESPONSES.reply(whole), seed
 
 
-def test_a_stream_gives_the_reply_of_the_whole_answer():
-    for seed in range(300):
+@pytest.mark.parametrize("seeds", [range(200), pytest.param(range(200, 4_200), marks=pytest.mark.slow)])
+def test_a_stream_gives_the_reply_of_the_whole_answer(seeds):
+    for seed in seeds:
         compare_chat(seed)
-        compare_responses(seed)
-
-
-@pytest.mark.slow
-def test_a_stream_gives_the_reply_of_the_whole_answer_twenty_thousand_times():
-    for seed in range(300, 18_300):
-        compare_chat(seed)
-        if seed % 9 == 0:
+        if seed % 3 == 0:
             compare_responses(seed)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 import pytest
@@ -34,6 +35,8 @@ QUICK = [
     and (way.name in ("openai:", "openai-responses:") or (way.name.startswith("serve") and dialect.name in STRICT))
 ]
 """The pairs that fast tests play: OpenAI's players everywhere, the endpoints in front of the strictest servers."""
+ONE_EACH = [(way, next(dialects)[1]) for way, dialects in groupby(PAIRS, key=lambda pair: pair[0])]
+"""Each way in at one server."""
 
 
 def game(way: Way, dialect: Dialect, script: Sequence[Said], stream: bool) -> tuple[list[Json], DialectServer]:
@@ -95,20 +98,20 @@ def test_a_short_game_is_played_to_its_end(way, dialect):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("way", "dialect"), PAIRS, ids=lambda value: value.name)
-class TestPair:
-    """A way in at a server; ways of frameworks with an environment of their own are played there."""
+def test_a_game_with_every_reply_is_played_to_its_end(way, dialect):
+    """Every way in at every server; ways of frameworks with an environment of their own are played there."""
+    way.skip_if_missing()
+    for result in games(way, dialect, MIXED, "terminated"):
+        assert result["steps"] == 7
 
-    def test_a_game_with_every_reply_is_played_to_its_end(self, way, dialect):
-        way.skip_if_missing()
-        for result in games(way, dialect, MIXED, "terminated"):
-            assert result["steps"] == 7
 
-    def test_a_reply_that_never_ends_ends_the_episode(self, way, dialect):
-        """The same hostile reply again and again: the episode ends by its own rule, after few requests."""
-        way.skip_if_missing()
-        for name in ("broken JSON", "another tool", "nothing"):
-            end = "no_tool_call" if name == "nothing" else "stalled_turns"
-            games(way, dialect, [HOSTILE[name]], end)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["broken JSON", "another tool", "nothing"])
+@pytest.mark.parametrize(("way", "dialect"), ONE_EACH, ids=lambda value: value.name)
+def test_a_reply_that_never_ends_ends_the_episode(way, dialect, name):
+    """The same hostile reply again and again: the episode ends by its own rule, after few requests."""
+    way.skip_if_missing()
+    games(way, dialect, [HOSTILE[name]], "no_tool_call" if name == "nothing" else "stalled_turns")
 
 
 def test_the_page_has_the_tables_of_the_rules():

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
@@ -96,29 +97,32 @@ def at_endpoint(server: DialectServer, episode: sp.Episode, stream: bool) -> Non
 # --- LangChain and LangGraph ---------------------------------------------------------------------------------------
 
 
-def chat_openai(server: DialectServer, stream: bool) -> Any:
+@contextmanager
+def chat_openai(server: DialectServer, stream: bool) -> Iterator[Any]:
     from langchain_openai import ChatOpenAI
     from openai import DefaultHttpxClient
 
-    own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "http_client": DefaultHttpxClient()}
-    return ChatOpenAI(model=server.dialect.model, streaming=stream, **own)
+    with DefaultHttpxClient() as client:
+        own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "http_client": client}
+        yield ChatOpenAI(model=server.dialect.model, streaming=stream, **own)
 
 
-def chat_anthropic(server: DialectServer, stream: bool) -> Any:
+@contextmanager
+def chat_anthropic(server: DialectServer, stream: bool) -> Iterator[Any]:
     from langchain_anthropic import ChatAnthropic
 
     own = {"base_url": server.base_url, "api_key": "k", "max_retries": 0, "anthropic_proxy": server.url}
-    return ChatAnthropic(model_name=server.dialect.model, streaming=stream, **own)
+    yield ChatAnthropic(model_name=server.dialect.model, streaming=stream, **own)
 
 
-Model = Callable[[DialectServer, bool], Any]
+Model = Callable[[DialectServer, bool], AbstractContextManager[Any]]
 
 
 def by_langchain_player(model: Model) -> Play:
     def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
         from smartplay_langchain import LangChainPlayer
 
-        with LangChainPlayer(model(server, stream), retries=1, pause=0.01) as langchain:
+        with model(server, stream) as chat, LangChainPlayer(chat, retries=1, pause=0.01) as langchain:
             sp.play(episode, langchain)
 
     return play
@@ -129,7 +133,8 @@ def by_middleware(model: Model) -> Play:
         from langchain.agents import create_agent
         from smartplay_langchain import SmartPlayMiddleware
 
-        create_agent(model(server, stream), middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+        with model(server, stream) as chat:
+            create_agent(chat, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
 
     return play
 
@@ -140,9 +145,10 @@ def by_graph(model: Model) -> Play:
 
         from tests.adapters.scripted_langchain import playing_graph
 
-        session, chat = GraphSession(episode), model(server, stream)
-        graph = playing_graph(session, lambda state: {"messages": session.ask(chat, state["messages"])})
-        graph.invoke({"messages": []}, {"recursion_limit": 200})
+        session = GraphSession(episode)
+        with model(server, stream) as chat:
+            graph = playing_graph(session, lambda state: {"messages": session.ask(chat, state["messages"])})
+            graph.invoke({"messages": []}, {"recursion_limit": 200})
 
     return play
 

@@ -95,6 +95,24 @@ def test_a_record_that_is_no_longer_there_is_found(run):
     assert "There is no file" in output
 
 
+def test_a_planned_episode_without_a_row_is_missing(run):
+    """Rows that are lost, a plan of which nothing was played, and a record that nobody planned."""
+    folder, rows = run.folder.path, run.folder.path / "results.jsonl"
+    lines = rows.read_text().splitlines(keepends=True)
+    rows.write_text("".join(lines[:1]))
+    code, output = audit(run)
+    assert code == 1
+    assert "1 of 4 planned episodes are identical; 3 have no row" in output
+    assert output.count("It has a record and no row; the run's own command makes it") == 3
+    assert [len(finding["differences"]) for finding in json.loads(audit(run, "--json")[1])].count(1) == 3
+    rows.unlink()
+    shutil.rmtree(folder / "episodes")
+    assert audit(run) == (1, "0 of 4 planned episodes are identical; 4 have no row\n")
+    (folder / "episodes").mkdir()
+    (folder / "episodes" / f"{'0' * 16}.jsonl").write_text("")
+    assert "It has a record and is not in the plan." in audit(run)[1]
+
+
 @pytest.fixture
 def _every_record_is_worth_a_process(monkeypatch):
     monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.merge"), "WORTH_A_PROCESS", 1)

@@ -79,7 +79,7 @@ def test_the_command_writes_pages_to_watch(folder, tmp_path):
     assert done.exit_code == 0, done.output
     assert "1 of 1 submissions" in done.output
     (page,) = (tmp_path / "site").glob("*/replays.html")
-    assert 'id="episode-' in page.read_text()
+    assert 'id="pack-0"' in page.read_text()
     assert "What an episode costs" in page.read_text()
     empty = CliRunner().invoke(app, ["board", str(tmp_path / "site"), "--out", str(tmp_path / "no")])
     assert (empty.exit_code, "holds no bundle" in empty.output) == (2, True)

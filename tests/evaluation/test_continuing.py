@@ -24,19 +24,9 @@ def interrupt(folder: RunFolder, key: str, keep: float) -> None:
     record.unlink()
 
 
-ONE_OF_EACH = {("rule", 0.3), ("random", 0.7), ("oracle", 0.0)}
-"""Players, and the share of the record that was left."""
-
-
-@pytest.mark.parametrize(
-    ("player", "keep"),
-    [
-        pytest.param(player, keep, marks=[pytest.mark.slow] * ((player, keep) not in ONE_OF_EACH))
-        for player in ("rule", "random", "oracle")
-        for keep in (0.0, 0.3, 0.7)
-    ],
-)
+@pytest.mark.parametrize(("player", "keep"), [("rule", 0.3), ("random", 0.7), ("oracle", 0.0)])
 def test_an_interrupted_run_has_the_bytes_of_one_that_was_not(tmp_path, player, keep):
+    """`keep` is the share of the record that was left."""
     arguments = {"games": [BANDIT, HANOI], "players": [player], "trials": 2, "executor": "inline"}
     run = sp.evaluate(out=tmp_path, **arguments)
     whole = (tmp_path / "results.jsonl").read_bytes()

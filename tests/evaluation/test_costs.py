@@ -40,6 +40,8 @@ def command(*words: str) -> str:
 
 def test_the_cheapest_window_depends_on_the_rule(swept: str) -> None:
     shown = json.loads(command("cost", swept, "--json"))
+    tokens = [row["tokens"]["prompt"] + row["tokens"]["reply"] for row in RunFolder(swept).rows()]
+    assert (shown[0]["window"], shown[0]["tokens"]) == ("history all", max(tokens))
     cheapest = {
         rule: min((row for row in shown if row["rule"] == rule), key=lambda row: row["cost"])["window"]
         for rule in ("openai-5-5", "anthropic-512", "gemini-3", "vllm")

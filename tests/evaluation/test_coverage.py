@@ -15,8 +15,9 @@ from tests.evaluation.simulations import REPETITIONS
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", simulations.intervals())
+@pytest.mark.parametrize("name", [*simulations.intervals()][::3])
 def test_the_page_says_how_often_an_interval_holds(name):
+    """Of every third row; `python -m tests.evaluation.simulated_tables` makes them all, which takes minutes."""
     assert agrees("coverage", name, simulations.coverage(*simulations.intervals()[name]))
 
 
@@ -29,7 +30,7 @@ def test_the_page_says_how_often_intervals_hold_together():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("history", populations.HISTORIES)
+@pytest.mark.parametrize("history", [3, 50])
 def test_populations_are_what_the_players_score(tmp_path, history):
     recorded = populations.scores()
     for cell, played in populations.play(tmp_path, history, trials=2).items():
@@ -37,7 +38,7 @@ def test_populations_are_what_the_players_score(tmp_path, history):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [5, 10, 20, 50])
+@pytest.mark.parametrize("n", [5, 50])
 def test_a_sum_over_settings(n):
     """A capability score."""
     keys = (BANDIT, "random", 50), (RPS, "rule", 50), (HANOI, "random", 50), (MESSENGER, "random", 3)
@@ -53,7 +54,7 @@ def test_a_sum_over_settings(n):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("worlds", [10, 20, 50])
+@pytest.mark.parametrize("worlds", [10, 50])
 def test_repeats(worlds):
     """The mean of worlds, and pass^3, of a player that succeeds more often in some worlds than in others."""
     generator, held = np.random.default_rng(8), []
@@ -64,7 +65,7 @@ def test_repeats(worlds):
         _, low, high = repeats.by_worlds(every, lambda values: values.mean(axis=-1))
         mean = intervals.mean_estimate((successes / 5).tolist(), method=intervals.Method(bootstrap=False))
         held.append((low <= 2 * 3 * 4 / (4 * 5 * 6) <= high, mean.low <= 0.5 <= mean.high))
-    least = {10: (0.86, 0.93), 20: (0.90, 0.93), 50: (0.92, 0.93)}[worlds]
+    least = {10: (0.86, 0.93), 50: (0.92, 0.93)}[worlds]
     assert np.all(np.mean(held, axis=0) >= least)
 
 

@@ -1,31 +1,52 @@
-"""Damaged run folders: `view`, `report` and `results` say what is wrong in a sentence; nothing else is raised."""
+"""Run folders of strangers: every command says what is wrong in a sentence, reads nothing outside and runs nothing."""
 
 from __future__ import annotations
 
 import json
 import random
 import shutil
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import smartplay_tools as sp
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.transcript.hashing import chained_lines
+from tests.evaluation.command import run as command
 from tests.evaluation.test_hostile_bundles import damage
 
 pytest.importorskip("uvicorn")
 site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
-report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
+THOROUGH = 5_000
+"""Commands with `--hypothesis-profile=thorough`, which take an hour."""
+
+COMMANDS = {
+    "results": ("results", "{run}", "--all"),
+    "results as JSON": ("results", "{run}", "{good}", "--json"),
+    "results as CSV": ("results", "{good}", "{run}", "--format", "csv", "--csv", "{out}.csv"),
+    "report": ("report", "{run}", "--out", "{out}.html"),
+    "compare": ("compare", "{good}", "{run}"),
+    "cost": ("cost", "{run}", "{good}"),
+    "export": ("export", "{run}", "--format", "sft", "--out", "{out}.jsonl"),
+    "export of episodes": ("export", "{run}", "--format", "atif", "--out", "{out}"),
+    "merge": ("merge", "{run}", "--out", "{out}"),
+    "replay": ("replay", "{run}", "--workers", "1"),
+    "view": (),
+}
+
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
+def good(tmp_path_factory) -> Path:
     """A run with finished, failed and running episodes, and a status file."""
     out = tmp_path_factory.mktemp("runs") / "run"
-    budget = sp.Budget(tool_calls=3, prompt_tokens=900)
-    sp.evaluate([HANOI, BANDIT], ["rule"], out=out, trials=2, budgets=budget, executor="inline")
+    budget = sp.Budget(tool_calls=3, prompt_tokens=900, summary_tokens=60, slack=0.5, own_words=2)
+    sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=out, trials=2, budgets=budget, executor="inline")
     first, second, *_ = sorted((out / "episodes").glob("*.jsonl"))
     (out / "running" / f"{first.stem}.1.jsonl").write_text("".join(first.read_text().splitlines(keepends=True)[:-2]))
     (out / "attempts" / f"{second.stem}.1.jsonl").write_bytes(second.read_bytes())
@@ -35,32 +56,50 @@ def run(tmp_path_factory) -> Path:
     return out
 
 
-def spoiled(chance: random.Random, run: Path, folder: Path) -> str:
-    """Copy a run and damage one of its files: a value, a line or some bytes; return what was done."""
-    shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(run, folder)
-    file = chance.choice(sorted(path for path in folder.rglob("*.json*")))
+def spoil(chance: random.Random, folder: Path, lure: Path) -> str:
+    """Damage one file of a run: a value, a line, some bytes, or the file itself; return what was done."""
+    files = (path for path in folder.rglob("*.json*") if path.is_file() and not path.is_symlink())
+    file = chance.choice(sorted(path for path in files if path.stat().st_size))
     data = file.read_bytes()
-    match chance.randrange(4):
-        case 0 if file.suffix == ".json":
-            file.write_text(json.dumps(damage(chance, json.loads(data))))
-            return f"{file.name}: a value"
-        case 0 | 1:
-            lines = data.splitlines(keepends=True)
+    match chance.randrange(6):
+        case 0 | 1 | 2:
+            lines = [data] if file.suffix == ".json" else data.splitlines(keepends=True)
             at = chance.randrange(len(lines))
             try:
                 lines[at] = json.dumps(damage(chance, json.loads(lines[at]))).encode() + b"\n"
             except ValueError:
                 lines[at] = b"{\n"
+            if file.parent.name == "episodes" and chance.random() < 0.8:
+                lines = [fit(lines) or b"".join(lines)]
             file.write_bytes(b"".join(lines))
             return f"{file.name}: line {at}"
-        case 2:
+        case 3:
             at = chance.randrange(len(data))
             file.write_bytes(data[:at])
             return f"{file.name}: cut at {at}"
+        case 4:
+            file.unlink()
+            what = chance.choice(["gone", "a folder", "a link to a folder", "a link to a file", "a link to itself"])
+            if what == "a folder":
+                file.mkdir()
+            elif what != "gone":
+                to = {"a link to a folder": lure, "a link to a file": lure / "secret.jsonl"}
+                file.symlink_to(to.get(what, file))
+            return f"{file.name}: {what}"
     at = chance.randrange(len(data))
     file.write_bytes(data[:at] + bytes(chance.randrange(256) for _ in range(9)) + data[at + 9 :])
     return f"{file.name}: bytes at {at}"
+
+
+def fit(lines: list[bytes]) -> bytes | None:
+    """Events with the chain that belongs to them, as somebody makes it who knows how."""
+    try:
+        events = [json.loads(line) for line in lines]
+        for event in events:
+            event.pop("chain", None)
+        return chained_lines(events, "")[0]
+    except (AttributeError, TypeError, ValueError):
+        return None
 
 
 def looked_at(folder: Path) -> None:
@@ -83,26 +122,44 @@ def sentence_of(error: SmartPlayError) -> None:
     assert len(str(error)) < 2_000
 
 
-@pytest.mark.parametrize("count", [15, pytest.param(300, marks=pytest.mark.slow)])
-def test_the_site_says_what_is_wrong_with_a_damaged_run(run, tmp_path, count):
+def told(name: str, **places: Path) -> None:
+    """Give a command; it ends with an exit code of its own and without a traceback."""
+    if name == "view":
+        looked_at(places["run"])
+        return
+    code, output, errors = command(*(word.format(**places) for word in COMMANDS[name]))
+    assert code in (0, 1, 2), f"{code}: {errors}"
+    assert "Traceback" not in output + errors
+    assert "A SECRET" not in output + errors
+
+
+@pytest.fixture(scope="module")
+def lure(tmp_path_factory) -> Iterator[Path]:
+    """A folder with a secret, and with a program that leaves a mark if it is run; neither is opened but by its name."""
+    folder = tmp_path_factory.mktemp("lure")
+    (folder / "secret.jsonl").write_text("A SECRET\n")
+    (folder / "lure.py").write_text(f"open({str(folder / 'mark')!r}, 'w')\n")
+    opened: list[str] = []
+    sys.addaudithook(lambda event, given: opened.append(str(given[0])) if event == "open" else None)
+    yield folder
+    assert not (folder / "mark").exists()
+    assert str(folder / "lure.py") not in opened
+    assert str(folder / "secret.jsonl") not in opened
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.slow)])
+def test_every_command_survives_the_folder_of_a_stranger(good, lure, tmp_path, monkeypatch, count):
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
+    count = THOROUGH if settings().max_examples >= 1_000 else count
+    names = list(COMMANDS)
     for number in range(count):
         chance = random.Random(number)
-        what = spoiled(chance, run, tmp_path / "run")
+        folder = tmp_path / f"{number}"
+        shutil.copytree(good, folder / "run")
+        what = [spoil(chance, folder / "run", lure) for _ in range(chance.choice([1, 1, 1, 2, 4]))]
+        name = names[number % len(names)]
         try:
-            looked_at(tmp_path / "run")
+            told(name, run=folder / "run", good=good, out=folder / "out")
         except Exception as error:
-            raise AssertionError(f"case {number}, {what}") from error
-
-
-@pytest.mark.slow
-def test_a_report_says_what_is_wrong_with_a_damaged_run(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
-    for number in range(40):
-        chance = random.Random(number)
-        what = spoiled(chance, run, tmp_path / "run")
-        try:
-            report.render_report(tmp_path / "run")
-        except SmartPlayError as error:
-            sentence_of(error)
-        except Exception as error:
-            raise AssertionError(f"case {number}, {what}") from error
+            raise AssertionError(f"case {number}, {name}: {what}") from error
+        shutil.rmtree(folder)

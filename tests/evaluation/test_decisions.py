@@ -183,7 +183,7 @@ def test_the_commands(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", simulations.ALIKE)
+@pytest.mark.parametrize("name", [*simulations.ALIKE][::2])
 def test_the_page_says_how_often_a_word_is_wrong(name):
     """Two players that score alike are "different", and those that differ by the margin "equivalent"."""
     key, margin = simulations.ALIKE[name]

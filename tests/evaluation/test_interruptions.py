@@ -67,8 +67,8 @@ def children(pid: int) -> list[int]:
 @pytest.mark.parametrize(
     ("executor", "kills", "trials", "options"),
     [
-        *(("inline", 1, 2, SLOW), ("inline", 5, 20, SLOW), ("processes", 5, 20, SLOW)),
-        *(("inline", 1, 4, CHAINS), ("processes", 4, 24, CHAINS)),
+        *(("inline", 3, 6, SLOW), ("processes", 3, 6, SLOW)),
+        *(("inline", 1, 4, CHAINS), ("processes", 2, 6, CHAINS)),
     ],
 )
 def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, executor, kills, trials, options):

@@ -92,7 +92,13 @@ def test_what_latex_would_read_is_escaped():
     rows = (("a_game",), ("  one|two", "<5%"), ("  three", "1 [0, 2]"))
     table = TextTable("what & why", (Column("player", words=True), Column("score")), rows, ("a note",))
     text = to_latex(table)
-    for line in ("\\caption{What \\& why: a note.}", "\\multicolumn{2}{l}{a\\_game} \\\\", "\\toprule", "\\bottomrule"):
+    for line in (
+        "\\caption{What \\& why.}",
+        "\\par{\\footnotesize a note\\par}",
+        "\\multicolumn{2}{l}{a\\_game} \\\\",
+        "\\toprule",
+        "\\bottomrule",
+    ):
         assert line in text
     assert "\\quad one\\textbar{}two & \\textless{}5\\% \\\\" in text
     assert "%" not in text.replace("\\%", "").replace("% \\usepackage{booktabs}", "")

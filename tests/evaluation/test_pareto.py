@@ -7,19 +7,8 @@ from hypothesis import given, strategies as st
 from smartplay_tools.evaluation.analysis.windows import pareto_front
 
 
-def test_a_worked_example():
-    #         on it    dear       on it    as dear, worse  best of all
-    points = [(1, 5), (3, 5), (2, 7), (2, 6), (9, 8)]
-    assert pareto_front(points) == [0, 2, 4]
-
-
 def test_equal_points_stand_on_the_front_together():
     assert pareto_front([(2, 7), (1, 5), (2, 7)]) == [1, 0, 2]
-
-
-def test_a_single_point_is_a_front():
-    assert pareto_front([(4, -1)]) == [0]
-    assert pareto_front([]) == []
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(-3, 3))))

@@ -102,10 +102,12 @@ def test_every_executor_plays_the_records_of_chains_and_of_a_compactor_that_asks
 
 
 RETRIED_ELSEWHERE = """
-import os, sys
+import gc, os, sys
 from pathlib import Path
 import ray
 import smartplay_tools as sp
+from smartplay_tools.errors import EngineError
+from smartplay_tools.evaluation.runs.executors.ray import RayExecutor
 from ray.cluster_utils import Cluster
 from tests.evaluation.players import BrokenOnce
 
@@ -118,6 +120,13 @@ if __name__ == "__main__":
     run = sp.evaluate([%r], {"stumbles": BrokenOnce}, out=out, trials=2, executor="ray", workers=2, run_tokens=10**7,
                       player_options={"marks": str(out.with_name(where))}, budgets=sp.Budget(reply_tokens=100))
     if where == "named":
+        def lose(progress):
+            if progress.finished:
+                ray.kill(next(each for each in gc.get_objects() if type(each) is RayExecutor)._records)
+        try:
+            sp.evaluate([%r], ["rule"], out=f"{out}-lost", trials=9, executor="ray", workers=1, on_progress=lose)
+        except EngineError as error:
+            print(error)
         cluster.shutdown()
     print(run.complete, [row["end_reason"] for row in run.failures], ray.is_initialized())
 """
@@ -126,13 +135,17 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("where", ["named", "here"])
 def test_a_failed_episode_is_tried_again_in_a_cluster_that_is_named_or_started_here(tmp_path, where):
     script = tmp_path / "script.py"
-    script.write_text(RETRIED_ELSEWHERE % HANOI)
+    script.write_text(RETRIED_ELSEWHERE % (HANOI, HANOI))
     environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
     environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
     command = [sys.executable, str(script), str(tmp_path / "run"), where]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip().splitlines()[-1] == "True ['player_error', 'player_error'] False"
+    *lost, last = done.stdout.strip().splitlines()
+    assert last == "True ['player_error', 'player_error'] False"
+    if where == "named":
+        assert "of 9 episodes that are finished are kept; the same command continues the run." in lost[-1]
+        assert lost[-1].startswith("The Ray cluster has lost what this run needs (ActorDiedError)")
 
 
 NODES_CHANGE = """

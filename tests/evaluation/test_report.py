@@ -20,8 +20,10 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.episode_reading import columns
 from smartplay_tools.evaluation.pages.report.episodes import check, excerpt
-from smartplay_tools.evaluation.pages.report.page import write_report
+from smartplay_tools.evaluation.pages.report.page import render_runs, write_report
+from smartplay_tools.evaluation.pages.report.sources import find_runs
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.records import Record, recorded_pictures
@@ -41,9 +43,6 @@ from tests.evaluation.report_runs import (
 
 NODE = shutil.which("node")
 PAGES = Path(pages.__file__).parent
-
-OPENS_NOTHING = {"meta", "link", "style", "script", "img"}
-"""Elements that could load something, and that the page may have; their addresses are looked at."""
 
 
 class Page(HTMLParser):
@@ -81,7 +80,20 @@ class Page(HTMLParser):
         return json.loads(gzip.decompress(base64.b64decode(self.packed[name])))
 
     def episode(self, key: str) -> Any:
-        return self.unpack(f"episode-{key}")
+        packs = [self.unpack(name) for name in self.packed if name.startswith("pack-")]
+        episode = next(pack[key] for pack in packs if key in pack)
+        return {**episode, "turns": rows_of(episode["turns"])}
+
+
+def rows_of(packed: Any) -> list[Any]:
+    """Rows that a page has as columns."""
+    if isinstance(packed, list):
+        return packed
+    rows: list[dict[str, Any]] = [{} for _ in range(packed["rows"])]
+    for name, (numbers, values) in packed["columns"].items():
+        for number, value in zip(numbers or range(len(rows)), rows_of(values), strict=True):
+            rows[number][name] = value
+    return rows
 
 
 def page_of(run: Path, *, draw: bool = False, **options: Any) -> Page:
@@ -94,7 +106,7 @@ def page_of(run: Path, *, draw: bool = False, **options: Any) -> Page:
 
 def test_a_page_of_one_transcript_is_one_file_that_loads_nothing(tmp_path):
     page = page_of(record(tmp_path / "hanoi.jsonl", HANOI, prompt_tokens=700))
-    assert list(page.packed) == ["index", "episode-hanoi"]
+    assert list(page.packed) == ["index", "pack-0"]
     for tag, attributes in page.elements:
         assert not [name for name in attributes if name.startswith("on")], "no inline handlers"
         assert tag not in {"iframe", "object", "embed", "base", "audio", "video"}
@@ -139,7 +151,7 @@ def test_what_a_model_writes_never_becomes_markup(tmp_path):
 def test_a_hostile_file_name_is_a_key_like_any_other(tmp_path):
     name = "a\"><img src=x onerror='x'>&b"
     page = page_of(record(tmp_path / f"{name}.jsonl", HANOI))
-    assert f"episode-{name}" in page.packed
+    assert page.episode(name)["key"] == name
     assert "img" not in {tag for tag, _ in page.elements}
 
 
@@ -196,6 +208,27 @@ def test_failed_unfinished_and_lost_attempts_are_shown_as_such(tmp_path):
     assert "no more ideas" in failed["traceback"]
     assert failed["turns"][0]["view"]
     assert "message" not in failed["turns"][0]
+
+
+def test_an_episode_that_ends_while_its_page_is_made_is_on_the_page(tmp_path):
+    run = sp.evaluate([HANOI], ["rule"], out=tmp_path / "run", trials=1, executor="inline")
+    key = run.rows[0]["key"]
+    place, before = run.folder.transcript(key), tmp_path / "run" / "running" / f"{key}.1.jsonl"
+    place.rename(before)
+    found = find_runs([tmp_path / "run"])
+    before.rename(place)
+    assert f"{key}.1" in render_runs(found, None, plugins=False, opened="run")
+
+
+def test_many_episodes_are_in_packs_and_their_turns_in_columns(tmp_path, monkeypatch):
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.episode_reading.PACK", 30_000)
+    for name in "abcd":
+        record(tmp_path / "run" / f"{name}.jsonl", BANDIT)
+    page = page_of(tmp_path / "run")
+    assert list(page.packed) == ["index", "pack-0", "pack-1"]
+    assert page.episode("d")["turns"][3]["items"][0]["call"]["step"] == 4
+    for rows in ([], [{}], [{"a": None}, {}, {"a": 1}], [{"a": {"b": 1}}, {"a": {}}], [{"a": [{}]}, 2], [[1], {}]):
+        assert rows_of(columns(rows)) == rows
 
 
 def test_an_attempt_that_was_stopped_and_played_again_leaves_nothing_unfinished(tmp_path):

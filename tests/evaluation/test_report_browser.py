@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
@@ -43,8 +44,8 @@ pytestmark = pytest.mark.slow
 
 ALL_PROMPTS = """async (key) => {
   const episode = await openEpisode(key);
-  const ways = [requestMessages, sentMessages];
-  return episode.turns.flatMap((_, at) => ways.map((way) => way(episode, page.words[episode.prompts], at)));
+  const messages = (way, at) => way(episode, page.words[episode.prompts], at)?.map(({ message }) => message) ?? null;
+  return episode.turns.flatMap((_, at) => [requestParts, promptParts].map((way) => messages(way, at)));
 }"""
 
 
@@ -88,7 +89,19 @@ def test_the_page_leaves_out_the_pictures_that_the_prompt_left_out(show, tmp_pat
     assert "only the newest 2 pictures of the conversation were shown" in page.locator("#why-reason").inner_text()
 
 
-def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
+class Clearing:
+    """A compactor that has a message in place of all but the newest nine, and clears the first result among these."""
+
+    def compact(self, history, room):
+        if len(history) < 12 or history[-9]["role"] == "tool":
+            return history
+        result = next(message for message in history[-9:] if message["role"] == "tool")
+        result["content"] = "cleared"
+        return [history[0], {"role": "user", "content": "So far so good."}, *history[-9:]]
+
+
+def test_every_prompt_is_put_together_word_for_word(show, tmp_path, monkeypatch):
+    monkeypatch.setitem(custom._NAMED, "clearing", custom.Loaded(Clearing))
     run = tmp_path / "run"
     several = [reply(act("1"), act("2"), act("1")), reply(("read_manual", "")), reply(("observe", ""), act("1"))]
     paths = [
@@ -100,6 +113,7 @@ def test_every_prompt_is_put_together_word_for_word(show, tmp_path):
             run / "anchors.jsonl", RPS, "rule-notes", prompt_tokens=1_000, first_turns=2, summary_tokens=60, slack=0.5
         ),
         record(run / "custom.jsonl", RPS, prompt_tokens=900, strategy=f"{fuzz.ODD}:seed=3"),
+        record(run / "compacted.jsonl", BANDIT, "rule-notes", history=3, notes_tokens=60, strategy="clearing"),
         record(run / "pinned.jsonl", RPS, manual="pinned", prompt_tokens=900, history=10),
         record(run / "paper.jsonl", HANOI, protocol="paper", manual="pinned", prompt_tokens=600),
         record(run / "paper-history.jsonl", BANDIT, "random", protocol="paper", manual="none", history=2),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import gzip
 import json
 import re
 import shutil
@@ -20,6 +18,7 @@ from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.players import Broken
 from tests.evaluation.report_runs import known_for_now, record
+from tests.evaluation.test_view import unpacked
 
 pytest.importorskip("jinja2")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
@@ -120,7 +119,7 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
     # Figures take long to draw, and no test here is about them.
     monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
     page = report.render_report(run, episodes="2")
-    assert len(re.findall(r'id="episode-[0-9a-f]{16}"', page)) == 2
+    assert len(unpacked(page, "pack-0")) == 2
     assert "This page holds 2 of 6 episodes" in page
     assert re.findall(r"In all: (\d) finished episodes", page) == ["6"]
     assert "This page holds" not in report.render_report(run, episodes="all")
@@ -145,7 +144,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
         record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
     shown = sources.find_sources(tmp_path / "records").episodes
     with reading.reading(shown, "", workers=3) as read:
-        drawn = [json.loads(gzip.decompress(base64.b64decode(episode.packed)))["drawing"] for episode in read()]
+        drawn = [json.loads(episode.text)["drawing"] for episode in read()[0]]
     assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 

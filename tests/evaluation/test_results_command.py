@@ -6,6 +6,7 @@ import csv
 import json
 import re
 import shlex
+import sys
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -53,6 +54,21 @@ def test_it_shows_the_run(folder):
     assert all(game in shown.output for game in GAMES)
     assert "capabilities" not in shown.output
     assert f"smartplay-tools results {folder} --all --explain" in shown.output.replace("\n", "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are UTF-8 elsewhere")
+def test_a_name_that_is_not_utf8_is_shown_and_a_damaged_run_does_not_hide_the_others(folder, tmp_path):
+    odd, damaged = tmp_path / "r\udcff", tmp_path / "damaged"
+    odd.symlink_to(folder)
+    damaged.mkdir()
+    (damaged / "manifest.json").write_text("{")
+    shown = run(odd, damaged, folder, "--csv", tmp_path / "c\udcff.csv", "--parquet", tmp_path / "c\udcff.parquet")
+    assert shown.exit_code == 1
+    assert shown.stderr == f"smartplay-tools: {damaged / 'manifest.json'} is not JSON.\n"
+    assert shown.stdout.count("8 of 8 episodes finished") == 2
+    assert f"{tmp_path}/r\\udcff: 8 of 8" in shown.stdout
+    with (tmp_path / "c\udcff.csv").open(encoding="utf-8") as file:
+        assert {row["run"] for row in csv.DictReader(file)} == {f"{tmp_path}/r\ufffd", str(folder)}
 
 
 def test_what_is_next_can_be_entered_as_it_stands(folder, tmp_path):

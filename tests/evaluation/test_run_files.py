@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import zipfile
+from importlib import resources
 from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.cli.submit import _read_facts
+from smartplay_tools.evaluation.board.submissions.issued_seeds import issue_seed, read_seeds
+from smartplay_tools.evaluation.costs.caches import cache_rules
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -186,3 +191,23 @@ def test_ordinary_options_are_no_credentials():
 def test_a_file_without_players_is_a_file_of_the_rule_player(written):
     file, _ = read_run_file(written('games = ["Hanoi3Disk-v0"]'))
     assert file.configs() == []
+
+
+def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path):
+    """Windows' editors put one in front of text in UTF-8."""
+
+    def marked(name: str, text: str) -> Path:
+        (tmp_path / name).write_bytes(codecs.BOM_UTF8 + text.encode())
+        return tmp_path / name
+
+    file, text = read_run_file(marked("run.toml", 'games = ["Hanoi3Disk-v0"]'))
+    assert file.games == [HANOI]
+    assert text.startswith("games")
+    own = resources.files("smartplay_tools.evaluation.costs").joinpath("caches.toml").read_text(encoding="utf-8")
+    assert cache_rules(marked("caches.toml", own)) == cache_rules()
+    issued = issue_seed(tmp_path / "seeds.jsonl", "An agent")
+    assert read_seeds(marked("seeds.jsonl", (tmp_path / "seeds.jsonl").read_text())) == [issued]
+    nim = marked("nim.py", Path("tests/data/nim.py").read_text())
+    assert run("play", f"{nim}:SPEC", "--player", "random", "--tool-calls", 2)[0] == 0
+    facts = marked("facts.json", '{"name": 1}')
+    assert _read_facts(facts) == {"name": 1}

@@ -29,8 +29,13 @@ def refuse(numbers: Sequence[int]) -> list[int]:
     raise ValueError(f"not {numbers[0]}")
 
 
-@pytest.mark.parametrize("processes", [1, *(pytest.param(many, marks=pytest.mark.slow) for many in (2, 3))])
-@pytest.mark.parametrize("count", [0, pytest.param(1, marks=pytest.mark.slow), 7, 3000])
+@pytest.mark.parametrize(
+    ("processes", "count"),
+    [
+        *((1, count) for count in (0, 7, 3000)),
+        *(pytest.param(*both, marks=pytest.mark.slow) for both in ((3, 1), (2, 3000))),
+    ],
+)
 def test_every_item_is_done_once_and_its_place_is_told(processes, count):
     with parallel_map(squares, range(count), processes) as chunks:
         done = sorted(chunks)

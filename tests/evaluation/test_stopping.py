@@ -91,6 +91,13 @@ def test_a_game_without_bounds_or_one_player_is_refused_before_anything_is_playe
         sp.evaluate([BANDIT], ["rule"], out=tmp_path / "alone", until=Until("1"))
 
 
+def test_scores_without_bounds_are_clipped_to_twice_the_human_score(tmp_path):
+    """One pair says nearly nothing: the interval is all that a difference can be."""
+    short = {"budgets": sp.Budget(tool_calls=2), "trials": 1, "executor": "inline", "out": tmp_path / "run"}
+    (decision,) = sp.evaluate(["Crafter-v0"], ["first", "random"], until=Until("0.1h"), **short).decisions
+    assert (decision.stop.low, decision.stop.high, decision.margin) == (-2 * 2680, 2 * 2680, 268)
+
+
 # Simulations.
 
 

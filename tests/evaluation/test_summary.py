@@ -12,6 +12,7 @@ from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tab
 from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
 from smartplay_tools.evaluation.analysis.headline import headline
+from smartplay_tools.evaluation.analysis.pairs import completion
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows
 from smartplay_tools.evaluation.pages.report.summary_tables import lines
@@ -43,7 +44,9 @@ def test_means_are_over_episodes():
 
 def test_completion_is_a_figure_of_games_with_an_objective():
     assert cell_summary(play_rows(HANOI, trials=2)).completion.mean == 1
-    assert cell_summary(play_rows(BANDIT, trials=2)).completion is None
+    games = {spec.family: {"game": spec.id, "completed": True} for spec in sp.GAMES.values()}
+    with_objective = {family for family, row in games.items() if completion(row) is not None}
+    assert with_objective == {"hanoi", "messenger", "minecraft"}
 
 
 def test_a_setting_without_a_human_score_has_no_normalised_score():

@@ -56,6 +56,15 @@ def test_every_cap_of_a_budget_has_a_column():
     assert {f"budget_{name}" for name in sp.Budget.model_fields} < COLUMNS.keys()
 
 
+def test_no_cell_is_computed_by_a_spreadsheet_or_lost_with_half_a_character(rows, tmp_path):
+    texts = ["=1+1", "+cmd", "-cmd", "@cmd", "\t=1", "\r=1", "\udcff", "-1.5e3", "plain"]
+    write_csv([{**rows[0], "player": text, "reward": -1.5} for text in texts], tmp_path / "run.csv")
+    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [row["player"] for row in read] == [*(f"'{text}" for text in texts[:5]), r"'\r=1", "\ufffd", *texts[7:]]
+    assert {row["reward"] for row in read} == {"-1.5"}
+
+
 def test_csv_has_a_line_for_every_episode(rows, tmp_path):
     path = tmp_path / "run.csv"
     write_csv(rows, path)

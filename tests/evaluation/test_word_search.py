@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.records import sent_prompts
 from smartplay_tools.types.messages import text_of
+from tests.adapters.conformance import calling
 
 pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.slow
@@ -39,25 +41,35 @@ class Talker:
         return sp.Reply({**reply.message, "content": f"Hunch {self._turn}."})
 
 
+def recalling(path):
+    """A record in which answers of `recall` repeat what has left, until they are masked themselves."""
+    budget = sp.Budget(history=2, beyond_history="mask", recall_tokens=60)
+    asked = [("act", {"action": "1"}), ("recall", {"query": "hunch 3 reward"})] * 8
+    with sp.Episode(BANDIT, seed=3, budget=budget, transcript=path) as episode:
+        sp.play(episode, sp.ScriptedPlayer([calling(call) for call in asked]))
+    return path
+
+
 def record(path, game, budget, protocol="tools"):
     with sp.Episode(game, seed=3, budget=budget, transcript=path) as episode:
         sp.play(episode, Talker(), protocol=protocol)
     return path
 
 
-@pytest.mark.parametrize("name", BUDGETS)
-@pytest.mark.parametrize("word", ["hunch 3", "reward -1"])
-def test_the_prompts_with_a_word_are_those_that_the_library_rebuilds(show, tmp_path, name, word):
-    path = record(tmp_path / "game.jsonl", BANDIT, BUDGETS[name])
-    page = show(path, "#episode=game")
-    turns = page.evaluate("word => promptsWith(shown.episode, word)", word)
-    expected = {}
-    for sent in sent_prompts(sp.read_transcript(path)):
-        if not sent.prompt.asks_for_summary:
-            calls = [json.dumps(message.get("tool_calls", [])) for message in sent.prompt.messages]
-            texts = [text_of(message) for message in sent.prompt.messages]
-            expected[sent.turn] = any(word in text.lower() for text in [*texts, *calls])
-    assert turns == [expected[turn] for turn in range(len(turns))]
+def test_the_prompts_with_a_word_are_those_that_the_library_rebuilds(show, tmp_path):
+    (run := tmp_path / "run").mkdir()
+    paths = {name: record(run / f"{name}.jsonl", BANDIT, BUDGETS[name]) for name in BUDGETS}
+    paths |= {"recalled": recalling(run / "recalled.jsonl")}
+    page = show(run)
+    for (name, path), word in product(paths.items(), ["hunch 3", "reward -1", "after act"]):
+        turns = page.evaluate("async ([key, word]) => promptsWith(await openEpisode(key), word)", [name, word])
+        expected = {}
+        for sent in sent_prompts(sp.read_transcript(path)):
+            if not sent.prompt.asks_for_summary:
+                calls = [json.dumps(message.get("tool_calls", [])) for message in sent.prompt.messages]
+                texts = [text_of(message) for message in sent.prompt.messages]
+                expected[sent.turn] = any(word in text.lower() for text in [*texts, *calls])
+        assert turns == [expected[turn] for turn in range(len(turns))], (name, word)
 
 
 def test_the_search_says_when_a_word_was_gone(show, tmp_path):

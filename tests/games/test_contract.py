@@ -15,6 +15,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
@@ -22,8 +23,10 @@ from smartplay_tools.errors import ResetNeededError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.testing import CHECKS, check_game, random_walk
 from smartplay_tools.testing.game_checks import (
+    gives_texts_numbers_and_json,
     is_played_and_replayed_through_its_tools,
     is_the_same_in_another_process,
+    numbers_its_actions_as_its_manual_does,
     scores_within_its_bounds,
 )
 
@@ -34,12 +37,23 @@ IN_THIS_PROCESS = [check for check in CHECKS if check is not is_the_same_in_anot
 """The checks that start no process."""
 
 
+WHOLE_EPISODES = (is_played_and_replayed_through_its_tools, scores_within_its_bounds)
+OF_A_GOAL = (*WHOLE_EPISODES, gives_texts_numbers_and_json, numbers_its_actions_as_its_manual_does)
+"""What can differ between settings of Minecraft, which have one world and several goals."""
+
+
+def is_repeated(name: str, check: Callable[[str], None]) -> bool:
+    """Whether the first setting of the family shows it: another process, and a world of Minecraft, take long."""
+    is_costly = check is is_the_same_in_another_process
+    is_costly |= sp.GAMES[name].family == "minecraft" and check not in OF_A_GOAL
+    return is_costly and name not in FIRST
+
+
 def takes_long(name: str, check: Callable[[str], None]) -> bool:
-    """Worlds of Minecraft, and other processes, take long to make, so `make test` has one of them."""
+    """Whether only the slow tests make a check: `make test` has one process, and one world of Minecraft."""
     if check is is_the_same_in_another_process:
         return name != "Hanoi3Disk-v0"
-    whole_episodes = (is_played_and_replayed_through_its_tools, scores_within_its_bounds)
-    return sp.GAMES[name].family == "minecraft" and (name not in FIRST or check in whole_episodes)
+    return sp.GAMES[name].family == "minecraft" and (name not in FIRST or check in WHOLE_EPISODES)
 
 
 @pytest.mark.parametrize(
@@ -48,10 +62,22 @@ def takes_long(name: str, check: Callable[[str], None]) -> bool:
         pytest.param(name, check, marks=[pytest.mark.slow] * takes_long(name, check), id=f"{name}-{check.__name__}")
         for name in sp.GAMES
         for check in CHECKS
+        if not is_repeated(name, check)
     ],
 )
 def test_it_keeps_the_contract(game, check):
     check(game)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in FIRST)) for name in sorted(sp.GAMES.benchmark)]
+)
+def test_gymnasium_keeps_its_specification_and_adds_render_modes(name):
+    spec = gymnasium.spec(f"smartplay/{name}")
+    assert EnvSpec.from_json(spec.to_json()) == spec
+    environment = gymnasium.make(spec, render_mode="ansi_list")
+    observations = [environment.reset(seed=1)[0], environment.step(0)[0]]
+    assert environment.render() == observations
 
 
 def plays_to_its_end(game: TextGame) -> bool:

@@ -14,7 +14,7 @@ from smartplay_tools.games.crafter.noise import Points
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.stream import Stream, world_seed
-from smartplay_tools.games.crafter.world import place
+from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place
 from smartplay_tools.games.specs import GAMES
 
 
@@ -124,6 +124,7 @@ def test_the_corrected_text_tells_what_can_be_seen_at_the_border() -> None:
 @pytest.mark.parametrize(("text", "status"), [("original", "You are sleeping, "), ("corrected", "You died.")])
 def test_killed_in_sleep(text: str, status: str) -> None:
     game = started(7, text=text)
+    assert game.deviations() == ({} if text == "original" else {"text": {"paper": "original", "played": text}})
     player, world = game._world.player, game._world.world
     player.inventory["energy"] = 1
     game.step(game.actions.index("Sleep"))
@@ -137,6 +138,20 @@ def test_killed_in_sleep(text: str, status: str) -> None:
     assert observation.startswith(f"You took action noop.{status}")
     assert "\n\n\n\nYou see:" in observation
     assert "- health: 0/9" in observation
+
+
+def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
+    game = started(5)
+    go_to(game, 30, 30)
+    player = game._world.player
+    player.facing = DIRECTIONS[3]
+    plant = Thing(facts.PLANT, place(30, 31))
+    player.world.set_ground(plant.at, facts.GRASS)
+    player.world.add(plant)
+    for plant.clock, eaten in ((300, 0), (301, 1)):
+        player._do()
+        assert player.unlocked.get("eat_plant", 0) == eaten
+    assert plant.clock == 0
 
 
 def test_unknown_options_are_refused_in_one_sentence() -> None:
@@ -258,16 +273,13 @@ def test_the_state_hash_covers_what_cannot_be_seen() -> None:
 # --- Environment -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
-    game, steps, ended = started(6), 0, False
-    while not ended:
-        game._world.player.inventory.update(health=9, food=9, drink=9)
-        _, _, terminated, ended, info = game.step(steps % 5)
-        steps += 1
-        assert not terminated
-    assert steps == 9_999
-    assert info["completed"] == 0
+    game = started(6)
+    assert game._world.steps == 1  # the noop of the reset
+    game._world.steps = 9_998
+    assert game.step(0)[2:4] == (False, False)
+    *_, terminated, truncated, info = game.step(0)
+    assert (terminated, truncated, info["completed"]) == (False, True, 0)
 
 
 def test_all_texts_fit_the_observation_space() -> None:

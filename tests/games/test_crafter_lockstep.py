@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from smartplay_tools.games.crafter import facts
 from tests.games.crafter_edits import (
     EVERYTHING,
     POLICIES,
@@ -40,11 +39,12 @@ def test_the_comparison_meets_the_whole_game() -> None:
 
 
 @pytest.mark.slow
-def test_they_agree_to_the_last_step() -> None:
-    play([live_long], 20, facts.LENGTH)
+def test_they_agree_for_days() -> None:
+    """A day has 300 steps."""
+    play([live_long], 20, 2_000)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1000, 1020))
-def test_worlds_are_equal(seed: int) -> None:
-    Pair(seed, episode=seed % 7 + 1).compare_everything()
+def test_worlds_are_equal() -> None:
+    for seed in range(1000, 1007):
+        Pair(seed, episode=seed % 7 + 1).compare_everything()

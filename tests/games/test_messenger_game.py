@@ -79,6 +79,7 @@ def test_every_split_can_be_played(split: str, level: int) -> None:
         game.reset(seed=seed)
         manuals.add(game.manual)
     assert len(manuals) == 80
+    assert game.deviations().get("split", {"played": "test"})["played"] == split
 
 
 @pytest.mark.parametrize("option", [{"split": "dev"}, {"text": "fixed"}])

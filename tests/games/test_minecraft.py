@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
+from fnmatch import fnmatch
+from itertools import product
+from pathlib import Path
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.games.minecraft import luanti
 from smartplay_tools.games.minecraft.engines import (
     CORRECTED_GOALS,
     ENGINES,
@@ -19,20 +26,26 @@ from smartplay_tools.games.minecraft.engines import (
     turn,
 )
 
-TASKS = (0, 1, 2, 4, 5, 7, 8, 9)
+BIOMES = """
+0 Ocean, 1 Plains, 2 Desert, 3 Extreme Hills, 4 Forest, 5 Taiga, 6 Swampland, 7 River, 8 Hell, 9 The End,
+10 FrozenOcean, 11 FrozenRiver, 12 Ice Plains, 13 Ice Mountains, 14 MushroomIsland, 15 MushroomIslandShore, 16 Beach,
+17 DesertHills, 18 ForestHills, 19 TaigaHills, 20 Extreme Hills Edge, 21 Jungle, 22 JungleHills, 23 JungleEdge,
+24 Deep Ocean, 25 Stone Beach, 26 Cold Beach, 27 Birch Forest, 28 Birch Forest Hills, 29 Roofed Forest, 30 Cold Taiga,
+31 Cold Taiga Hills, 32 Mega Taiga, 33 Mega Taiga Hills, 34 Extreme Hills+, 35 Savanna, 36 Savanna Plateau, 37 Mesa,
+38 Mesa Plateau F, 39 Mesa Plateau, 127 The Void, 129 Sunflower Plains, 130 Desert M, 131 Extreme Hills M,
+132 Flower Forest, 133 Taiga M, 134 Swampland M, 140 Ice Plains Spikes, 149 Jungle M, 151 JungleEdge M,
+155 Birch Forest M, 156 Birch Forest Hills M, 157 Roofed Forest M, 158 Cold Taiga M, 160 Mega Spruce Taiga,
+161 Redwood Taiga Hills M, 162 Extreme Hills+ M, 163 Savanna M, 164 Savanna Plateau M, 165 Mesa (Bryce),
+166 Mesa Plateau F M, 167 Mesa Plateau M
+"""
+"""The biomes of Minecraft 1.11.2, as the original calls them."""
+NAMES = {int(number): name for number, name in re.findall(r"(\d+) ([A-Z][^,\n]+)", BIOMES)}
 
 
 @pytest.fixture(autouse=True)
 def without_minedojo(monkeypatch):
     """Its client takes minutes to start, so it has its own tests."""
     monkeypatch.delenv("SMARTPLAY_MINEDOJO_PYTHON", raising=False)
-
-
-def test_the_eight_settings_have_the_papers_numbers():
-    specs = [spec for spec in sp.GAMES.values() if spec.family == "minecraft"]
-    assert [spec.id for spec in specs] == [f"MinedojoCreative{task}-v0" for task in TASKS]
-    assert {(spec.history, spec.rollout, spec.trials) for spec in specs} == {(2, 200, 20)}
-    assert [spec.human_score for spec in specs] == [1] + [None] * 7
 
 
 def test_the_manual_names_the_goal():
@@ -47,9 +60,42 @@ def test_the_manual_names_the_goal():
 
 
 def test_the_original_takes_any_biome_whose_name_has_the_goals_words_in_it():
-    assert PAPER_GOALS[0].biomes == {1, 12, 129, 140}
-    assert 29 in PAPER_GOALS[1].biomes  # roofed forest
-    assert PAPER_GOALS[2].biomes == {0, 10, 24}
+    names = ("plains", "forest", "ocean", "beach", "taiga", "ice spikes", "jungle", "desert")
+    assert [goal.name for goal in PAPER_GOALS.values()] == list(names)
+    for goal in PAPER_GOALS.values():
+        assert goal.biomes == {number for number, name in NAMES.items() if goal.name in name.lower()}
+    assert [f"MinedojoCreative{task}-v0" for task in PAPER_GOALS] == [
+        spec.id for spec in sp.GAMES.values() if spec.family == "minecraft"
+    ]
+
+
+def between(text: str, begin: str, end: str) -> str:
+    return text.partition(begin)[2].partition(end)[0]
+
+
+def test_each_biome_of_luanti_counts_as_the_page_says():
+    lua = Path(luanti.__file__).with_name("mod").joinpath("biomes.lua").read_text(encoding="utf-8")
+    names, numbers = (part.split(", ") for part in re.search(r"local (OCEAN.*) = (.*)", lua).groups())
+    known = {name: int(number) for name, number in zip(names, numbers, strict=True)}
+    lands = re.findall(r"(\w+) = (\w+)", between(lua, "LAND = {", "\n}"))
+    known["LAND"] = defaultdict(int, {name: int(known.get(number, number)) for name, number in lands})
+    known["COLD"] = defaultdict(bool, re.findall(r"(\w+) = (true)", between(lua, "COLD = {", "}")))
+    returns = re.findall(r"(?:if (.*) then )?return (.*?)(?: end)?\n", between(lua, "function id_of", "\nend") + "\n")
+
+    page = Path("docs/minecraft.md").read_text(encoding="utf-8")
+    table = between(page, "| ground | water on it | counts as |\n|---|---|---|\n", "\n\n").replace("`", "")
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()]
+    water = {"any": range(4), "none": [0], "one or more": range(1, 4), "two or more": range(2, 4)}
+
+    climates, kinds = (*known["COLD"], "grassland", "desert"), ("ocean", "dunes", "beach", "shore", "under")
+    for name, depth in product([*dict(lands), *map("_".join, product(climates, kinds))], range(4)):
+        climate, _, kind = name.rpartition("_")
+        here = {**known, "name": name, "depth": depth, "climate": climate, "kind": kind}
+        # The mod's conditions are good Python, too.
+        counted = next(eval(value, here) for condition, value in returns if not condition or eval(condition, here))
+        fitting = (row for row in rows if depth in water[row[1]])
+        said = next(biome for grounds, _, biome in fitting if any(fnmatch(name, one) for one in grounds.split(", ")))
+        assert NAMES[counted].lower().replace(" ", "") == said.replace(" ", ""), (name, depth)
 
 
 def test_ice_spikes_cannot_be_found_in_the_original_and_can_here():

@@ -216,6 +216,14 @@ def test_of_the_blocks_around_one_group_a_name_is_told(name, places, lines):
     assert around(observation) == lines
 
 
+def test_the_rounding_of_32_bits_decides_between_equal_distances_in_the_papers_text():
+    """As in the original: both groups are the square root of 2 away, and the smaller one is the second."""
+    observation = nothing()
+    for x, y, z in ((0, -1, 1), (1, -1, 1), (1, 0, 1), (1, 0, 0), (1, -1, 2), (-1, 1, 0)):
+        observation.blocks[FEET + x, FEET + y, FEET + z] = "water"
+    assert around(observation, "paper") == [" - water, 1.41 blocks away, above you to west"]
+
+
 def test_a_name_stands_where_its_first_group_does():
     """First by x, then y, then z; the first cell of a group decides the order, not the one that is described."""
     observation = nothing()
@@ -297,6 +305,7 @@ def test_entities_have_no_heading_and_a_line_end_each():
         (NORTH, 16, "south-west", "north-west"),
         (SOUTH, 0, "north-west", "south-west"),
         (EAST, 16, "north-west", "north-east"),
+        (-37.0, 16, "north", "east"),  # to the original 11 degrees east of north, whose sine is 0.19
     ],
 )
 def test_what_is_ahead_is_told_as_behind(yaw, column, paper, corrected):
@@ -321,7 +330,8 @@ def test_rows_are_told_steeper_than_they_are():
     observation = nothing(SOUTH)
     see(observation, 10, 8, "sand", 5)  # really 12 degrees up, a sine of 0.21
     see(observation, 6, 8, "clay", 5)
-    assert [line.split(", ")[2].split(" to")[0] for line in view(observation, "paper")] == ["below you", "above you"]
+    for mode in ("paper", "corrected"):
+        assert [line.split(", ")[2].split(" to")[0] for line in view(observation, mode)] == ["below you", "above you"]
     see(observation, 9, 0, "ice", 5)
     assert view(observation, "paper")[1].split(", ")[2].startswith("at your level")
 

@@ -12,13 +12,14 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
-from smartplay_tools.games.minecraft.engines import PAPER_GOALS, Goal, check_engines, strides, turn
+from smartplay_tools.games.minecraft.engines import PAPER_GOALS, Goal, Stride, check_engines, strides, turn
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import (
     CALL_SECONDS,
@@ -26,6 +27,8 @@ from smartplay_tools.games.minecraft.minedojo.engine import (
     LOG,
     START_SECONDS,
     MineDojoEngine,
+    _turned,
+    _walked,
 )
 from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
@@ -205,6 +208,27 @@ def test_the_worker_s_script_needs_nothing_of_this_package():
             answers.append(json.loads(process.stdout.readline()))
     assert answers == [{"ok": None}, {"error": "ModuleNotFoundError: No module named 'minedojo'"}]
     assert process.returncode == 0
+
+
+def test_an_action_looks_for_the_goal_after_every_tick_but_that_of_its_turn():
+    """The original does so, too: it walks a tick out of a goal in which the turn has ended."""
+    played = []
+    plains = {"pos": np.zeros(3), "yaw": [0], "pitch": [0], "biome_id": 1}
+    names = ("block_name", "block_distance", "entity_name", "entity_distance")
+    seen = {"location_stats": plains, "voxels": {"block_name": np.zeros(1)}, "rays": dict.fromkeys(names, np.zeros(1))}
+
+    def step(action: np.ndarray) -> tuple[dict, float, bool, dict]:
+        played.append(action.tolist())
+        return seen, 0.0, False, {}
+
+    minedojo = worker.Minedojo()
+    minedojo._environment = SimpleNamespace(step=step)
+    turned, *walked = _turned(90), _walked(Stride(1, jump=True)), _walked(Stride(-1, jump=False))
+    assert minedojo.act([turned, *walked], goal=[1])["biome"] == 1
+    minedojo.act([turned, *walked], goal=[2])
+    # Forward; 1 is left and 2 is right; 1 is jump and 3 is sprint; pitch and yaw in steps of 15 degrees around 12.
+    turn, left, right = [0, 0, 0, 12, 18, 0, 0, 0], [1, 1, 1, 12, 12, 0, 0, 0], [1, 2, 3, 12, 12, 0, 0, 0]
+    assert played == [turn, left, turn, left, right]
 
 
 # The engine, with a script instead of an interpreter.

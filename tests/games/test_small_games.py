@@ -9,7 +9,7 @@ from itertools import product
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.games import bandit, hanoi, rock_paper_scissors
+from smartplay_tools.games import bandit, rock_paper_scissors
 from smartplay_tools.games.base import TextGame
 from tests.games.recorded import MANUALS, ROWS, Rows, begin, episodes
 
@@ -92,8 +92,22 @@ def test_the_opponent_and_the_arms_keep_their_odds():
 
 
 @pytest.mark.parametrize("disks", [3, 4])
-def test_hanoi_texts_never_outgrow_the_first(disks):
-    longest = sp.GAMES[f"Hanoi{disks}Disk-v0"].make().observation_space.max_length
-    for rods_of_disks in product(range(3), repeat=disks):
-        rods = tuple(tuple(d for d in reversed(range(disks)) if rods_of_disks[d] == rod) for rod in range(3))
-        assert all(len(hanoi.describe(rods, action)) <= longest for action in range(6))
+def test_every_move_of_every_hanoi_state(disks):
+    game = sp.GAMES[f"Hanoi{disks}Disk-v0"].make()
+    for rod_of in product(range(3), repeat=disks):
+        for action, (source, target) in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
+            game.reset(seed=0)
+            game._rods = tuple(
+                tuple(disk for disk in reversed(range(disks)) if rod_of[disk] == rod) for rod in range(3)
+            )
+            top = {rod: min((disk for disk in range(disks) if rod_of[disk] == rod), default=disks) for rod in range(3)}
+            after = list(rod_of)
+            if is_legal := top[source] < top[target]:
+                after[top[source]] = target
+            is_goal = after == [2] * disks and is_legal
+            observation, reward, terminated, truncated, info = game.step(action)
+            assert (reward, terminated, truncated) == (100 if is_goal else 0 if is_legal else -1, is_goal, False)
+            assert [[disk in rod for rod in game._rods].index(True) for disk in range(disks)] == after
+            if is_legal:
+                assert (info["score"], info["completed"]) == (after.count(2), is_goal)
+            assert observation in game.observation_space

@@ -112,19 +112,14 @@ def test_the_player_with_notes_keeps_them_in_its_replies() -> None:
 
 @pytest.mark.slow
 def test_without_notes_the_paper_s_window_is_enough_to_beat_its_models() -> None:
-    scores = [play(crafter, seed)[0].score for seed in range(5)]
-    assert sum(scores) / len(scores) > 700
-
-
-@pytest.mark.slow
-def test_ten_episodes_without_notes() -> None:
+    """The better of them has 846."""
     scores = [play(crafter, seed)[0].score for seed in range(10)]
     assert sum(scores) / len(scores) > 2000
 
 
 @pytest.mark.slow
 def test_notes_let_a_player_live_for_ever() -> None:
-    result, *_ = play(crafter_notes, 4)
-    assert result.end_reason == "rollout"
-    assert result.score > 80_000
+    result, *_ = play(crafter_notes, 4, budget=sp.Budget(tool_calls=3_000))
+    assert result.end_reason == "tool_calls", "the calls are spent before the player dies"
+    assert result.score > 30_000
     assert json.dumps(result.model_dump())

@@ -11,6 +11,14 @@ import smartplay_tools as sp
 OTHERS = ("openai-responses:m", "anthropic:m", "langchain:openai:m", "langchain:anthropic:m")
 """Players that repeat the first one, or whose libraries take seconds to import."""
 PLAYERS = ["openai:m", *(pytest.param(each, marks=pytest.mark.slow) for each in OTHERS)]
+
+
+def rows(*values):
+    """Each value with the first player, and the first value with the others, who check in the same place."""
+    slow = [pytest.param(each, values[0], marks=pytest.mark.slow) for each in OTHERS]
+    return [*(("openai:m", value) for value in values), *slow]
+
+
 SECRET = "sk-topsecret"
 
 KEYS = {
@@ -27,8 +35,7 @@ KEYS = {
 }
 
 
-@pytest.mark.parametrize("player", PLAYERS)
-@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize(("player", "key"), rows(*KEYS))
 def test_a_key_that_no_header_can_hold_is_refused_without_printing_it(player, key):
     with pytest.raises(sp.InvalidArgumentError, match="key of") as refused:
         sp.get_player(player, base_url="http://127.0.0.1:9/v1", api_key=key)
@@ -47,8 +54,7 @@ def test_a_key_from_the_environment_is_checked_as_well(player, monkeypatch):
         sp.get_player(player, base_url="http://127.0.0.1:9/v1")
 
 
-@pytest.mark.parametrize("player", PLAYERS)
-@pytest.mark.parametrize("key", [SECRET, f" {SECRET}", f"\t{SECRET}", "two words"])
+@pytest.mark.parametrize(("player", "key"), rows(f" {SECRET}", SECRET, f"\t{SECRET}", "two words"))
 def test_other_keys_are_sent_as_they_are(player, key):
     sp.get_player(player, base_url="http://127.0.0.1:9/v1", api_key=key).check_ready()
 

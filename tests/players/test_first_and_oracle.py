@@ -29,12 +29,6 @@ def test_first_plays_the_first_action_by_name(game):
         assert json.loads(call["function"]["arguments"]) == {"action": episode.game.actions[0]}
 
 
-def test_in_crafter_first_does_nothing():
-    with sp.Episode("Crafter-v0", seed=3, manual="pinned") as episode:
-        (call,) = calls_of(sp.get_player("first").reply(sp.Conversation(episode).prompt()).message)
-    assert json.loads(call["function"]["arguments"]) == {"action": "Noop"}
-
-
 @pytest.mark.parametrize("game", ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"])
 def test_first_is_what_the_original_falls_back_to(game):
     """In the paper's protocol it scores as much as a player that never names an action."""

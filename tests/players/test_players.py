@@ -77,7 +77,7 @@ class Blanking:
         return reply
 
 
-@pytest.mark.parametrize("game", [pytest.param(g, marks=[pytest.mark.slow] * (g not in OF_EACH)) for g in sp.GAMES])
+@pytest.mark.parametrize("game", OF_EACH)
 def test_the_rule_player_keeps_no_state_in_its_replies(game):
     spec = sp.GAMES[game]
     spec = dataclasses.replace(spec, rollout=min(spec.rollout, 60))

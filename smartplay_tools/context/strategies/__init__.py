@@ -16,19 +16,21 @@ Commands, run files, sweeps, records, tables and the list of deviations take it 
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.strategies.ageing import Ageing
 from smartplay_tools.context.strategies.base import DECISIONS, BudgetStrategy, decides
-from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.context.strategies.custom import load_strategy, make_strategy, recorded_strategy, refused_with
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.registry import Registry
 from smartplay_tools.types import STRATEGIES, Budget
+
+if TYPE_CHECKING:
+    from smartplay_tools.context.compaction import Compactor
+    from smartplay_tools.context.strategies.choices import Strategy
 
 __all__ = ["KINDS", "Strategies", "refusal"]
 
@@ -96,15 +98,15 @@ class Strategies:
         With `is_recorded` nothing is imported that the user has not named.
         """
         if (name := self._budget.strategy) is not None:
-            loaded = (recorded_strategy if is_recorded else load_strategy)(name, digest)
-            self.custom = make_strategy(name, loaded)
-            if reason := refused_with(self.custom, self._budget):
+            loaded = (custom.recorded_strategy if is_recorded else custom.load_strategy)(name, digest)
+            self.custom = custom.make_strategy(name, loaded)
+            if reason := custom.refused_with(self.custom, self._budget):
                 raise InvalidArgumentError(reason)
 
     @property
     def compacts(self) -> bool:
         """Whether a compactor rewrites the history."""
-        return isinstance(self.custom, Compactor)
+        return custom.compacts(self.custom)
 
     @property
     def asking(self) -> str | None:

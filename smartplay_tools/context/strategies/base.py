@@ -10,10 +10,9 @@ from typing import Any, ClassVar
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.context.view import Selection, View
 from smartplay_tools.types import Budget, ToolSpec
-from smartplay_tools.types.messages import Message
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class Summary:
 
     text: str
     """The agent's words, cut to their cap; empty if nothing can be shown."""
-    message: Message
+    form: Form
     """The message that shows them after the head."""
     tokens: int
     """The budget tokens of the message."""
@@ -70,7 +69,7 @@ class BudgetStrategy:
     """The tools that it adds."""
     first_turns = 0
     """How many of the first turns stay, as far as they fit."""
-    question: Message | None = None
+    question: Form | None = None
     """The last message of a prompt that asks for a summary when turns leave; None: none is asked for."""
     question_tokens = 0
 

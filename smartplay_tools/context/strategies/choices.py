@@ -37,7 +37,7 @@ class PastTurn:
     @property
     def messages(self) -> list[Message]:
         """Its messages as they would be shown now, as copies."""
-        return list(map(copy_of, self.selection.seen(self.turn)))
+        return [copy_of(form.message) for form in self.selection.seen(self.turn)]
 
 
 class PastTurns(Sequence[PastTurn]):

@@ -14,18 +14,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
 from smartplay_tools.context.strategies.base import BudgetStrategy
-from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.context.strategies.imported import IMPORTED
 from smartplay_tools.context.view import Selection, ranges_of
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, extra_named, in_one_line, name_of
 from smartplay_tools.games.game_registry import packages_are_imported
 from smartplay_tools.registry import NamedInFiles, Registry, is_in_file, without_folders
 from smartplay_tools.types import Budget
 from smartplay_tools.types.arguments import value_in
+
+if TYPE_CHECKING:
+    from smartplay_tools.context.compaction import Compactor
+    from smartplay_tools.context.strategies.choices import Strategy
 
 __all__ = ["Custom", "load_strategy", "name_on_record", "register_strategy"]
 
@@ -34,6 +35,24 @@ ENTRY_POINTS = "smartplay_tools.strategies"
 
 BETWEEN_OPTIONS = re.compile(r",(?=[^\W\d]\w*=)")
 """A comma before an option; before anything else it is part of a value."""
+
+IMPORTED = {
+    "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
+    "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
+    "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
+    "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
+    "inspect-trim": "smartplay_inspect.compaction:InspectTrim",
+    "langchain-clear": "smartplay_langchain.compaction:LangChainClearing",
+    "langchain-summary": "smartplay_langchain.compaction:LangChainSummary",
+    "langmem-summary": "smartplay_langchain.compaction:LangMemSummary",
+    "llama-index-summary": "smartplay_compactors.llama_index:LlamaIndexSummary",
+    "memory-bm25": "smartplay_tools.context.strategies.retrieval:WordMemory",
+    "memory-wordllama": "smartplay_compactors.embeddings:VectorMemory",
+    "pydantic-ai-newest": "smartplay_pydantic_ai.compaction:NewestMessages",
+    "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:HarnessSummary",
+    "pydantic-ai-window": "smartplay_pydantic_ai.compaction:HarnessWindow",
+}
+"""The compaction of other projects: the place of each class by the name of the strategy."""
 
 _REGISTRY = Registry("strategy", IMPORTED, ENTRY_POINTS)
 
@@ -54,15 +73,8 @@ class Custom(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return the turns that it masks, and its texts."""
-        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": [list(text) for text in chosen.texts.items()]}
-
-
-class AsRecorded:
-    """Stands for the compactor of a record, where its rewritings are taken from the record."""
-
-    def compact(self, history: GivenHistory, room: Room) -> Any:
-        """Nobody calls it."""
-        raise NotImplementedError
+        texts = [[turn, form.message["content"]] for turn, form in chosen.texts.items()]
+        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": texts}
 
 
 @dataclass(frozen=True)
@@ -145,19 +157,28 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     except Exception as error:  # whatever the user's class does
         problem = f"{type(error).__name__}: {in_one_line(error)}"
         raise InvalidArgumentError(f"The strategy {name} cannot be made with these options: {problem}.") from error
-    if isinstance(made, Strategy) == isinstance(made, Compactor):
+    if chooses(made) == compacts(made):
         raise InvalidArgumentError(
             f"The strategy {name} needs one of two methods: choose(past, room), or compact(history, room)."
         )
     return made
 
 
+def chooses(strategy: object) -> bool:
+    """Return whether a custom strategy, an object or its class, chooses turns."""
+    return callable(getattr(strategy, "choose", None))
+
+
+def compacts(strategy: object) -> bool:
+    """Return whether a custom strategy, an object or its class, rewrites the history."""
+    return callable(getattr(strategy, "compact", None))
+
+
 def refused_with(strategy: object, budget: Budget) -> str | None:
     """Return why a custom strategy, an object or its class, cannot be combined with a budget; None if it can be."""
-    compacts = callable(getattr(strategy, "compact", None))
-    if compacts and budget.own_words is not None:
+    if compacts(strategy) and budget.own_words is not None:
         return f"strategy={budget.strategy} rewrites old replies itself, so own_words would do nothing; leave it out."
-    if callable(getattr(strategy, "choose", None)) and budget.question_tokens is not None:
+    if chooses(strategy) and budget.question_tokens is not None:
         return f"strategy={budget.strategy} asks no questions, so question_tokens would do nothing; leave it out."
     return None
 

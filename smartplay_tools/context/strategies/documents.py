@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.context.turns import Turn
+from smartplay_tools.context.view import View, ranges_of
 from smartplay_tools.types.arguments import number_as_text
 from smartplay_tools.types.messages import text_of
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from smartplay_tools.context.view import View
 
 K1, B = 1.2, 0.75
 """How soon repetitions of a word stop counting, and how much the length of a document counts."""
@@ -96,14 +95,8 @@ class Documents:
 
     def shown_by(self, view: View) -> list[range]:
         """Return the documents whose observations a view shows, as ascending ranges."""
-        steps = sorted(_shown_steps(view), key=lambda each: each.start)
-        ranges: list[range] = []
-        for first, stop in ((bisect_left(self.steps, s.start), bisect_left(self.steps, s.stop)) for s in steps):
-            if ranges and first <= ranges[-1].stop:
-                ranges[-1] = range(ranges[-1].start, max(stop, ranges[-1].stop))
-            elif first < stop:
-                ranges.append(range(first, stop))
-        return ranges
+        steps = sorted({form.step for form in view.forms if form.step is not None})
+        return [range(first, last + 1) for first, last in ranges_of(bisect_left(self.steps, step) for step in steps)]
 
     def between(self, first: int, last: int, shown: Sequence[range]) -> Iterator[int]:
         """Yield the documents of the steps from `first` to `last` that are not among those shown."""
@@ -186,23 +179,3 @@ def _call(turn: Turn, position: int) -> str:
     if call.name != "act" or call.arguments.values is None:
         return f"{call.name}()"
     return f'act("{number_as_text(call.arguments.values["action"]).strip()}")'
-
-
-def _shown_steps(view: View) -> Iterator[range]:
-    """The observations that a view shows, in ranges: those of a turn, and those of a run of turns, have no gap."""
-    if view.visible is not None:
-        yield from (range(step, step + 1) for step in view.visible)
-        return
-    chosen, turns = view.selection, view.turns
-    for index in chosen.pinned:
-        turn = turns[index]
-        steps = [step for step in turn.shows if step >= chosen.oldest_of(turn)]
-        if steps:
-            yield range(steps[0], steps[-1] + 1)
-    stop = chosen.last + 1
-    first = bisect_left(turns, chosen.oldest, min(chosen.first, stop), stop, key=lambda turn: turn.step)
-    for index in range(first, stop):
-        for step in turns[index].shows:
-            if step >= chosen.oldest:
-                yield range(step, turns[chosen.last].step + 1)
-                return

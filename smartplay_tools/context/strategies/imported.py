@@ -1,9 +1,9 @@
 """Imported compactors: the compaction of other projects by name, each with its code unchanged.
 
-`IMPORTED` lists them. Each is a class of the adapter of its framework, which converts messages with the adapter's
-functions and calls what the framework's own agents call. `ImportedCompactor` is what these classes share: the
-framework's questions to a model become questions of the compactor, our counter takes the place of its tokenizer, and
-the versions of its packages are in the record.
+Each is a class of the adapter of its framework, which converts messages with the adapter's functions and calls what the
+framework's own agents call. `ImportedCompactor` is what these classes share: the framework's questions to a model
+become questions of the compactor, our counter takes the place of its tokenizer, and the versions of its packages are in
+the record. Their names are listed in `context.strategies.custom`.
 """
 
 from __future__ import annotations
@@ -18,25 +18,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, pictures_of
 
-__all__ = ["IMPORTED", "ImportedCompactor"]
-
-IMPORTED = {
-    "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
-    "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
-    "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
-    "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
-    "inspect-trim": "smartplay_inspect.compaction:InspectTrim",
-    "langchain-clear": "smartplay_langchain.compaction:LangChainClearing",
-    "langchain-summary": "smartplay_langchain.compaction:LangChainSummary",
-    "langmem-summary": "smartplay_langchain.compaction:LangMemSummary",
-    "llama-index-summary": "smartplay_compactors.llama_index:LlamaIndexSummary",
-    "memory-bm25": "smartplay_tools.context.strategies.retrieval:WordMemory",
-    "memory-wordllama": "smartplay_compactors.embeddings:VectorMemory",
-    "pydantic-ai-newest": "smartplay_pydantic_ai.compaction:NewestMessages",
-    "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:HarnessSummary",
-    "pydantic-ai-window": "smartplay_pydantic_ai.compaction:HarnessWindow",
-}
-"""The place of each class by the name of the strategy."""
+__all__ = ["ImportedCompactor"]
 
 SHARE = 0.8
 """How full the room for the conversation is when a compactor acts that was not told at how many tokens."""

@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from smartplay_tools.context.prompts.wording import Wording, versions
+from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.strategies.files import FileError, Files, Outcome
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.transcript.events import CallEvent
 from smartplay_tools.types import MEMORY_TOOL, Budget, ToolSpec
+from smartplay_tools.types.arguments import read
 
 COMMANDS: Mapping[str, Mapping[str, bool]] = {
     "view": {"path": True, "view_range": False},
@@ -112,6 +114,28 @@ KINDS = {"insert_line": INTEGER, "view_range": INTEGERS}
 """The arguments that are no texts: how each is checked, the name of its kind in `Wording`, and its schema."""
 
 
+class FilesStore:
+    """The files of the tool `memory`, none of which is in view."""
+
+    field = "memory_tokens"
+    kept = "files"
+
+    @staticmethod
+    def after(calls: Iterable[CallEvent], before: Mapping[str, str] | None, words: Wording) -> dict[str, str] | None:
+        """Return the files after the commands that were carried out; None if there are none."""
+        files = Files(lambda path, text: 0, words)  # sizes are for answers, which are on record
+        files.apply(before or {})
+        for call in calls:
+            if call["name"] == MEMORY_TOOL and not call["is_error"]:
+                sent = read(call["arguments"]).values or {}
+                given = {name: value for name, value in sent.items() if value is not None}
+                command = given.pop("command")
+                if command not in COMMANDS:
+                    raise ValueError(f"{command!r} is not a command of the memory")
+                files.apply(getattr(files, command)(**given).changes)
+        return dict(files.texts) or None
+
+
 def memory_spec(cap: int, words: Wording) -> ToolSpec:
     """Return the tool with which an agent keeps files of at most `cap` tokens."""
     command = {"type": "string", "description": words("memory_command"), "enum": list(COMMANDS)}
@@ -122,10 +146,3 @@ def memory_spec(cap: int, words: Wording) -> ToolSpec:
     properties = {"command": command, **others}
     parameters = {"type": "object", "properties": properties, "required": [*properties], "additionalProperties": False}
     return ToolSpec(MEMORY_TOOL, words("memory", cap=cap), parameters)
-
-
-def is_memory_tool(tool: ToolSpec) -> bool:
-    """Whether a tool is that of `memory_spec`, and not a host's own of the same name."""
-    return tool.name == MEMORY_TOOL and any(
-        tool.parameters == memory_spec(1, Wording.of(version)).parameters for version in versions()
-    )

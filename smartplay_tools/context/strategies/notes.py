@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.base import BudgetStrategy, StrategyTool, ToolAnswer
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
+from smartplay_tools.transcript.events import CallEvent
 from smartplay_tools.types import NOTES_TOOL, Budget, ToolSpec
-from smartplay_tools.types.arguments import text_parameters
+from smartplay_tools.types.arguments import read, text_parameters
 
 
 class Notes(BudgetStrategy):
@@ -33,6 +36,21 @@ class Notes(BudgetStrategy):
             return ToolAnswer(self._words("notes_too_long", tokens=tokens, cap=cap), mistake="notes")
         noted = self._words("noted", tokens=tokens, cap=cap)
         return ToolAnswer(noted, {"notes": "kept" if text.strip() else "cleared"})
+
+
+class NotesStore:
+    """The newest notes that were accepted; the message that ends the head shows them."""
+
+    field = "notes_tokens"
+    kept = "notes"
+
+    @staticmethod
+    def after(calls: Iterable[CallEvent], before: str | None, words: Wording) -> str | None:
+        """Return the newest notes; the earlier trial's if none were taken, None if the newest call cleared them."""
+        for call in calls:
+            if call["name"] == NOTES_TOOL and (done := call["data"].get("notes")) is not None:
+                before = str((read(call["arguments"]).values or {})["text"]) if done == "kept" else None
+        return before
 
 
 def notes_spec(cap: int, words: Wording) -> ToolSpec:

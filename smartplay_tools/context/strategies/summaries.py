@@ -14,8 +14,8 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
 from smartplay_tools.context.strategies.base import BudgetStrategy, Summary, share_kept
 from smartplay_tools.context.tokens import TokenCounter, truncation
+from smartplay_tools.context.turns import Form
 from smartplay_tools.types import Budget
-from smartplay_tools.types.messages import Message
 
 
 class Summaries(BudgetStrategy):
@@ -29,9 +29,9 @@ class Summaries(BudgetStrategy):
         self._counter, self._words = counter, words
         self._cap = cap = budget.summary_tokens
         self._frame = f"{words('summary')}\n"
-        self.question: Message = {"role": "user", "content": words("summary_request", tokens=cap)}
+        self.question = Form({"role": "user", "content": words("summary_request", tokens=cap)})
         """The last message of a prompt that asks for a summary."""
-        self.question_tokens = counter.message(self.question)
+        self.question_tokens = self.question.tokens(counter)
         longest = 3 + counter.text("user") + counter.text(self._frame) + cap
         self.reserve = self.question_tokens + longest  # for the question and for the longest answer
 
@@ -63,8 +63,8 @@ class Summaries(BudgetStrategy):
 
     def show(self, text: str) -> Summary:
         """Return the summary that shows words of `cut`."""
-        message: Message = {"role": "user", "content": f"{self._frame}{text}"}
-        return Summary(text, message, self._counter.message(message))
+        form = Form({"role": "user", "content": f"{self._frame}{text}"})
+        return Summary(text, form, form.tokens(self._counter))
 
     def _count(self, text: str) -> int:
         """The tokens that a text adds to its frame."""

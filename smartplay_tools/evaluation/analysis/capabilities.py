@@ -1,8 +1,8 @@
 """Capability scores: the paper's nine capabilities, each as a weighted mean of normalised scores.
 
 The score of capability c is sum over settings of d(c, setting) x s(setting), divided by the sum of d(c, setting): s is
-the mean normalised score, d the degree (1 to 3 or 4) to which the setting requires the capability (paper, table
-`table:challenges`; `GameSpec.challenges`). The original's code weighs by d - 1, so that a setting that hardly requires
+the mean normalised score, d the degree (1 to 3 or 4) to which the setting requires the capability (paper, table 3;
+`GameSpec.challenges`). The original's code weighs by d - 1, so that a setting that hardly requires
 a capability has no influence on its score; that is `weights="zero-based"`. For some sets of games all these weights
 are 0.
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
+from smartplay_tools.types.arguments import well_formed
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def to_markdown(table: TextTable) -> str:
 
 
 def to_latex(table: TextTable, number: int = 1) -> str:
-    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption and a label.
+    r"""Return a `tabular` in the style of the package booktabs, in a `table` with a caption, a label and notes below.
 
     `number` counts the tables with this title, whose labels would be the same.
     """
@@ -87,13 +88,12 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             body.append(" & ".join(map(_latex_cell, row)) + " \\\\")
     is_path = "/" in table.title.partition(",")[0]
     title = table.title if is_path else table.title[:1].upper() + table.title[1:]
-    caption = ": ".join(filter(None, [title, "; ".join(table.notes)]))
     return "\n".join(
         [
             "% \\usepackage{booktabs}",
             "\\begin{table}",
             "\\centering",
-            f"\\caption{{{_latex(caption)}.}}",
+            f"\\caption{{{_latex(title)}.}}",
             f"\\label{{tab:{_label(table.title)}{f'-{number}' if number > 1 else ''}}}",
             f"\\begin{{tabular}}{{{columns}}}",
             "\\toprule",
@@ -102,6 +102,7 @@ def to_latex(table: TextTable, number: int = 1) -> str:
             *body,
             "\\bottomrule",
             "\\end{tabular}",
+            *(f"\\par{{\\footnotesize {_latex(note)}\\par}}" for note in table.notes),
             "\\end{table}",
             "",
         ]
@@ -111,13 +112,25 @@ def to_latex(table: TextTable, number: int = 1) -> str:
 def rows_to_csv(rows: Sequence[Mapping[str, Any]], columns: Iterable[str] = ()) -> str:
     """Return rows as CSV, in full precision; None is an empty field.
 
-    The columns are those of the first row, unless they are given because there may be none.
+    The columns are those of the first row, unless they are given because there may be none. A text that a spreadsheet
+    would compute has an apostrophe in front: names come from strangers.
     """
     file = io.StringIO(newline="")
     writer = csv.DictWriter(file, list(columns or (rows[0] if rows else ())), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: _uncomputed(value) for name, value in row.items()} for row in rows)
     return file.getvalue()
+
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+
+
+def _uncomputed(value: Any) -> Any:
+    """A cell that a spreadsheet shows as it is."""
+    if not isinstance(value, str):
+        return value
+    text = well_formed(value).replace("\r", "\\r")  # `csv` would write it without quotes, and a reader see two lines
+    return f"'{text}" if value[:1] in tuple("=+-@\t\r\n") and not NUMBER.fullmatch(text) else text
 
 
 def to_html(tables: Sequence[TextTable]) -> str:

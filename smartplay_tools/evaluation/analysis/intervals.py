@@ -196,7 +196,7 @@ def _plain_estimate(ordered: Ordered, bounds: Bounds | None, method: Method) -> 
         return estimate
     if bounds.two_valued:
         return _with(estimate, _share_interval(ordered, bounds, method))
-    if estimate.all_equal:
+    if estimate.all_equal and bounds.high < math.inf:
         u, value = equal_share(n, method.confidence), estimate.mean
         return _with(estimate, (value - u * (value - bounds.low), value + u * (bounds.high - value)))
     return estimate

@@ -91,6 +91,8 @@ def bounds_of(measure: Measure, scoring: Scoring | None) -> Bounds | None:
     """Return what a measure can be in a setting, if that is declared; the setting need not be known."""
     if measure in (prefix_share, completion):
         return Bounds(0, 1, two_valued=measure is completion)
+    if measure in (tokens, cost):
+        return Bounds(0, math.inf)
     if scoring is None or scoring.score_bounds is None or measure not in (score, normalized_score):
         return None
     low, high = map(scoring.normalize, scoring.score_bounds) if measure is normalized_score else scoring.score_bounds

@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
 from smartplay_tools.records.rows import FILES, LATER as ROWS_LATER, OPTIONAL, Row
 from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
+from smartplay_tools.types.arguments import well_formed
 
 _STRINGS = ("key", "game", "engine", "player", *(name for name in RULES if name != "chain"), "tokenizer", "prompts")
 _TOKENS = ("prompt", "reply", "prefix")
@@ -83,7 +84,8 @@ PROPERTIES: dict[type, tuple[str, ...]] = {
 
 def flat(row: Row) -> dict[str, Any]:
     """Return a row with the columns of `COLUMNS`."""
-    return {name: _value(row, path.split("."), kind) for name, (path, kind) in COLUMNS.items()}
+    values = {name: _value(row, path.split("."), kind) for name, (path, kind) in COLUMNS.items()}
+    return {name: well_formed(value) if isinstance(value, str) else value for name, value in values.items()}
 
 
 def write_csv(rows: Iterable[Row], path: str | Path) -> None:
@@ -99,7 +101,8 @@ def write_parquet(rows: Iterable[Row], path: str | Path) -> None:
     types = {"string": pyarrow.string(), "json": pyarrow.string(), "bool": pyarrow.bool_()}
     types |= {"int64": pyarrow.int64(), "float64": pyarrow.float64()}
     schema = pyarrow.schema([(name, types[kind]) for name, (_, kind) in COLUMNS.items()])
-    parquet.write_table(pyarrow.Table.from_pylist([flat(row) for row in rows], schema=schema), str(path))
+    with Path(path).open("wb") as file:
+        parquet.write_table(pyarrow.Table.from_pylist([flat(row) for row in rows], schema=schema), file)
 
 
 def cell_rows(summary: RunSummary) -> list[dict[str, Any]]:

@@ -74,7 +74,7 @@ def cache_rules(path: Path | None = None) -> dict[str, CacheRule]:
     if path is None:
         return dict(_own_rules())
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         return {**_own_rules(), **_read(tomllib.loads(text))}
     except OSError as error:
         raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from smartplay_tools.errors import TranscriptError
+from smartplay_tools.errors import DamageError, damage_named, warn_damaged
 from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.evaluation.costs.charges import PLACES, Charge, Place, charge, marks_of
 from smartplay_tools.evaluation.processes import parallel_map, worth
@@ -69,16 +69,19 @@ def charge_records(
     caches: Path | None = None,
     processes: int = 1,
 ) -> dict[str, Charged | None]:
-    """Return the cost of each record by its key; None for a record without prompts.
+    """Return the cost of each record by its key; None for a record without prompts, or one that is damaged.
 
     `prices` are those of the run by player.
     """
     work = partial(_charge_all, tariffs=tariffs, prices=prices, rules=cache_rules(caches))
-    charged: dict[str, Charged | None] = {}
+    charged: dict[str, Charged | DamageError | None] = {}
     with parallel_map(work, list(records.items()), worth(processes, records.values(), WORTH_A_PROCESS)) as results:
         for _, part in results:
             charged |= part
-    return {key: charged[key] for key in records}
+    for fault in charged.values():
+        if isinstance(fault, DamageError):
+            warn_damaged(fault)
+    return {key: None if isinstance(of_key := charged[key], DamageError) else of_key for key in records}
 
 
 def _charge_all(
@@ -87,7 +90,7 @@ def _charge_all(
     tariffs: Sequence[Tariff],
     prices: Mapping[str, Price],
     rules: Mapping[str, CacheRule],
-) -> dict[str, Charged | None]:
+) -> dict[str, Charged | DamageError | None]:
     with _collecting_rarely():
         return {key: _charged(path, tariffs, prices, rules) for key, path in records}
 
@@ -105,12 +108,20 @@ def _collecting_rarely() -> Iterator[None]:
 
 def _charged(
     path: Path, tariffs: Sequence[Tariff], prices: Mapping[str, Price], rules: Mapping[str, CacheRule]
-) -> Charged | None:
-    record = Record.read(path)
+) -> Charged | DamageError | None:
     try:
-        log = requests_of(record)
-    except TranscriptError:
+        with damage_named(path):
+            return _charged_record(Record.read(path), tariffs, prices, rules)
+    except DamageError as error:
+        return error
+
+
+def _charged_record(
+    record: Record, tariffs: Sequence[Tariff], prices: Mapping[str, Price], rules: Mapping[str, CacheRule]
+) -> Charged | None:
+    if not record.heads or (record.messages and not any("prompt" in event for event in record.usages)):
         return None
+    log = requests_of(record)
     charges = [charge(log, each.rule, marks=each.marks, price=each.price) for each in tariffs]
     if (price := prices.get(record.player)) is None:
         return Charged(charges, None)

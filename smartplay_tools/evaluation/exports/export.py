@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.errors import DamageError, InvalidArgumentError, damage_named, in_one_line, warn_damaged
 from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.records.record import Record
@@ -66,8 +67,8 @@ def export(
     `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, replies to
     prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
     of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`.
-    Every prompt is rebuilt from its record and verified; a record that was changed is a `TranscriptError`, and a
-    selection without any episode an `InvalidArgumentError`.
+    Every prompt is rebuilt from its record and verified; a record that was changed is left out with a `DamageWarning`,
+    and a selection without any episode is an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
     if summaries and format not in WITH_SUMMARIES:
@@ -94,19 +95,32 @@ def export(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as unfinished:
         part = Path(unfinished) / folder.name
-        part.mkdir()
-        written: list[Record] = []
-        asked = {"summaries": summaries, "pictures": pictures}
-        counts = write(_read(records, written), part, **{name: True for name, value in asked.items() if value})
+        asked = {name: True for name, value in {"summaries": summaries, "pictures": pictures}.items() if value}
+        while True:  # again without a record that turns out to be damaged
+            part.mkdir()
+            begun: list[Path] = []
+            written: list[Record] = []
+            try:
+                with damage_named(source):
+                    counts = write(_read(records, begun, written), part, **asked)
+                break
+            except DamageError as error:
+                records = [record for record in records if record not in begun[-1:]]
+                if not records or not begun:
+                    raise
+                warn_damaged(f"{begun[-1]} is left out. {error}")
+                left_out["damaged"] += 1
+                shutil.rmtree(part)
         card = dataset_card(format, written, chosen, counts, left_out)
         (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
         part.rename(folder)
     return Exported(folder, counts, left_out)
 
 
-def _read(records: Iterable[Path], written: list[Record]) -> Iterator[Record]:
-    """Read one record after the other, keeping of each only what the card needs."""
+def _read(records: Iterable[Path], begun: list[Path], written: list[Record]) -> Iterator[Record]:
+    """Read one record after the other, keeping of each only its path and what the card needs."""
     for record in records:
+        begun.append(record)
         episode = Record.read(record)
         yield episode
         written.append(Record([episode.events[0], episode.events[-1]], path=record))

@@ -29,7 +29,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError, warn_damaged
 from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
@@ -74,11 +74,13 @@ def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     With `summaries`, the replies to prompts for a summary have rows, too; `purpose` tells them apart. If the record has
     the tokens of any reply, every row has `completion_ids`, `completion_logprobs` and `prompt_ids`, None where unknown.
     """
-    drawn = episode.sampled
+    drawn, asked = episode.sampled, Counter[tuple[int, Purpose]]()
     for step in _steps(episode, summaries=summaries):
         with_tools = {"tools": step.tools} if step.tools is not None else {}
         about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
-        tokens = _token_columns(drawn.get((step.turn, step.purpose))) if drawn else {}
+        prompt = step.turn, step.purpose
+        tokens = _token_columns(drawn.get((*prompt, asked[prompt]))) if drawn else {}
+        asked[prompt] += 1
         yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **tokens, **about}
 
 
@@ -242,7 +244,12 @@ class EpisodeSelection(BaseModel):
         matching: list[tuple[Path, Record]] = []
         left_out: Counter[str] = Counter()
         for path in records_in(source):
-            record = Record.head(path)
+            try:
+                record = Record.head(path)
+            except TranscriptError as error:
+                warn_damaged(error)
+                left_out["damaged"] += 1
+                continue
             if record.start is None:
                 continue  # not the record of an episode: a run's own files are JSON Lines, too
             reason = (

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
-from smartplay_tools.errors import InvalidArgumentError, extra_named
+from smartplay_tools.errors import InvalidArgumentError, damage_named, extra_named
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
@@ -63,8 +63,7 @@ class _Shot:
 
 def write_card(record: str | Path, out: str | Path, *, turn: int | None = None) -> Path:
     """Write the card of a turn, of the last one if none is given, as PNG; return its path."""
-    episode = Record.read(record)
-    shots = list(_shots(episode))
+    episode, shots = _read(record)
     chosen = shots[-1].turn if turn is None else turn
     shot = next((shot for shot in shots if shot.turn == chosen), None)
     if shot is None:
@@ -74,8 +73,7 @@ def write_card(record: str | Path, out: str | Path, *, turn: int | None = None) 
 
 def write_gif(record: str | Path, out: str | Path, *, turns: tuple[int, int] | None = None) -> Path:
     """Write the turns from the first to the last of `turns`, or all, as an animated GIF; return its path."""
-    episode = Record.read(record)
-    shots = list(_shots(episode))
+    episode, shots = _read(record)
     first, last = (0, shots[-1].turn) if turns is None else turns
     chosen = [shot for shot in shots if first <= shot.turn <= last]
     if not chosen or len(chosen) > MOST_FRAMES:
@@ -83,6 +81,12 @@ def write_gif(record: str | Path, out: str | Path, *, turns: tuple[int, int] | N
             f"An animation has 1 to {MOST_FRAMES} turns; {record} has turns 0 to {shots[-1].turn} (--turns)."
         )
     return _save(Path(out), [_picture(episode, shot, shots[-1].turn) for shot in chosen])
+
+
+def _read(record: str | Path) -> tuple[Record, list[_Shot]]:
+    with damage_named(record):
+        episode = Record.read(record)
+        return episode, list(_shots(episode))
 
 
 def _save(out: Path, pictures: Sequence[Image]) -> Path:

@@ -21,12 +21,12 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -40,14 +40,23 @@ from pydantic import (
 )
 
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError, in_one_line
+from smartplay_tools.errors import (
+    DamageError,
+    InvalidArgumentError,
+    SmartPlayError,
+    damage_left_out,
+    damage_named,
+    in_one_line,
+)
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import Row, read_rows, row_fault
+from smartplay_tools.records.rows import Row, Timing, read_rows
 from smartplay_tools.transcript.lines import parse_json
 from smartplay_tools.types.messages import text_of
 
 __all__ = ["RunFolder", "Until", "trial_seed"]
+
+T = TypeVar("T")
 
 FORMAT: Literal[1] = 1
 """The version of the layout of a run's folder; folders with another version are refused."""
@@ -197,63 +206,51 @@ class RunFolder:
             value = parse_json(path.read_bytes())
         except (FileNotFoundError, NotADirectoryError):
             raise InvalidArgumentError(f"{self.path} is not the folder of a run: it has no {path.name}.") from None
+        except OSError as error:
+            raise DamageError(f"{path} cannot be read: {error.strerror}.") from None
         except (ValueError, RecursionError):
-            raise InvalidArgumentError(f"{path} is not JSON.") from None
+            raise DamageError(f"{path} is not JSON.") from None
         written = value.get("format") if isinstance(value, dict) else None
         if written != FORMAT:
-            raise InvalidArgumentError(
-                f"{self.path} was written in format {written}; this version reads format {FORMAT}."
-            )
+            raise DamageError(f"{self.path} was written in format {written}; this version reads format {FORMAT}.")
         try:
             return Manifest.model_validate(value)
         except ValidationError as error:
-            raise InvalidArgumentError(f"{path} is damaged: {in_one_line(error)}.") from None
+            raise DamageError(f"{path} is damaged: {in_one_line(error)}.") from None
 
     def rows(self) -> list[Row]:
         """Return the rows of the finished episodes, in the order of the plan."""
         order = {episode.key: place for place, episode in enumerate(self.manifest().episodes)}
-        rows = {row["key"]: row for row in self._rows() if row["key"] in order}
+        rows = {row["key"]: row for row in read_rows(self.path / "results.jsonl") if row["key"] in order}
         return sorted(rows.values(), key=lambda row: order[row["key"]])
-
-    def _rows(self) -> Iterator[Row]:
-        path = self.path / "results.jsonl"
-        for number, row in enumerate(read_rows(path), start=1):
-            if fault := row_fault(row):
-                raise InvalidArgumentError(f"Line {number} of {path} is damaged: {fault}.")
-            yield row
 
     def failures(self) -> list[Row]:
         """Return a row for every attempt without a result: `key, attempt, end_reason, error, game, player, seed`.
 
         The end reason is that of the episode; "exception" if there was no episode yet, "interrupted" if the run was
-        stopped or killed, "run_budget" if a cap of the run paused it.
+        stopped or killed, "run_budget" if a cap of the run paused it, "damaged" if its record cannot be read.
         """
-        return [self.failure(Record.head(path)) for path in self.attempts()]
-
-    @staticmethod
-    def failure(record: Record) -> Row:
-        """Return the row of an attempt without a result."""
-        facts = {name: getattr(record.config, name) if record.start else None for name in ("game", "player", "seed")}
-        ended = {"end_reason": record.end_reason, "error": record.error}
-        return {"key": record.key, "attempt": record.attempt, **ended, **facts}
+        return list(map(failure, self.attempts()))
 
     def first_reply(self, row: Row) -> str:
         """Return the text of the first reply in a finished episode, "" if its record is not here."""
         path = self.transcript(row["key"])
-        replies = Record.read(path).sent_replies.values() if path.exists() else ()
-        return next(map(text_of, replies), "")
+        with damage_left_out(path):
+            replies = Record.read(path).sent_replies.values() if path.exists() else ()
+            return next(map(text_of, replies), "")
+        return ""
 
     def attempts(self) -> list[Path]:
         """Return the records of attempts without a result, by key and then in their order."""
-        return sorted((self.path / "attempts").glob("*.jsonl"), key=_place)
+        return sorted(filter(_names_attempt, (self.path / "attempts").glob("*.jsonl")), key=_place)
 
     def running(self) -> list[Path]:
         """Return the records that are being written now, or were when the run was killed."""
-        return sorted((self.path / "running").glob("*.jsonl"), key=_place)
+        return sorted(filter(_names_attempt, (self.path / "running").glob("*.jsonl")), key=_place)
 
     def timings(self) -> list[Row]:
         """Return a row for every attempt at an episode, in the order of completion."""
-        return list(read_rows(self.path / "timings.jsonl"))
+        return list(read_rows(self.path / "timings.jsonl", Timing))
 
     def beginnings(self) -> Counter[str]:
         """Return how many attempts began their episode again instead of continuing an earlier one, by the reason."""
@@ -276,9 +273,62 @@ class RunFolder:
         yield from self.running()
 
 
+def current_place(record: Path) -> Path:
+    """Return where a record is now: one that was being written is moved when its attempt is over."""
+    if record.parent.name != "running" or record.exists():
+        return record
+    run, key = record.parents[1], record.name.partition(".")[0]
+    moved = run / "episodes" / f"{key}.jsonl", run / "attempts" / record.name
+    return next((place for place in moved if place.exists()), record)
+
+
 def reason_of(why: str) -> str:
     """Return the beginning of what an error says, which episodes share: up to the first colon or full stop."""
     return re.split(r"[.:](?: |$)", why, maxsplit=1)[0]
+
+
+def read_each(folders: Sequence[Path], read: Callable[[Path], T]) -> list[T]:
+    """Return what is read of folders; of several, a damaged one is left out with a `DamageWarning`."""
+    if len(folders) == 1:
+        with damage_named(folders[0]):
+            return [read(folders[0])]
+    parts: list[T] = []
+    for folder in folders:
+        with damage_left_out(folder):
+            parts.append(read(folder))
+    if not parts:
+        raise DamageError("None of these folders can be read.")
+    return parts
+
+
+def failure(path: Path, record: Record | None = None) -> Row:
+    """Return the row of an attempt without a result, from its record, which is read if it is not given."""
+    try:
+        with damage_named(path):
+            record = record or Record.head(path)
+            ended = {"end_reason": record.end_reason, "error": record.error}
+            facts = {name: getattr(record.config, name) if record.start else None for name in ABOUT}
+            return {"key": record.key, "attempt": record.attempt, **ended, **facts}
+    except SmartPlayError as error:
+        return damaged_attempt(path, error)
+
+
+def damaged_attempt(path: Path, error: SmartPlayError) -> Row:
+    """Return the row of an attempt whose record cannot be read."""
+    key, attempt = _place(path)
+    return {"key": key, "attempt": attempt, "end_reason": DAMAGED, "error": str(error), **dict.fromkeys(ABOUT)}
+
+
+ABOUT = ("game", "player", "seed")
+
+DAMAGED = "damaged"
+"""The end reason of an attempt whose record cannot be read."""
+
+_ATTEMPT = re.compile(r"[0-9a-f]{16}\.[0-9]{1,6}\.jsonl")
+
+
+def _names_attempt(record: Path) -> bool:
+    return _ATTEMPT.fullmatch(record.name) is not None
 
 
 def _place(record: Path) -> tuple[str, int]:

@@ -14,6 +14,7 @@ import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +22,9 @@ from typing import Any, NamedTuple
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
 from smartplay_tools.evaluation.quantities import duration, short
-from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder
+from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder, damaged_attempt, failure
 from smartplay_tools.evaluation.run_folder.time_left import (
     CellWork,
     Clock,
@@ -35,9 +36,9 @@ from smartplay_tools.evaluation.run_folder.time_left import (
 from smartplay_tools.players.player_registry import is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.record import Outcome, Record
-from smartplay_tools.records.rows import Row, mean_score
+from smartplay_tools.records.rows import Row, mean_score, read_row
 from smartplay_tools.records.spent import Spent
-from smartplay_tools.transcript.lines import GrowingLines, parse_json
+from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
 
 STALE_SECONDS = 15.0
@@ -241,6 +242,8 @@ class RunFollower:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
+        self.damage = self._damage_of_rows = ""
+        """What is wrong with the folder, if anything was left out of the latest snapshot."""
         self._rows = GrowingLines(folder.path / "results.jsonl")
         self._timings, self._began_again = GrowingLines(folder.path / "timings.jsonl"), 0
         self._manifest: tuple[Any, _Plan] | None = None
@@ -282,14 +285,14 @@ class RunFollower:
     def _read_rows(self) -> None:
         lines, is_replaced = self._rows.read()
         if is_replaced or not self._rows.path.exists():  # rewritten, as at the end of a run, or deleted
-            self.results = {}
+            self.results, self._damage_of_rows = {}, ""
         for line in lines:
             try:
-                row = parse_json(line)
-                self.results[str(row["key"])] = Result.of(row)
-            except (KeyError, TypeError, ValueError, RecursionError):
-                self._rows, self.results = GrowingLines(self._rows.path), {}
-                raise InvalidArgumentError(f"{self._rows.path} is damaged: one of its lines is not a row.") from None
+                row = read_row(line)
+                self.results[row["key"]] = Result.of(row)
+            except DamageError as error:
+                self._damage_of_rows = f"A line of {self._rows.path} is damaged: {error}."
+        self.damage = self._damage_of_rows
 
     def _read_timings(self) -> None:
         lines, is_replaced = self._timings.read()
@@ -298,15 +301,20 @@ class RunFollower:
 
     def _read_records(self, prices: Mapping[str, Price]) -> None:
         earlier, paths = self._attempts, self.folder.attempts()
-        self._attempts = {path: earlier.get(path) or _attempt(Record.follow(path, prices)) for path in paths}
+        self._attempts = {path: earlier.get(path) or _attempt(path, prices) for path in paths}
         followed, self._playing = self._playing, {}
         for path in self.folder.running():
             record = followed.get(path)
-            self._playing[path] = Record.follow(path, prices) if record is None else record.refresh()
+            try:
+                with damage_named(path):
+                    self._playing[path] = Record.follow(path, prices) if record is None else record.refresh()
+            except SmartPlayError as error:
+                self.damage = str(error)
         # A finished episode that was attempted before may repeat an earlier attempt, which was charged there.
         for key in {path.stem.partition(".")[0] for path in paths} & self.results.keys() - self._continued.keys():
-            record = Record.follow(self.folder.transcript(key), prices)
-            self._continued[key] = record.own_totals - record.totals
+            with suppress(SmartPlayError), damage_named(key):  # its row counts
+                record = Record.follow(self.folder.transcript(key), prices)
+                self._continued[key] = record.own_totals - record.totals
 
     def _count(self, plan: _Plan) -> RunSnapshot:
         playing = sorted(self._playing.values(), key=lambda record: record.last_change)
@@ -422,8 +430,14 @@ def _most(cells: Sequence[CellConfig]) -> list[int] | None:
         return None
 
 
-def _attempt(record: Record) -> _ReadAttempt:
-    return _ReadAttempt(RunFolder.failure(record), record.outcome, record.own_totals + record.open_call)
+def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
+    try:
+        with damage_named(path):
+            record = Record.follow(path, prices)
+            spent = record.own_totals + record.open_call
+            return _ReadAttempt(failure(path, record), record.outcome, spent)
+    except SmartPlayError as error:
+        return _ReadAttempt(damaged_attempt(path, error), "failed", Spent())
 
 
 def _has_failed(attempt: _ReadAttempt) -> bool:

@@ -16,7 +16,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, Asyn
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
@@ -34,7 +34,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import ModelPlayer, get_player, player_registry
-from smartplay_tools.players.player_registry import SECOND, second_player, without_second
+from smartplay_tools.players.player_registry import second_player, without_second
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
@@ -96,24 +96,32 @@ def make_player(task: Task) -> Player | AsyncPlayer:
     return get_player(player_of(cell), seed=seed, **options)
 
 
-def make_second(task: Task) -> Player | AsyncPlayer | None:
-    """Return a new player that answers a compactor's questions in an attempt; None if its player does."""
-    planned = task.planned
-    return second_player(planned.cell.player_options, seed=player_seed(planned.seed, planned.repeat))
+class Players(NamedTuple):
+    """The player of an attempt, and the one that answers a compactor's questions; None if the first does that, too."""
+
+    first: Player | AsyncPlayer
+    second: Player | AsyncPlayer | None
+
+    @classmethod
+    def of(cls, task: Task, shared: Player | AsyncPlayer | None = None) -> Players:
+        """Return new players for an attempt; `shared` is the first one if several attempts have it."""
+        planned = task.planned
+        seed = player_seed(planned.seed, planned.repeat)
+        return cls(shared or make_player(task), second_player(planned.cell.player_options, seed=seed))
 
 
-def continued(task: Task, player: Player | AsyncPlayer, clock: _Clock) -> AnyConversation | None:
+def continued(task: Task, players: Players, clock: _Clock) -> AnyConversation | None:
     """Return the conversation as an earlier attempt left it; None if the episode has to begin again.
 
     The earlier record is played again and compared in every event. A player with a state is asked the recorded prompts
     again, and has to give the recorded replies; a model, which gets everything in each prompt, is not asked. If either
-    differs, or the record cannot be read, the episode cannot be continued, and the player must not be used any more;
+    differs, or the record cannot be read, the episode cannot be continued, and the players must not be used any more;
     the clock is told why.
     """
     if not _has_begun(task.previous):
         return None
     try:
-        return _continue(task, player)
+        return _continue(task, players)
     except (SmartPlayError, _DifferentReplyError) as error:
         delete_record(task.record)
         clock.began_again = str(error)
@@ -136,12 +144,11 @@ def _episode(task: Task) -> Episode:
     return Episode.from_config(config, transcript=task.record, carried=task.carried)
 
 
-def _continue(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
+def _continue(task: Task, players: Players) -> AnyConversation:
     events = _earlier(task)
-    if not remembers_nothing(player):
-        _ask_again(player, events)
+    _ask_again(players, events)
     resumed = resume(events, transcript=task.record)
-    resumed.episode.ledger.player_versions = player_versions(player)
+    resumed.episode.ledger.player_versions = player_versions(players.first)
     conversation = resumed.conversation
     if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
         resumed.episode.close()
@@ -175,13 +182,16 @@ def remembers_nothing(player: Player | AsyncPlayer) -> bool:
     )
 
 
-def _ask_again(player: Player | AsyncPlayer, events: list[Event]) -> None:
-    """Restore the state of a player: ask it the recorded prompts, and compare its replies."""
+def _ask_again(players: Players, events: list[Event]) -> None:
+    """Restore the state of players: ask them the recorded prompts, and compare their replies."""
+    if all(remembers_nothing(player) for player in players if player is not None):
+        return
     record = Record(events)
-    has_second = SECOND in record.config.player_options
     prompts = sent_prompts(events, pictures=recorded_pictures(events))
     for sent, replied in record.with_replies(prompts, record.sent_replies):
-        if replied is not None and not (has_second and sent.prompt.purpose == "compaction"):
+        asks = players.second is not None and sent.prompt.purpose == "compaction"
+        player = players.second if asks else players.first
+        if replied is not None and not remembers_nothing(player):
             reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
             if assistant_message(reply.message) != replied:
                 raise _DifferentReplyError(f"The player replies differently: in turn {sent.turn}.")
@@ -198,22 +208,18 @@ def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record
     """
     clock = _Clock()
     with _on_record(task), ExitStack() as stack:
-        player = make_player(task)
-        if not isinstance(player, Player):
-            asyncio.run(_aplay(task, clock, player, limits, stop, on_record=on_record))
+        players = Players.of(task)
+        if not isinstance(players.first, Player):
+            asyncio.run(_aplay(task, clock, players, limits, stop, on_record=on_record))
         else:
-            _open(player, stack)
-            conversation = continued(task, player, clock)
+            _open(players, stack)
+            conversation = continued(task, players, clock)
             if conversation is None and task.previous is not None:
-                player = make_player(task)
-                assert isinstance(player, Player)
-                _open(player, stack)
-            conversation = conversation or begun(task, player)
+                players = Players.of(task)
+                _open(players, stack)
+            conversation = conversation or begun(task, players.first)
             hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
-            if (second := make_second(task)) is not None:
-                hooks["compactor_player"] = second
-                _open(second, stack)
-            if play(conversation, player, **hooks).end_reason == "closed":
+            if play(conversation, players.first, compactor_player=players.second, **hooks).end_reason == "closed":
                 stop.set()  # the person who plays has left, so no further episode begins
     return clock.times()
 
@@ -227,7 +233,7 @@ async def aplay_attempt(
         if task.player.agent is not None:
             await _hand_over(task, task.player.agent, clock, limits, stop)
         else:
-            await _aplay(task, clock, shared or make_player(task), limits, stop, close=shared is None)
+            await _aplay(task, clock, Players.of(task, shared), limits, stop, shared=shared)
     return clock.times()
 
 
@@ -260,40 +266,39 @@ def _held(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> Held:
 async def _aplay(
     task: Task,
     clock: _Clock,
-    player: Player | AsyncPlayer,
+    players: Players,
     limits: RunLimits | None,
     stop: StopFlag,
     *,
-    close: bool = True,
+    shared: AsyncPlayer | None = None,
     on_record: OnRecord | None = None,
 ) -> None:
+    """`shared` is the first player if other attempts have it, too: it is open, and stays open."""
     async with AsyncExitStack() as stack:
-        if close:
-            await _aopen(player, stack)
-        conversation = await _in_thread(partial(continued, task, player, clock))
+        await _aopen(players, stack, shared)
+        conversation = await _in_thread(partial(continued, task, players, clock))
         if conversation is None:
-            if close and task.previous is not None:
-                player = make_player(task)
-                await _aopen(player, stack)
-            conversation = await _in_thread(partial(begun, task, player))
+            if task.previous is not None:
+                players = Players.of(task, shared)
+                await _aopen(players, stack, shared)
+            conversation = await _in_thread(partial(begun, task, players.first))
         assert conversation is not None
         hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
-        if (second := make_second(task)) is not None:
-            hooks["compactor_player"] = second
-            await _aopen(second, stack)
-        await aplay(conversation, player, **hooks)
+        await aplay(conversation, players.first, compactor_player=players.second, **hooks)
 
 
-def _open(player: Player | AsyncPlayer, stack: ExitStack) -> None:
-    if isinstance(player, AbstractContextManager):
-        stack.enter_context(player)
+def _open(players: Players, stack: ExitStack) -> None:
+    for player in players:
+        if isinstance(player, AbstractContextManager):
+            stack.enter_context(player)
 
 
-async def _aopen(player: Player | AsyncPlayer, stack: AsyncExitStack) -> None:
-    if isinstance(player, AbstractAsyncContextManager):
-        await stack.enter_async_context(player)
-    elif isinstance(player, AbstractContextManager):
-        stack.enter_context(player)
+async def _aopen(players: Players, stack: AsyncExitStack, shared: AsyncPlayer | None) -> None:
+    for player in players:
+        if player is not shared and isinstance(player, AbstractAsyncContextManager):
+            await stack.enter_async_context(player)
+        elif player is not shared and isinstance(player, AbstractContextManager):
+            stack.enter_context(player)
 
 
 async def _in_thread(open_one: Callable[[], Opened]) -> Opened:

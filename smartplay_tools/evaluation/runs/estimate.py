@@ -73,11 +73,6 @@ class Range:
     expected: float
     high: float
 
-    @classmethod
-    def at(cls, value: float) -> Range:
-        """Return the range of a value that is known."""
-        return cls(value, value, value)
-
     def __add__(self, other: Range) -> Range:
         return Range(self.low + other.low, self.expected + other.expected, self.high + other.high)
 
@@ -169,10 +164,14 @@ def estimate_cell(
 
 
 def estimate_from(cell: CellConfig, episodes: int, played: Sequence[Row], seconds: Mapping[str, float]) -> Estimate:
-    """Return the estimate for a cell's episodes from the rows of some of them, and the `seconds` of each by key."""
+    """Return the estimate for a cell's episodes from the rows of some of them, and the `seconds` of each by key.
+
+    A range is from what all would take if they were as the smallest of these to the same for the largest.
+    """
 
     def all_episodes(figure: Callable[[Row], float]) -> Range:
-        return Range.at(episodes * fmean(map(figure, played)))
+        figures = list(map(figure, played))
+        return Range(episodes * min(figures), episodes * fmean(figures), episodes * max(figures))
 
     return Estimate(
         cell,

@@ -13,22 +13,24 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.strategies.custom import load_strategy
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.context.strategies.custom import IN_FILES as STRATEGIES_IN_FILES, load_strategy, parted
+from smartplay_tools.episode.config import CellConfig
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_left_out, damage_named
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.games.specs import load_game
+from smartplay_tools.games.specs import IN_FILES as GAMES_IN_FILES, load_game
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.resumption import chain_fault
 from smartplay_tools.records.rows import LATER, Row, row_of
+from smartplay_tools.registry import is_in_file
 
 SHARED = ("seed", "cells", "episodes")
 """The fields that are equal in the manifests of a run's parts."""
@@ -93,10 +95,12 @@ def _check_chains(folder: RunFolder, predecessors: Mapping[str, str]) -> None:
 
 
 def _copy_records(folder: RunFolder, whole: RunWriter) -> None:
-    for record in sorted((folder.path / "episodes").glob("*.jsonl")):
-        shutil.copyfile(record, whole.transcript(record.stem))
-    for record in folder.attempts():
-        whole.add_attempt(record)
+    for record in (*map(folder.transcript, sorted(folder.finished())), *folder.attempts()):
+        with damage_left_out(record):
+            if record.parent.name == "attempts":
+                whole.add_attempt(record)
+            else:
+                shutil.copyfile(record, whole.transcript(record.stem))
 
 
 WORTH_A_PROCESS = 300_000
@@ -113,6 +117,8 @@ class EpisodeAudit:
     """One sentence each; empty if everything agrees."""
     not_compared: str | None = None
     """What could not be compared (`Replay.not_compared`)."""
+    has_row: bool = True
+    has_record: bool = True
 
 
 def audit(
@@ -124,15 +130,18 @@ def audit(
     strategy: str | None = None,
     rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
-    """Yield the audit of every finished episode of a run, in the order of completion.
+    """Yield the audit of every episode of a run that is planned or has a record, in the order of completion.
+
+    Those without a row come first, unless the run was ended because their comparisons are decided.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
     registered. `tokenizer` names the records' tokenizer if its file was moved, `game` and `strategy` are the names of
     their game and their strategy, if these are in files; a compactor that is named is called again. Rows are read from
     the folder unless they are given.
     """
-    rows = folder.rows() if rows is None else rows
-    before = {key: folder.transcript(earlier) for key, earlier in folder.manifest().predecessors.items()}
+    rows, manifest = folder.rows() if rows is None else rows, folder.manifest()
+    yield from _without_row(folder, manifest, rows)
+    before = {key: folder.transcript(earlier) for key, earlier in manifest.predecessors.items()}
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
     work = functools.partial(_audit_all, tokenizer=tokenizer, game=game, strategy=strategy)
@@ -141,11 +150,39 @@ def audit(
             yield from findings
 
 
-def import_named(game: str | None, strategy: str | None) -> None:
-    """Import the game and the strategy in files that a user names for records, which import no file themselves."""
+def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:
+    by_key, finished = {row["key"]: row for row in rows}, folder.finished()
+    needed = set(range(len(manifest.cells)))
+    if manifest.until is not None:
+        from smartplay_tools.evaluation.analysis.stopping import Comparisons
+
+        needed = Comparisons(manifest).undecided(by_key)
+    for episode in manifest.planned:
+        if episode.key in by_key:
+            continue
+        lacking = {"game": manifest.cells[episode.cell].game, "has_row": False}
+        if episode.key in finished:
+            why = "It has a record and no row; the run's own command makes it from the record."
+            yield EpisodeAudit(episode.key, differences=(why,), **lacking)
+        elif episode.cell in needed:
+            yield EpisodeAudit(episode.key, differences=("It has no row and no record.",), has_record=False, **lacking)
+    for key in sorted(finished - {episode.key for episode in manifest.episodes}):
+        yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
+
+
+def import_named(game: str | None, strategy: str | None, cells: Iterable[CellConfig] = ()) -> None:
+    """Import the game and the strategy in files that a user names for records, which import no file themselves.
+
+    A file that is not that of the cells is refused before it is imported.
+    """
+    cells = list(cells)
     if game is not None:
+        GAMES_IN_FILES.check(game, [cell.game_sha256 for cell in cells])
         load_game(game)
     if strategy is not None:
+        place, _ = parted(strategy)
+        if is_in_file(place):
+            STRATEGIES_IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
         load_strategy(strategy)
 
 
@@ -162,13 +199,14 @@ def _audit(
 ) -> EpisodeAudit:
     not_compared = None
     try:
-        read = Record.read(record)
+        read = Record.read(record, checks_fields=False)
         replayed = replay_record(read, tokenizer=tokenizer, calls_compactor=calls_compactor)
         differences, not_compared = [*replayed.differences], replayed.not_compared
-        if replayed.complete or not read.is_complete:
-            differences += _row_differences(read, row)
-        if fault := chain_fault(read, before):
-            differences.append(fault)
+        with damage_named(record):
+            if replayed.complete or not read.is_complete:
+                differences += _row_differences(read, row)
+            if fault := chain_fault(read, before):
+                differences.append(fault)
     except SmartPlayError as error:
         differences = [str(error)]
     return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared)

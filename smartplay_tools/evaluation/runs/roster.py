@@ -16,6 +16,7 @@ from pathlib import Path
 from smartplay_tools.conversation.loop import check_observation, check_player
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.processes import check_may_start_processes
 from smartplay_tools.evaluation.runs.agents import FunctionAgent
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
@@ -84,6 +85,8 @@ def _by_executor(
             made = made_for[key] = make_player(task)
             check_player(made)
             suits[key] = asked or _suitable(made)
+            if suits[key] == "processes":
+                check_may_start_processes()
             if isinstance(made, ModelPlayer):
                 tried.add(key)
                 made.check_ready()

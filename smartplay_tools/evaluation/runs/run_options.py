@@ -159,7 +159,7 @@ class RunFile(BaseModel):
 def read_run_file(path: Path) -> tuple[RunFile, str]:
     """Return a run file and its text; an invalid file, or one with a credential, raises an `InvalidArgumentError`."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         values = tomllib.loads(text)
     except OSError as error:
         raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None

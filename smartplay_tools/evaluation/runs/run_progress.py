@@ -20,6 +20,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
 
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records.rows import Row
@@ -44,11 +45,12 @@ def following(folder: RunWriter, show: OnSnapshot) -> Iterator[None]:
     follower, over = RunFollower(folder), threading.Event()
 
     def tick() -> None:
-        snapshot = follower.count()
-        # A file that cannot be replaced now (a full disk, a reader on Windows) is tried again in a second.
-        with suppress(OSError):
+        # A file that cannot be opened or replaced now (a full disk, too many open files, a reader on Windows) is tried
+        # again in a second.
+        with suppress(OSError, TranscriptError):
+            snapshot = follower.count()
+            show(snapshot)
             folder.write_status(snapshot.figures())
-        show(snapshot)
 
     def follow() -> None:
         tick()

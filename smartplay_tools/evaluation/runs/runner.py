@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Unpack
 
 from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
-from smartplay_tools.errors import DiskFullError, InvalidArgumentError, is_disk_full
+from smartplay_tools.errors import DiskFullError, EngineError, InvalidArgumentError, is_disk_full
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
@@ -150,7 +150,7 @@ def run_plan(
     executors = {name: EXECUTORS[name] for name in roster.episodes}
     part = roster.part
     with (
-        _disk(folder, part),
+        _what_is_kept(folder, part),
         folder.writing(),
         Signals() as signals,
         (display or _display(part, options.on_progress))() as show,
@@ -207,18 +207,22 @@ class _FirstFailures:
 
 
 @contextmanager
-def _disk(folder: RunFolder, plan: Plan) -> Iterator[None]:
-    """If there is no space left for the run's files, raise an error that says what is kept and what to do."""
+def _what_is_kept(folder: RunFolder, plan: Plan) -> Iterator[None]:
+    """If the machine gives up, for lack of space or as a cluster does, say what is kept and what to do."""
     try:
         yield
     except Exception as error:
-        if not is_disk_full(error):
+        is_full = is_disk_full(error)
+        if not is_full and not isinstance(error, EngineError):
             raise
         kept = len(folder.finished() & {episode.key for episode in plan.episodes})
-        raise DiskFullError(
-            f"There is no space left for {folder.path}. The {kept} of {len(plan.episodes)} episodes that are finished "
-            "are kept; make room, and the same command continues the run."
-        ) from error
+        finished = f"The {kept} of {len(plan.episodes)} episodes that are finished are kept;"
+        if is_full:
+            raise DiskFullError(
+                f"There is no space left for {folder.path}. {finished} make room, and the same command continues the "
+                "run."
+            ) from error
+        raise EngineError(f"{error} {finished} the same command continues the run.") from error
 
 
 def _display(plan: Plan, on_progress: OnProgress | None) -> Display:

@@ -20,7 +20,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.evaluation.run_folder.folder import reason_of
+from smartplay_tools.errors import DamageError
+from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -122,9 +123,18 @@ class Scheduler:
             if folder.transcript(episode.key).exists()
         }
         folder.write_rows(self._rows.values())
-        self._spent = run_snapshot(folder).spending.total if setup.caps else Spent()
+        self._spent = self._spent_before() if setup.caps else Spent()
         self._expected = Expectations(plan, self._rows.values(), setup.prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
+
+    def _spent_before(self) -> Spent:
+        now = run_snapshot(self._folder)
+        for attempt in now.failed_attempts:
+            if attempt["end_reason"] == DAMAGED:
+                raise DamageError(
+                    f"What an attempt has used is not known, but counts for the caps of the run. {attempt['error']}"
+                )
+        return now.spending.total
 
     @property
     def spent(self) -> tuple[int, float]:

@@ -13,7 +13,7 @@ from smartplay_tools.errors import InvalidArgumentError, ResetNeededError
 from smartplay_tools.games.base import check_action
 from smartplay_tools.games.crafter.facts import ACHIEVEMENTS, ACTIONS, AREA, LENGTH, NOOP
 from smartplay_tools.games.crafter.fast import FastEngine
-from smartplay_tools.games.crafter.game import SMALLEST_PICTURE, Crafter
+from smartplay_tools.games.crafter.game import SMALLEST_PICTURE, Crafter, next_episode
 from smartplay_tools.games.crafter.observations import IMAGE, OBSERVATIONS, TEXT, observe, space_of
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.world import position, without_margin
@@ -32,6 +32,10 @@ def make(*, observation: str = TEXT, history: int | None = None, **options: Any)
     return CrafterEnv(observation=observation, **options)
 
 
+# `gymnasium.make` reads from it which render modes its own wrappers can add: "human", and those that end in "_list".
+make.metadata = Crafter.metadata  # type: ignore[attr-defined]
+
+
 class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
     """Crafter without text; rewards, ends and states are those of the text game with the same seed and actions.
 
@@ -40,7 +44,7 @@ class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
     `info` has the keys of PyPI `crafter`; its `semantic` is the whole map, which no observation shows.
 
     `reset(seed=s)` begins the first episode of `crafter.Env(seed=s)`, and each further reset without a seed begins its
-    next one.
+    next one. If the first reset has no seed, `np_random_seed` is the seed of its world.
 
     Arguments: `observation`, "image", "semantic" or "symbolic"; `engine`, which can only be "fast"; `opening_noop`,
     whether the reset takes the first step, a noop, as the benchmark does (without it, the first observation is that of
@@ -87,9 +91,7 @@ class CrafterEnv(gymnasium.Env[NDArray[Any], Any]):
         super().reset(seed=seed)
         if seed is not None:
             self._seed, self._episode = seed, 0
-        elif self._seed is None:
-            self._seed = int(self.np_random.integers(2**31 - 1))
-        self._episode += 1
+        self._seed, self._episode = next_episode(self, self._seed, self._episode)
         self._world = FastEngine(self._seed, self._episode, keep_grain=True)
         if self._opening_noop:
             self._world.step(NOOP)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import gymnasium
+
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
@@ -19,6 +21,16 @@ LARGEST_CELL = 28
 """The pixels of a cell up to which a picture that a model is shown is enlarged: a patch of Claude's."""
 
 
+def next_episode(game: gymnasium.Env[Any, Any], seed: int | None, episode: int) -> tuple[int, int]:
+    """Return the seed of the world that a reset begins, and which of its episodes it is, from those before.
+
+    Without a seed it is the one that Gymnasium has drawn, or one from the generator that a user has set.
+    """
+    if game.np_random_seed < 0:  # what Gymnasium says of a generator that was set
+        return int(game.np_random.integers(2**31 - 1)), 1
+    return (game.np_random_seed, 1) if seed is None else (seed, episode + 1)
+
+
 class Crafter(TextGame):
     """Crafter, an open world of survival.
 
@@ -30,7 +42,7 @@ class Crafter(TextGame):
     objective, and so no completion.
 
     `reset(seed=s)` begins the first episode of the original's `Crafter(seed=s)`, and each further reset without a seed
-    begins its next one.
+    begins its next one. If the first reset has no seed, `np_random_seed` is the seed of its world.
 
     Arguments: `engine`, "fast" or "crafter" (PyPI `crafter`, slower); `text`, "original" or "corrected"
     (see `text.py`); `picture_size`, the side of pictures in pixels (`render_mode="rgb_array"`); at 64 they are the
@@ -77,9 +89,7 @@ class Crafter(TextGame):
         return super().reset(seed=seed, options=options)
 
     def _reset(self) -> str:
-        if self._seed is None:
-            self._seed = int(self.np_random.integers(2**31 - 1))
-        self._episode += 1
+        self._seed, self._episode = next_episode(self, self._seed, self._episode)
         self.score = 0.0
         self._world = self._new_world(self._seed, self._episode)
         self._world.step(NOOP)

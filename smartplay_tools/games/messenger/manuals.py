@@ -96,7 +96,7 @@ def load(folder: Path, split: Split) -> Texts:
     check_choice("split", split, SPLITS)
     file = folder / _file_name(split)
     try:
-        texts: Texts = json.loads(file.read_text(encoding="utf-8"))
+        texts: Texts = json.loads(file.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InvalidArgumentError(
             f"There is no {file}: texts must name a folder with text_train.json, text_val.json and text_test.json."

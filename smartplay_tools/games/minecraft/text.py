@@ -131,11 +131,13 @@ def _cursor(seen: Observation) -> str:
 
 
 def _surroundings(seen: Observation, mode: TextMode) -> str:
+    # In the original's 32-bit numbers, rounding decides between groups that are equally far.
+    number = np.float32 if mode == "paper" else np.float64
     middle = NEAR // 2
     nearest: dict[str, tuple[float, str]] = {}
     blocks = seen.blocks[:, middle - BELOW :, :]
     for name, cells in components(blocks, ignored=frozenset({"air"}), mode=mode):
-        x, y, z = (sum(map(axis.__getitem__, cells)) / len(cells) for axis in _PLACES)
+        x, y, z = (number(sum(map(axis.__getitem__, cells))) / number(len(cells)) for axis in _PLACES)
         dx, dy, dz = x - middle, y - BELOW, z - middle
         distance = math.sqrt(dx**2 + dy**2 + dz**2)
         if distance and (name not in nearest or distance < nearest[name][0]):

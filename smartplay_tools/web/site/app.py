@@ -32,7 +32,7 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
@@ -40,7 +40,7 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
 from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page, is_loopback
-from smartplay_tools.web.site.http_answers import HEADERS, missing, page, page_now, static
+from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,
     LONGEST_WAIT,
@@ -168,13 +168,13 @@ class _Site:
     async def runs(self, request: Request) -> Response:
         """Answer with every run."""
         summaries = await run_in_threadpool(lambda: [run.summary() for run in self._runs.current()])
-        return JSONResponse(summaries, headers=HEADERS)
+        return AsciiJson(summaries, headers=HEADERS)
 
     async def episodes(self, request: Request) -> Response:
         """Answer with every episode of a run."""
         run = await run_in_threadpool(self._named, request.path_params["run"])
         rows = await run_in_threadpool(run.episodes)
-        return JSONResponse({"columns": COLUMNS, "episodes": rows}, headers=HEADERS)
+        return AsciiJson({"columns": COLUMNS, "episodes": rows}, headers=HEADERS)
 
     async def episode(self, request: Request) -> Response:
         """Answer with the replay page of a record."""
@@ -191,7 +191,7 @@ class _Site:
             run_and_record = await run_in_threadpool(self._record, request)
             version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
         news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
-        return JSONResponse({"version": version, "playing": is_playing, **news}, headers=HEADERS)
+        return AsciiJson({"version": version, "playing": is_playing, **news}, headers=HEADERS)
 
     async def note(self, request: Request) -> Response:
         """Write a note about a turn, and answer with all notes about the episode."""
@@ -201,7 +201,7 @@ class _Site:
             raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
         run, record = await run_in_threadpool(self._record, request)
         notes = await run_in_threadpool(_write, run, record, turn, note)
-        return JSONResponse(as_list(notes), headers=HEADERS)
+        return AsciiJson(as_list(notes), headers=HEADERS)
 
     async def compare(self, request: Request) -> Response:
         """Answer with the page of several episodes side by side."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable
 from importlib import resources
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from smartplay_tools.evaluation.pages import environment as template_environment
+from smartplay_tools.types.arguments import well_formed
 
 STATIC = {
     **dict.fromkeys(
@@ -36,9 +38,17 @@ HEADERS = {
 }
 
 
+class AsciiJson(JSONResponse):
+    """JSON in ASCII, which can hold the half characters of names that are not UTF-8."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the body."""
+        return json.dumps(content, allow_nan=False).encode("ascii")
+
+
 def missing(text: str) -> Response:
     """Return the answer 404, with a sentence."""
-    return PlainTextResponse(text, 404, HEADERS)
+    return PlainTextResponse(well_formed(text), 404, HEADERS)
 
 
 def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response]]:

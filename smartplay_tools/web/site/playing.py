@@ -20,7 +20,7 @@ from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.episode.config import RULES, CellConfig, Rules
@@ -32,7 +32,7 @@ from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web.site.browser_player import BrowserPlayer, PassedError
-from smartplay_tools.web.site.http_answers import HEADERS, missing, page_now
+from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page_now
 
 LONGEST_WAIT = 15.0
 """Seconds after which a page that waits is answered in any case."""
@@ -196,7 +196,7 @@ class _Playing:
             await asyncio.sleep(LOOK_SECONDS)
             waited += LOOK_SECONDS
         state = await run_in_threadpool(run.state)
-        return JSONResponse({**state, "over": _over(state["over"], run)}, headers=HEADERS)
+        return AsciiJson({**state, "over": _over(state["over"], run)}, headers=HEADERS)
 
     async def beside(self, request: Request, run: PlayedRun) -> Response:
         """Answer with the scores of others: the paper's people and models, and ours in the same world."""
@@ -208,7 +208,7 @@ class _Playing:
             answer["challenge"] = f"{CHALLENGE}?{run.challenges()}"
         except SmartPlayError as error:
             answer["unshared"] = str(error)
-        return JSONResponse(answer, headers=HEADERS)
+        return AsciiJson(answer, headers=HEADERS)
 
     async def reply(self, request: Request, run: PlayedRun) -> Response:
         """Take the answer to a prompt."""
@@ -232,7 +232,7 @@ def _other_rules(cell: CellConfig) -> str:
 
 async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
     given = await json_body(request)
-    return JSONResponse(await run_in_threadpool(do, given) or {}, headers=HEADERS)
+    return AsciiJson(await run_in_threadpool(do, given) or {}, headers=HEADERS)
 
 
 async def refused(request: Request, error: Exception) -> Response:

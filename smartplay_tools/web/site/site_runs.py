@@ -18,11 +18,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_named
+from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, notes_in, read_notes, record_of
 from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.lines import GrowingLines, parse_json
+from smartplay_tools.records.rows import Timing, read_row
+from smartplay_tools.transcript.lines import GrowingLines
+from smartplay_tools.types.arguments import well_formed
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
@@ -86,10 +88,10 @@ class AttemptTimes:
                 self._seconds = {}
             for line in lines:
                 try:
-                    row = parse_json(line)
-                    self._seconds[str(row["key"]), int(row["attempt"])] = float(row["seconds"])
-                except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
-                    raise InvalidArgumentError(f"{self._lines.path} is damaged: a line is not a time.") from None
+                    row = read_row(line, Timing)
+                except DamageError as error:
+                    raise DamageError(f"A line of {self._lines.path} is damaged: {error}.") from None
+                self._seconds[row["key"], row["attempt"]] = row["seconds"]
             return dict(self._seconds)
 
     def of_episodes(self) -> dict[str, float]:
@@ -135,16 +137,17 @@ class SiteRun:
             return 0.0
 
     def _snapshot(self) -> RunSnapshot:
-        with damage_named(self.path):
-            return self._follower.snapshot()
+        snapshot = self._follower.snapshot()
+        if self._follower.damage:
+            raise DamageError(self._follower.damage)
+        return snapshot
 
     def episodes(self) -> list[list[Any]]:
         """Return every episode and attempt as an array, in the order of the plan (`COLUMNS`)."""
         with self._lock:
             version = self.version()
             if self._read is None or self._read[0] != version:
-                with damage_named(self.folder.path):
-                    self._read = version, self._list()
+                self._read = version, self._list()
             return self._read[1]
 
     def playing(self) -> list[dict[str, Any]]:
@@ -224,7 +227,7 @@ class SiteRun:
         dates: dict[str, int] = {}
         for kind in ("episodes", "attempts"):
             with suppress(FileNotFoundError), os.scandir(self.folder.path / kind) as files:
-                dates |= {f"{kind}/{file.name}": round(file.stat().st_mtime) for file in files}
+                dates |= {f"{kind}/{file.name}": round(file.stat(follow_symlinks=False).st_mtime) for file in files}
         return dates
 
 
@@ -306,7 +309,7 @@ class RunList:
             for path in _runs_in(folder, DEEPEST):
                 where = path.resolve()
                 if where not in hidden and where not in names:
-                    name = where.name if path == folder else path.relative_to(folder).as_posix()
+                    name = well_formed(where.name if path == folder else path.relative_to(folder).as_posix())
                     taken = name in names.values() or any(run.name == name for run in self._always)
                     names[where] = path.as_posix().lstrip("/") if taken else name
         kept = {where: self._shown.get(where) for where in names}

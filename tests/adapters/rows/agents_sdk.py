@@ -25,7 +25,7 @@ from smartplay_openai.agents import SmartPlayModel
 import smartplay_tools as sp
 from tests.adapters.conformance import EACH, WEATHER, Held, Replies, Window
 from tests.adapters.scripted_agents import ReadingModel
-from tests.adapters.situations import REFUSED, weather
+from tests.adapters.situations import AWAITED, REFUSED, weather
 
 PICTURE = "data:image/png;base64,AAAA"
 
@@ -93,4 +93,7 @@ def agents_sdk(
 
 
 row = partial(Window, through="Agents SDK `SmartPlayModel`", refuses=REFUSED)
-WINDOW = {"Agents SDK": row(agents_sdk), "Agents SDK, streamed": row(partial(agents_sdk, streamed=True))}
+WINDOW = {
+    "Agents SDK": row(agents_sdk),
+    "Agents SDK, streamed": row(partial(agents_sdk, streamed=True), lacks=AWAITED, repeats=True),
+}

@@ -24,5 +24,5 @@ def anthropic_player(
 row = partial(Window, through="Anthropic player", broken_json=False, lacks=LOOP)
 WINDOW = {
     "Anthropic player": row(partial(anthropic_player, play=waiting)),
-    "Anthropic player, async": row(partial(anthropic_player, play=on_a_loop), slow=True),
+    "Anthropic player, async": row(partial(anthropic_player, play=on_a_loop), slow=True, repeats=True),
 }

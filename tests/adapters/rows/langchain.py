@@ -35,7 +35,7 @@ from tests.adapters.conformance import (
     waiting,
 )
 from tests.adapters.scripted_langchain import ScriptedModel
-from tests.adapters.situations import LOOP, REFUSED, SCHEMA, lacking, weather
+from tests.adapters.situations import AWAITED, LOOP, REFUSED, SCHEMA, lacking, weather
 
 
 class LangChainAgent:
@@ -220,9 +220,11 @@ player = partial(Window, through="`play`, `aplay`", lacks=LOOP)
 
 WINDOW = {
     "LangChain agent": agent(langchain_agent, refuses=REFUSED),
-    "LangChain agent, async": agent(partial(langchain_agent, asynchronously=True), refuses=REFUSED, slow=True),
+    "LangChain agent, async": agent(
+        partial(langchain_agent, asynchronously=True), refuses=REFUSED, lacks=AWAITED, slow=True, repeats=True
+    ),
     "LangChain player": player(partial(langchain_player, play=waiting)),
-    "LangChain player, async": player(partial(langchain_player, play=on_a_loop), slow=True),
+    "LangChain player, async": player(partial(langchain_player, play=on_a_loop), slow=True, repeats=True),
     "LangGraph": agent(langgraph, lacks=ONE_NODE),
 }
 HOST = {

@@ -32,7 +32,7 @@ responses_player = partial(openai_player, kind=ResponsesPlayer, cap_field="max_o
 row = partial(Window, through="OpenAI players", lacks=LOOP)
 WINDOW = {
     "OpenAI player": row(partial(openai_player, play=waiting)),
-    "OpenAI player, async": row(partial(openai_player, play=on_a_loop), slow=True),
-    "OpenAI Responses player": row(partial(responses_player, play=waiting)),
-    "OpenAI Responses player, async": row(partial(responses_player, play=on_a_loop), slow=True),
+    "OpenAI player, async": row(partial(openai_player, play=on_a_loop), slow=True, repeats=True),
+    "OpenAI Responses player": row(partial(responses_player, play=waiting), repeats=True),
+    "OpenAI Responses player, async": row(partial(responses_player, play=on_a_loop), slow=True, repeats=True),
 }

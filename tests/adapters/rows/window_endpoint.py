@@ -66,8 +66,8 @@ def nothing(name: str) -> sp.ToolSpec:
 AS_CHAT = lacking("it asks as the row of chat completions does, and differs in how it runs the calls")
 row = partial(Window, through="Window endpoint", slow=True)
 WINDOW = {
-    "Window endpoint, tools over MCP": row(partial(window_endpoint, interface="mcp"), lacks=AS_CHAT),
+    "Window endpoint, tools over MCP": row(partial(window_endpoint, interface="mcp"), lacks=AS_CHAT, repeats=True),
     "Window endpoint, chat completions": row(partial(window_endpoint, interface="chat")),
-    "Window endpoint, Messages": row(partial(window_endpoint, interface="messages")),
-    "Window endpoint, Responses": row(partial(window_endpoint, interface="responses")),
+    "Window endpoint, Messages": row(partial(window_endpoint, interface="messages"), repeats=True),
+    "Window endpoint, Responses": row(partial(window_endpoint, interface="responses"), repeats=True),
 }

@@ -69,7 +69,10 @@ def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
 
 
 def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
-    """The normalised scores of every player in full context; empty if the players have no setting in common."""
+    """The normalised scores of every player in full context; empty unless they have two settings in common.
+
+    In one setting all nine capabilities are the same number.
+    """
     profiles: dict[str, dict[str, Sequence[float]]] = {}
     cells = by_cell(rows)
     for comparison in comparisons:
@@ -80,4 +83,4 @@ def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> d
             if normalized:
                 profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized
     common = set.intersection(*(set(profile) for profile in profiles.values()))
-    return dict(profiles) if common else {}
+    return dict(profiles) if len(common) > 1 else {}

@@ -58,7 +58,7 @@ def issue_seed(path: str | Path, name: str, *, suite: str | None = None) -> Issu
 def read_seeds(path: str | Path) -> list[IssuedSeed]:
     """Return the seeds of a board's file; any other line is an `InvalidArgumentError`."""
     with file_named(f"The seeds in {path}"):
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines()
     seeds = []
     for number, line in enumerate(lines, start=1):
         try:

@@ -7,24 +7,23 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
 from typing import Any
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data, excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import as_list, read_notes
+from smartplay_tools.evaluation.run_folder.folder import as_list, current_place, read_notes
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
-from smartplay_tools.types import EpisodeResult
 from smartplay_tools.types.arguments import encoder
 
 WORTH_A_PROCESS = 8_000_000
@@ -40,8 +39,8 @@ class ShownEpisode:
 
     facts: dict[str, Any]
     """What the lists and tables of the page say of it."""
-    packed: str
-    """All that the page's script reads of it."""
+    text: str
+    """All that the page's script reads of it, as JSON."""
     row: Row | None
     """Its row for the statistics; None if it is not finished."""
 
@@ -49,8 +48,10 @@ class ShownEpisode:
 @contextmanager
 def reading(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
-) -> Iterator[Callable[[], list[ShownEpisode]]]:
+) -> Iterator[Callable[[], tuple[list[ShownEpisode], list[str]]]]:
     """Read the episodes of a run; return a function that returns them, in the order of their sources.
+
+    It also returns a sentence for each damaged record, which is left out.
 
     At most `workers` processes read them, including this one, and fewer if there is little to read. The others begin at
     once, this one when that function is called. `plugins` says whether they import games of installed packages; a game
@@ -58,38 +59,41 @@ def reading(
     """
     processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
     with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as chunks:
-        yield lambda: [episode for _, episodes in sorted(chunks, key=itemgetter(0)) for episode in episodes]
+        yield lambda: _parted([each for _, part in sorted(chunks, key=itemgetter(0)) for each in part])
 
 
-def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode]:
+def _parted(read: Sequence[ShownEpisode | str]) -> tuple[list[ShownEpisode], list[str]]:
+    return [each for each in read if not isinstance(each, str)], [each for each in read if isinstance(each, str)]
+
+
+def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode | str]:
     with importing_packages(plugins), Drawings() as drawings:
-        return [_read(source, letter, drawings) for source in sources]
+        return [_read_or_fault(source, letter, drawings) for source in sources]
+
+
+def _read_or_fault(source: Source, letter: str, drawings: Drawings) -> ShownEpisode | str:
+    try:
+        with damage_named(source.transcript):
+            return _read(source, letter, drawings)
+    except DamageError as error:
+        return str(error)
 
 
 def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
-    record = Record.read(source.transcript)
-    try:
-        data = {
-            **episode_data(source.key, record, source.facts),
-            "drawing": drawings.draw(record),
-            "pictures": drawings.pictures(record),
-            "run": letter,
-            "notes": as_list(read_notes(source.transcript)),
-        }
-        if source.turns is not None:
-            data = excerpt(data, *source.turns)
-        if data["result"] is not None:
-            EpisodeResult.model_validate(data["result"])
-        row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
-        facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
-        facts["rules"] = rules(facts)
-    except InvalidArgumentError:
-        raise
-    except (AttributeError, KeyError, TypeError, IndexError, StopIteration, ValueError) as error:
-        kind = "" if isinstance(error, SmartPlayError) else f"{type(error).__name__}: "
-        what = f"{kind}{in_one_line(error)[:200]}".rstrip(".")
-        raise TranscriptError(f"{source.transcript} cannot be shown: {what}.") from error
-    return ShownEpisode(facts, pack(data), row)
+    record = Record.read(current_place(source.transcript))
+    data = {
+        **episode_data(source.key, record, source.facts),
+        "drawing": drawings.draw(record),
+        "pictures": drawings.pictures(record),
+        "run": letter,
+        "notes": as_list(read_notes(source.transcript)),
+    }
+    if source.turns is not None:
+        data = excerpt(data, *source.turns)
+    row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
+    facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
+    facts["rules"] = rules(facts)
+    return ShownEpisode(facts, json_text({**data, "turns": columns(data["turns"])}), row)
 
 
 def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:
@@ -98,15 +102,45 @@ def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: M
     return {"key": key, **result, **copied, "trial": facts.get("trial"), "cost": facts.get("cost")}
 
 
+def columns(rows: list[Any], depth: int = 4) -> Any:
+    """Return rows as columns if all of them are objects, and the same of each column; a page is then half as large.
+
+    A column has the numbers of the rows that have this field, None for all, and their values.
+    """
+    if depth == 0 or not rows or not all(isinstance(row, dict) for row in rows):
+        return rows
+    made = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        numbers = [number for number, row in enumerate(rows) if name in row]
+        values = columns([rows[number][name] for number in numbers], depth - 1)
+        made[name] = (numbers if len(numbers) < len(rows) else None, values)
+    return {"rows": len(rows), "columns": made}
+
+
 LEVEL = 5
 """The compression level; higher levels are slower and make a page hardly smaller."""
 
+PACK = 400_000
+"""Characters from which a pack is closed: packs make a page smaller, since episodes have texts in common."""
 
-def pack(value: Any) -> str:
+json_text = encoder(separators=(",", ":"))
+
+
+def pack(text: str) -> str:
     """Return JSON, compressed and in base64, which has no character with a meaning in HTML."""
     # The same run always gives the same page; gzip would otherwise write the time.
-    plain = _encode(value).encode("ascii")
-    return base64.b64encode(gzip.compress(plain, LEVEL, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(text.encode("ascii"), LEVEL, mtime=0)).decode("ascii")
 
 
-_encode = encoder(separators=(",", ":"))
+def packs(episodes: Iterable[ShownEpisode]) -> list[tuple[list[str], str]]:
+    """Return the keys of the episodes of each pack, and the pack: an object of the episodes by key."""
+    made: list[tuple[list[str], str]] = []
+    keys, members, size = [], [], 0
+    for episode in episodes:
+        keys.append(episode.facts["key"])
+        members.append(f"{json_text(keys[-1])}:{episode.text}")
+        size += len(episode.text)
+        if size >= PACK:
+            made.append((keys, pack(f"{{{','.join(members)}}}")))
+            keys, members, size = [], [], 0
+    return [*made, (keys, pack(f"{{{','.join(members)}}}"))] if keys else made

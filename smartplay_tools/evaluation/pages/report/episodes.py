@@ -20,13 +20,16 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.rewriting import Own, RewrittenHistory
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.turns import BROUGHT_BACK
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.accounts import Accounts
+from smartplay_tools.records.prompts import is_compacted, rewritten_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import CallEvent, concerns_summary, purpose_of
 from smartplay_tools.types import Budget, ResolvedBudget
@@ -81,7 +84,7 @@ def _budget_facts(numbers: str, asked: str, version: str) -> Mapping[str, Any]:
     return {
         "limits": budget.words(),
         "asked": Budget.from_record(json.loads(asked)).words(),
-        "summary_request": None if asking is None else text_of(asking.question),
+        "summary_request": None if asking is None else text_of(asking.question.message),
     }
 
 
@@ -104,25 +107,31 @@ def turns(record: Record) -> list[dict[str, Any]]:
     contents: dict[int, dict[str, Any]] = defaultdict(lambda: {"items": []})
     for view in record.views:
         if purpose_of(view) == "compaction":
-            continue  # a turn can have several questions, and the page has none of them
+            continue  # a turn can have several questions, of which the page has the tokens alone
         kind = "request" if concerns_summary(view) else "view"
         contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _LEFT_OUT}
         if (head := record.head_of[view["turn"]]) is not record.heads[0]:  # the host has changed its part
             contents[view["turn"]]["head"] = head["messages"]
+    for view, history in rewritten_prompts(record.events, [] if record.is_paper else record.turns):
+        contents[view["turn"]]["view"]["messages"] = _on_page(history)
     for summary in record.summaries:
         shown = {name: summary[name] for name in ("covers", "message", "text", "cut", "empty")}
         contents[summary["turn"]]["summary"] = shown
     for usage in record.usages:
-        if purpose_of(usage) == "compaction":
-            continue
         turn = contents[usage["turn"]]
+        if purpose_of(usage) == "compaction":
+            turn["questions"] = turn.get("questions", 0) + usage["prompt"] + usage["reply"]
+            continue
         owner = turn["summary"] if concerns_summary(usage) else turn
         owner["usage"] = {name: usage.get(name) for name in ("reply", "overrun", "provider")}
     for choice in record.choices:
         contents[choice["turn"]]["choice"] = {"action": choice["action"], "fallback": choice["fallback"]}
     for number, reply in (record.sent_replies | record.replies).items():
         contents[number]["message"] = reply
+    compacts, pinned = is_compacted(record.events), None
     for played in () if record.is_paper else record.turns:
+        if compacts and played.manual != pinned:  # the newest notes
+            pinned = contents[played.number]["pinned"] = played.manual
         if played.shown != played.assistant:
             contents[played.number]["sent"] = played.shown
     for number, seconds in record.seconds.items():
@@ -132,7 +141,7 @@ def turns(record: Record) -> list[dict[str, Any]]:
             item = {"message": event["message"], "by": event["by"], "position": event.get("position")}
             contents[event["turn"]]["items"].append(item)
     for call in record.calls:
-        contents[call["turn"]]["items"].append({"call": _call(call)})
+        contents[call["turn"]]["items"].append({"call": _call(call, compacts=compacts)})
     for turn in contents.values():
         turn["items"].sort(key=_place)
     return [contents[number] for number in range(max(contents, default=-1) + 1)]
@@ -147,6 +156,8 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     if counted is None:
         return {"turns": turns, "departures": None}
     for view in record.views:
+        if purpose_of(view) == "compaction":
+            continue
         if sum(parts := counted.parts(view)) != view["tokens"]:
             return {"turns": turns, "departures": None}
         turns[view["turn"]]["request" if concerns_summary(view) else "view"]["parts"] = parts
@@ -155,19 +166,31 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     return {"turns": turns, "departures": [asdict(departure) for departure in counted.departures()]}
 
 
+def _on_page(history: RewrittenHistory) -> list[Any]:
+    """Return what a compactor's prompt shows: rows of messages by their numbers, and its own as they are shown."""
+    return [
+        history.forms([piece])[0].message if isinstance(piece, Own) else [piece.start, piece.stop - 1]
+        for piece in history.shown
+    ]
+
+
 def _place(item: Mapping[str, Any]) -> float:
     """The position of an item in its turn: results in the order of their calls, everything else after them."""
     position = item["call"]["position"] if "call" in item else item["position"]
     return math.inf if position is None else position
 
 
-_LEFT_OUT = ("event", "turn", "sha256")
+_LEFT_OUT = ("event", "turn", "sha256", "chain")
 """Fields of a view that the page does not need: `check` compares hashes when the page is made."""
 
 
-def _call(event: CallEvent) -> dict[str, Any]:
+def _call(event: CallEvent, *, compacts: bool) -> dict[str, Any]:
     call = {name: event[name] for name in ("position", "name", "arguments", "text")}
     kept = {name: value for name, value in event["data"].items() if name != "state_hash"}
+    if not BROUGHT_BACK.isdisjoint(kept):  # an answer of a tool of memory ages as the observation at its time does
+        kept["date"] = kept["step"]
+    if compacts and "manual" in kept:
+        kept["manual"] = "result"  # and not a part of the system message
     return {**call, **kept, **({"is_error": True} if event["is_error"] else {})}
 
 

@@ -28,7 +28,7 @@ from string import ascii_uppercase
 from typing import Any, Literal
 
 from smartplay_tools.context.prompts.wording import versions
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import DamageError, InvalidArgumentError, warn_damaged
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
@@ -40,7 +40,7 @@ from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
-from smartplay_tools.evaluation.pages.report.episode_reading import pack, reading
+from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, reading
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
 from smartplay_tools.evaluation.pages.report.summary_tables import (
@@ -57,6 +57,7 @@ from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import Row, grouped, unplayed
 from smartplay_tools.types import MISTAKES, Budget
+from smartplay_tools.types.arguments import well_formed
 
 __all__ = ["render_report", "write_excerpt", "write_report"]
 
@@ -144,7 +145,7 @@ def write_excerpt(
     file, record = _html_file(out), Path(record)
     if not record.is_file():
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
-    run = ShownRun(record, "", Sources([Source(record.stem, record, turns=turns)]))
+    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record, turns=turns)]))
     with importing_packages(plugins):
         return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
@@ -219,14 +220,18 @@ def render_runs(
 def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     """Return the variables of the templates."""
     runs = [page.run for page in pages]
-    episodes = [episode for page in pages for episode in page.episodes]
-    packed = {key: data for page in pages for key, data in page.packed.items()}
+    shown = [episode for page in pages for episode in page.shown]
+    episodes = [episode.facts for episode in shown]
+    packed = packs(shown)
+    pack_of = {key: number for number, (keys, _) in enumerate(packed) for key in keys}
     index = {
         "words": {version: fixed_texts(version) for version in versions()},
         "mistakes": MISTAKES,
         "partWords": PARTS,
         "usual": Budget().words(),
-        "episodes": [{name: episode[name] for name in LISTED} for episode in episodes],
+        "episodes": [
+            {name: episode[name] for name in LISTED} | {"pack": pack_of[episode["key"]]} for episode in episodes
+        ],
     }
     if any(episode["family"] == "crafter" for episode in episodes):
         index["textures"] = sheet()
@@ -253,13 +258,13 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "episodes": episodes,
         "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
-        "warnings": [warning for page in pages for warning in unplayed(page.rows)],
+        "warnings": [warning for page in pages for warning in (*page.damaged, *unplayed(page.rows))],
         "chosen": _chosen(runs),
         "waiting": sum(run.sources.waiting for run in runs),
         "style": style,
         "scripts": scripts,
-        "index": pack(index),
-        "packed": packed,
+        "index": pack(json_text(index)),
+        "packs": [pack for _, pack in packed],
         "version": metadata.version("smartplay-tools"),
     }
 
@@ -283,12 +288,13 @@ class _RunPage:
     """What a page says of one run."""
 
     run: ShownRun
-    episodes: Sequence[dict[str, Any]]
-    packed: Mapping[str, str]
+    shown: Sequence[ShownEpisode]
     rows: Sequence[Row]
     summary: RunSummary
     figures: Sequence[Mapping[str, str]]
     costs: Sequence[TextTable]
+    damaged: Sequence[str]
+    """A sentence for each record that is left out."""
 
 
 def _page_of_run(
@@ -298,16 +304,19 @@ def _page_of_run(
         drawn = list(figures(drawing))
         # Computes the intervals while the others read; the summary below finds them remembered.
         summarize(run.sources.rows, ())
-        shown = read()
-    episodes = [episode.facts for episode in shown]
-    packed = {episode.facts["key"]: episode.packed for episode in shown}
+        shown, damaged = read()
+    if damaged and not shown:
+        raise DamageError(damaged[0])
+    for sentence in damaged:
+        warn_damaged(sentence)
     rows = [episode.row for episode in shown if episode.row is not None]
     rows += [source.row for source in run.sources.left_out if source.row is not None]
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
-        failures = [failed_row(episode["key"], episode) for episode in episodes if episode["status"] == "failed"]
+        facts = [episode.facts for episode in shown]
+        failures = [failed_row(each["key"], each) for each in facts if each["status"] == "failed"]
     costs = _costs(run, rows, tariffs, workers) if tariffs else ()
-    return _RunPage(run, episodes, packed, rows, summarize(rows, failures), drawn, costs)
+    return _RunPage(run, shown, rows, summarize(rows, failures), drawn, costs, damaged)
 
 
 def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], workers: int) -> Sequence[TextTable]:
@@ -375,7 +384,10 @@ def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], 
 def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
     """Return what such a page unpacks of an episode, as far as its record goes."""
     with reading([Source(key, record)], "", plugins=plugins) as read:
-        return read()[0].packed
+        shown, damaged = read()
+    if damaged:
+        raise DamageError(damaged[0])
+    return packs(shown)[0][1]
 
 
 def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:

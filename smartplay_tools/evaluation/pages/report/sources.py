@@ -16,11 +16,12 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
-from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types import MISTAKES
+from smartplay_tools.types.arguments import well_formed
 
 
 @dataclass(frozen=True)
@@ -70,28 +71,38 @@ def find_runs(paths: Sequence[str | Path]) -> list[ShownRun]:
         return [ShownRun(Path(paths[0]), "", find_sources(Path(paths[0])))]
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise InvalidArgumentError("The same run is named twice; name every run once.")
-    runs = []
-    for letter, path in zip(ascii_uppercase, map(Path, paths), strict=False):
-        sources = find_sources(path)
-        lettered = [replace(source, key=f"{letter}.{source.key}") for source in sources.episodes]
-        runs.append(ShownRun(path, letter, replace(sources, episodes=lettered)))
-    if len(runs) < len(paths):
+    if len(paths) > len(ascii_uppercase):
         raise InvalidArgumentError(f"A page shows at most {len(ascii_uppercase)} runs, not {len(paths)}.")
-    return runs
+    letters = {Path(path): letter for letter, path in zip(ascii_uppercase, paths, strict=False)}
+
+    def lettered(path: Path) -> ShownRun:
+        letter, sources = letters[path], find_sources(path)
+        episodes = [replace(source, key=f"{letter}.{source.key}") for source in sources.episodes]
+        return ShownRun(path, letter, replace(sources, episodes=episodes))
+
+    return read_each([*letters], lettered)
 
 
 def find_sources(path: Path) -> Sources:
     """Return the episodes of a run folder, a folder of transcripts or one transcript."""
     if path.is_file():
-        return Sources([Source(path.stem, path)])
+        return Sources([Source(well_formed(path.stem), path)])
     if not path.exists():
         raise InvalidArgumentError(f"There is no {path}; name a run folder or a transcript.")
     if (path / "manifest.json").exists():
         return _run(RunFolder(path))
-    episodes = [Source(file.stem, file) for file in sorted(path.glob("*.jsonl")) if Record.head(file).start]
+    episodes = [Source(well_formed(file.stem), file) for file in sorted(path.glob("*.jsonl")) if _has_begun(file)]
     if not episodes:
         raise InvalidArgumentError(f"{path} contains neither a run nor transcripts; name a folder that does.")
     return Sources(episodes)
+
+
+def _has_begun(record: Path) -> bool:
+    """Whether a file is the record of an episode; a damaged one is, as reading it will say."""
+    try:
+        return Record.head(record).start is not None
+    except TranscriptError:
+        return True
 
 
 def _run(folder: RunFolder) -> Sources:
@@ -112,7 +123,7 @@ def _run(folder: RunFolder) -> Sources:
             Source(key, file, {**facts, "cost": row_of.get(key, {}).get("cost")}, row_of.get(key)) for file in finished
         ]
         facts["finished_later"] = bool(finished)
-        sources += [Source(file.stem, file, facts) for file in attempts if Record.head(file).start]
+        sources += [Source(file.stem, file, facts) for file in attempts if _has_begun(file)]
     if not sources:
         raise InvalidArgumentError(f"{folder.path} has no episode to show yet.")
     return Sources(sources, manifest.to_json(), folder.failures(), rows=rows, waiting=waiting)
@@ -146,7 +157,7 @@ def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
 
 def _check_size(runs: Sequence[ShownRun]) -> None:
     sources = [source for run in runs for source in run.sources.episodes]
-    size = sum(source.transcript.stat().st_size for source in sources)
+    size = sum(source.transcript.lstat().st_size for source in sources)
     if len(sources) > MOST_EPISODES or size > MOST_BYTES:
         raise InvalidArgumentError(
             f"A page of {len(sources):,} episodes ({size / 1e6:,.0f} MB of records) would be slow to open; choose "

@@ -142,7 +142,8 @@ def figures(runs: Sequence[ShownRun]) -> Iterator[dict[str, str]]:
     runs = [run for run in runs if run.sources.manifest]
     drawn_before = sorted((runs[0].path / FOLDER).glob("*.svg")) if len(runs) == 1 else []
     with tempfile.TemporaryDirectory() as folder:
-        for file in drawn_before or _draw(runs, Path(folder)):
+        # A link could lead to any file of this machine, and the page is for others.
+        for file in [file for file in drawn_before if not file.is_symlink()] or _draw(runs, Path(folder)):
             image = base64.b64encode(file.read_bytes()).decode("ascii")
             yield {"name": file.stem.replace("-", " "), "image": f"data:image/svg+xml;base64,{image}"}
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
 from typing import ClassVar
 
@@ -55,8 +55,8 @@ class AsyncExecutor:
                     for done in runner.run(self._first(under_way, POLL_SECONDS if has_room else None)):
                         under_way.remove(done)
                         yield done.result()
-            finally:
-                runner.run(closing.aclose())
+            finally:  # an error, or a caller that wants no more, ends the attempts that are under way
+                runner.run(_end(under_way, closing))
 
     async def _first(
         self, under_way: set[asyncio.Task[EndedAttempt]], timeout: float | None
@@ -85,6 +85,14 @@ class AsyncExecutor:
             if isinstance(player, AbstractAsyncContextManager):
                 await closing.enter_async_context(player)
         return self._shared[name]
+
+
+async def _end(under_way: Iterable[asyncio.Task[EndedAttempt]], closing: AsyncExitStack) -> None:
+    """Cancel attempts, which keep what they have recorded, and close the players; further errors are not raised."""
+    for task in under_way:
+        task.cancel()
+    await asyncio.gather(*under_way, return_exceptions=True)
+    await closing.aclose()
 
 
 def _shareable(task: Task) -> AsyncPlayer | None:

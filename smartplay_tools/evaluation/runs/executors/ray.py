@@ -22,7 +22,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
-from smartplay_tools.errors import extra_named
+from smartplay_tools.errors import EngineError, extra_named
 from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
@@ -65,6 +65,12 @@ class RayExecutor:
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time; those whose worker was lost continue on another one."""
+        try:
+            yield from self._run(take, again)
+        except ray.exceptions.RayError as error:
+            raise EngineError(f"The Ray cluster has lost what this run needs ({type(error).__name__}).") from error
+
+    def _run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         under_way: dict[Any, _RayAttempt] = {}
         losses: Counter[str] = Counter()
         while True:

@@ -4,11 +4,11 @@
 // When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "seed", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "notes"];
+const SHOWN = ["status", "game", "player", "budget", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "notes", "seed"];
 const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "date", "notes"]);
 // The least width of each column in pixels, and its share of the room that is left.
 const WIDTHS = {
-  ...{ status: [86, 0], game: [236, 1.2], player: [70, 0.8], budget: [112, 1.7], seed: [104, 0], trial: [44, 0] },
+  ...{ status: [86, 0], game: [236, 1.2], player: [70, 0.8], budget: [112, 2.6], seed: [104, 0], trial: [44, 0] },
   ...{ score: [64, 0], normalized: [92, 0], steps: [54, 0], tokens: [76, 0], cost: [66, 0], mistakes: [78, 0] },
   ...{ cut: [56, 0], time: [62, 0], date: [100, 0], end: [92, 0.7], notes: [58, 0] },
 };
@@ -97,7 +97,8 @@ async function load() {
 function arrange() {
   // A phone has room for two columns, so that these are what was played and how well.
   const first = matchMedia("(max-width: 700px)").matches ? ["game", "score", "player"] : [];
-  const columns = [...new Set([...first, ...SHOWN])].filter((name) => !RARE.has(name) || name === site.sort || site.all.some((one) => value(one, name)));
+  const isShown = (name) => (name === "status" ? site.all.some((one) => value(one, name) !== "finished") : !RARE.has(name) || site.all.some((one) => value(one, name)));
+  const columns = [...new Set([...first, ...SHOWN])].filter((name) => name === site.sort || isShown(name));
   const widths = columns.map((name) => WIDTHS[name]);
   $("list").style.setProperty("--columns", widths.map(([least, share]) => (share ? `minmax(${least}px, ${share}fr)` : `${least}px`)).join(" "));
   $("list").style.setProperty("--wide", `${widths.reduce((sum, [least]) => sum + least, 0)}px`);

@@ -50,6 +50,16 @@ async function unpack(id) {
   return new Response(plain).json();
 }
 
+// Rows out of their columns, which are shorter: a column has the numbers of its rows, null for all, and the values.
+function rowsOf(packed) {
+  if (Array.isArray(packed)) return packed;
+  const rows = Array.from({ length: packed.rows }, () => []);
+  for (const [name, [numbers, values]] of Object.entries(packed.columns)) {
+    rowsOf(values).forEach((value, at) => rows[numbers?.[at] ?? at].push([name, value]));
+  }
+  return rows.map((fields) => Object.fromEntries(fields));
+}
+
 function number(value, digits = 2) {
   if (value === null || value === undefined) return "–";
   return value.toLocaleString("en", { maximumFractionDigits: digits }).replace("-", "−");

@@ -74,7 +74,7 @@ async function followRecord() {
 async function takeIn(packed, isPlaying) {
   const key = shown.episode.key;
   const follows = $("follow").checked && shown.turn >= lastTurn();
-  $(`episode-${key}`).textContent = packed;
+  $("pack-0").textContent = packed;
   useEpisode(await openEpisode(key));
   if (!isPlaying) $("follow").disabled = true;
   goTo(follows ? lastTurn() : shown.turn, follows ? null : shown.step);

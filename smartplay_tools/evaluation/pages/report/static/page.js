@@ -48,9 +48,10 @@ async function route() {
   if (wasOpen && last) takeFocus(document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`));
 }
 
-// A figure that is much wider than high has a row of its own.
+// A figure that is much wider than high has its own row. A narrow one is not enlarged: letters of all have like sizes.
 async function widen(image) {
   await image.decode();
+  image.style.maxWidth = `${0.8 * image.naturalWidth}px`;
   image.closest("figure").classList.toggle("wide", image.naturalWidth > 2.8 * image.naturalHeight);
 }
 

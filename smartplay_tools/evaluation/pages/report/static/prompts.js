@@ -20,7 +20,7 @@ function runningFacts(episode) {
   return episode.turns.map((turn) => {
     for (const { call } of turn.items) {
       if (!call) continue;
-      if (call.manual) manual = call.text;
+      if (call.manual === true) manual = call.text; // it became a part of the head, and does not with a compactor
       if (call.legal) {
         step = call.step;
         score = call.score;
@@ -28,6 +28,8 @@ function runningFacts(episode) {
       }
       if (call.is_error) errors += 1;
     }
+    if (turn.pinned !== undefined) manual = turn.pinned;
+    spent += turn.questions ?? 0;
     // A reply that never came is not charged, whatever its attempts cost.
     if (Number.isInteger(turn.usage?.reply)) spent += turn.view.tokens + turn.usage.reply;
     if (turn.summary) spent += turn.request.tokens + turn.summary.usage.reply;
@@ -35,17 +37,8 @@ function runningFacts(episode) {
   });
 }
 
-// The messages of the prompt that led to a turn; null where the record has none.
-function sentMessages(episode, words, number) {
-  return promptParts(episode, words, number)?.map((part) => part.message) ?? null;
-}
-
-// The messages of the prompt that asked for a summary before a turn; null where none was asked for.
-function requestMessages(episode, words, number) {
-  return requestParts(episode, words, number)?.map((part) => part.message) ?? null;
-}
-
-// It shows what the prompt of the previous turn showed, without the turns that stay, and a question.
+// The prompt that asked for a summary before a turn; null where none was asked for. It shows what the prompt of the
+// previous turn showed, without the turns that stay, and a question.
 function requestParts(episode, words, number) {
   const view = episode.turns[number]?.request;
   if (!view) return null;
@@ -63,35 +56,39 @@ function summaryIn(episode, view) {
 // strategy of the user's has masked.
 function markedResults(episode, view) {
   if (view.oldest === undefined) return view.masked ?? [];
-  const marked = [];
-  const isHidden = (at) => at === view.notes || (view.hidden ?? []).some(([first, last]) => first <= at && at <= last);
-  for (const [first, last] of view.turns) {
-    for (let at = first; at <= last; at += 1) {
-      const oldest = isHidden(at) ? Infinity : view.oldest;
-      episode.turns[at].items.forEach(({ call }, item) => {
-        const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
-        if (isEmpty || (call?.observation_step !== undefined && call.observation_step < oldest)) marked.push([at, item]);
-      });
-    }
-  }
-  return marked;
+  const isHidden = (at) => at === view.notes || isWithin(view.hidden ?? [], at);
+  return itemsIn(episode, view).filter(([at, item, { call }]) => {
+    const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
+    const isReplaced = call?.observation_step !== undefined && view.messages && !isWithin(view.messages, numberOf(episode, at) + 1 + item);
+    return isEmpty || isReplaced || (call?.date ?? call?.observation_step) < (isHidden(at) ? Infinity : view.oldest);
+  });
+}
+
+// The items of the turns of which a prompt showed something, as [turn, place, item].
+function itemsIn(episode, { turns }) {
+  const numbers = turns.flatMap(([first, last]) => Array.from({ length: last - first + 1 }, (_, place) => first + place));
+  return numbers.flatMap((at) => episode.turns[at].items.map((item, place) => [at, place, item]));
+}
+
+// Whether a number is in one of these ranges, among which there can be messages.
+const isWithin = (ranges, number) => ranges.some((each) => Array.isArray(each) && each[0] <= number && number <= each[1]);
+
+// The number of a turn's reply among the messages after the system message, as a compactor's record counts them.
+function numberOf(episode, turn) {
+  return episode.turns.slice(0, turn).reduce((sum, { items }) => sum + 1 + items.length, episode.head.length - 1);
 }
 
 // Whether the picture of a result was left out of a prompt, which shows the newest of the conversation's only.
 function isLeftOut(episode, view, at, item) {
   if (!view.pictures) return false;
   if (!episode.picture_numbers) {
-    episode.picture_numbers = new Map();
-    for (const [turn, { items }] of episode.turns.entries()) {
-      for (const [index, { call }] of items.entries()) {
-        if (call?.picture) episode.picture_numbers.set(`${turn}.${index}`, episode.picture_numbers.size);
-      }
-    }
+    const pictured = itemsIn(episode, { turns: [[0, episode.turns.length - 1]] }).filter(([, , { call }]) => call?.picture);
+    episode.picture_numbers = new Map(pictured.map(([turn, place], number) => [`${turn}.${place}`, number]));
   }
   return episode.picture_numbers.get(`${at}.${item}`) < view.pictures;
 }
 
-// The same, with the origin of each message: its `turn` (none for the head), and whether it was `marked`.
+// The messages of the prompt that led to a turn, with the turn of each and whether it was marked; null without a prompt.
 function promptParts(episode, words, number) {
   const view = episode.turns[number]?.view;
   if (!view) return null;
@@ -103,16 +100,8 @@ function promptParts(episode, words, number) {
 // How many pictures a prompt had: those of the results that it showed, neither masked nor left out.
 function picturesIn(episode, view) {
   const masked = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
-  let count = 0;
-  for (const [first, last] of view.turns) {
-    for (let at = first; at <= last; at += 1) {
-      episode.turns[at].items.forEach(({ call }, item) => {
-        const isShown = call?.picture && !masked.has(`${at}.${item}`) && !isLeftOut(episode, view, at, item);
-        if (isShown) count += 1;
-      });
-    }
-  }
-  return count;
+  const isShown = ([at, item, { call }]) => call?.picture && !masked.has(`${at}.${item}`) && !isLeftOut(episode, view, at, item);
+  return itemsIn(episode, view).filter(isShown).length;
 }
 
 function windowParts(episode, words, number, view) {
@@ -126,20 +115,30 @@ function windowParts(episode, words, number, view) {
   const front = view.turns.slice(0, -1).filter(([, last]) => last < (view.anchors ?? 0)).length;
   const marks = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
   const texts = new Map(view.texts ?? []);
+  const turnParts = (at) => {
+    const turn = episode.turns[at];
+    const reply = turn.sent ?? turn.message;
+    const message = stepOf(episode, at) < (view.words ?? 0) ? bareReply(reply) : reply;
+    const said = { message, turn: at, what: at === view.notes ? "notes" : undefined };
+    const answers = turn.items.map((item, index) => {
+      const marked = marks.has(`${at}.${index}`);
+      const message = messageOf(turn, item, words);
+      const plain = isLeftOut(episode, view, at, index) ? { ...message, content: item.call.text } : message;
+      return { message: marked ? { ...message, content: words.observation_left } : plain, turn: at, marked };
+    });
+    return [said, ...answers];
+  };
+  if (view.messages) {
+    // A compactor has rewritten the history: rows of messages by their numbers, and messages of its own.
+    const all = [...parts.slice(1), ...episode.turns.slice(0, number).flatMap((_, at) => turnParts(at))];
+    const shown = (piece) => (Array.isArray(piece) ? all.slice(piece[0], piece[1] + 1) : { message: piece, what: "strategy" });
+    return [parts[0], ...view.messages.flatMap(shown)];
+  }
   for (const [place, [first, last]] of view.turns.entries()) {
     if (summary && place === front) parts.push(brief);
     for (let at = first; at <= last; at += 1) {
-      const turn = episode.turns[at];
       if (texts.has(at)) parts.push({ message: { role: "user", content: texts.get(at) }, what: "strategy" });
-      const reply = turn.sent ?? turn.message;
-      const message = stepOf(episode, at) < (view.words ?? 0) ? bareReply(reply) : reply;
-      parts.push({ message, turn: at, what: at === view.notes ? "notes" : undefined });
-      turn.items.forEach((item, index) => {
-        const marked = marks.has(`${at}.${index}`);
-        const message = messageOf(turn, item, words);
-        const plain = isLeftOut(episode, view, at, index) ? { ...message, content: item.call.text } : message;
-        parts.push({ message: marked ? { ...message, content: words.observation_left } : plain, turn: at, marked });
-      });
+      parts.push(...turnParts(at));
     }
   }
   return parts;
@@ -175,7 +174,7 @@ function messageOf(turn, item, words) {
   const { manual, text, picture, position } = item.call;
   return {
     role: "tool",
-    content: picture ? [{ type: "text", text }, { type: "image", ...picture }] : manual ? words.manual_is_above : text,
+    content: picture ? [{ type: "text", text }, { type: "image", ...picture }] : manual === true ? words.manual_is_above : text,
     tool_call_id: turn.message.tool_calls[position].id,
   };
 }
@@ -213,7 +212,9 @@ function observationsOf(episode) {
 
 // An episode out of the page, with what is worked out once when it is opened.
 async function openEpisode(key) {
-  const episode = await unpack(`episode-${key}`);
+  const { pack } = page.episodes.find((listed) => listed.key === key);
+  const episode = (await unpack(`pack-${pack}`))[key];
+  episode.turns = rowsOf(episode.turns);
   episode.facts = runningFacts(episode);
   episode.summaries = episode.turns.flatMap(({ summary }) => (summary ? [summary.text] : []));
   if (episode.protocol === "paper") episode.observations = observationsOf(episode);

@@ -1,6 +1,5 @@
 "use strict";
-// A word over all prompts: where it was written, and which prompts could still see it. That shows when a fact was there,
-// and when it had been forgotten.
+// A word over all prompts: where it was written, and which prompts could still see it, until it was forgotten.
 
 // For each turn, whether its prompt has the word. A prompt is made of parts, so each part is searched only once.
 function promptsWith(episode, word) {
@@ -15,7 +14,7 @@ function promptsWith(episode, word) {
   return episode.turns.map(({ view, head }, at) => {
     if (!view) return false;
     // A strategy that changes what turns say is not foreseen here: its prompts are searched as they are.
-    if (view.words || view.pictures || view.texts?.length || view.hidden?.length) return whole(at);
+    if (view.words || view.pictures || view.texts?.length || view.hidden?.length || view.messages) return whole(at);
     const manual = at > 0 ? (episode.facts[at - 1].manual ?? "") : "";
     if ((head ? has(head.map(textOf).join("\n")) : inHead) || has(manual) || has(summaryIn(episode, view))) return true;
     const masks = view.oldest !== undefined || Boolean(view.masked?.length);
@@ -31,21 +30,20 @@ function promptsWith(episode, word) {
 
 // Whether an observation with the word is among those that a view did not replace by a marker.
 function stillSeen(episode, view, written, first, last) {
-  const listed = new Set((view.masked ?? []).map(([turn, item]) => `${turn}.${item}`));
+  const marked = new Set(markedResults(episode, view).map(([turn, item]) => `${turn}.${item}`));
   for (let at = first; at <= last; at += 1) {
-    const oldest = view.oldest === undefined ? -Infinity : at === view.notes ? Infinity : view.oldest;
-    const visible = ([item, step]) => !listed.has(`${at}.${item}`) && step >= oldest;
-    if (written[at].seen.some(visible)) return true;
+    if (written[at].seen.some(([item]) => !marked.has(`${at}.${item}`))) return true;
   }
   return false;
 }
 
-// What each turn wrote with the word: `kept` in what is never replaced, `seen` the observations, as [item, step].
+// What each turn wrote with the word: `kept` in what is never replaced, `seen` in results that age, as [item, date].
 function writtenIn(episode, has) {
   return episode.turns.map(({ message, items }) => {
     const said = message ? textsOf(message) : [];
-    const observations = items.flatMap(({ call }, at) => (call?.observation_step === undefined ? [] : [[at, call.observation_step]]));
-    const others = items.filter(({ call }) => call?.observation_step === undefined && !call?.manual);
+    const dates = items.map(({ call }) => call?.date ?? call?.observation_step);
+    const observations = dates.flatMap((date, at) => (date === undefined ? [] : [[at, date]]));
+    const others = items.filter(({ call }, at) => dates[at] === undefined && !call?.manual);
     const kept = [...said, ...others.map(({ call, message: other }) => call?.text ?? textOf(other))].some(has);
     return { kept, seen: observations.filter(([at]) => has(items[at].call.text)) };
   });

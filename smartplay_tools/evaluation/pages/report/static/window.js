@@ -45,6 +45,8 @@ function sentence(episode, number) {
   if (marked) parts.push(`${marked} with ${plural(count, "observation")} replaced by a marker`);
   if (notes) parts.push(`${notes} for the notes in it`);
   if (dropped) parts.push(`${summaryIn(episode, view) ? "a summary in place of" : "nothing of"} ${dropped}`);
+  const own = view.messages?.filter((piece) => !Array.isArray(piece)).length;
+  if (own) parts.push(`${plural(own, "message")} of the compactor's own`);
   if (episode.pictures) parts.push(`${plural(picturesIn(episode, view), "picture")} in all`);
   if (view.pictures) parts.push(`${plural(view.pictures, "older picture")} left out`);
   const reach = `The view reached back ${plural(view.shown_steps, "observation")}, the current one included`;

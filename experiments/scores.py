@@ -1,0 +1,102 @@
+"""How the included players score at every setting, and what that makes visible in as many trials as the paper has.
+
+    python experiments/scores.py             # plays them; continues where it stopped
+    python experiments/scores.py --publish   # the same, and puts rows, tables and figure into the checkout
+
+Budgets are the settings' own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
+from smartplay_tools.evaluation.analysis.figures.run import run_figures
+from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
+from smartplay_tools.records.rows import Row, grouped
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TRIALS = {
+    "bandit": 100, "rock_paper_scissors": 50, "hanoi": 20, "messenger": 20, "crafter": 10, "minecraft": 5,
+}  # fmt: skip
+"""Worlds of each setting, by the family of games."""
+PLAYERS = ("random", "rule")
+
+
+def play(out: Path, families: Sequence[str] | None) -> Iterator[Row]:
+    """Play every setting with every player, and yield the rows."""
+    settings = [game for game in sp.GAMES if game in sp.GAMES.benchmark]
+    for family, games in grouped(settings, lambda game: sp.GAMES[game].family).items():
+        if not families or family in families:
+            yield from complete(games, PLAYERS, trials=TRIALS[family], out=out / family, executor="inline").rows
+
+
+def scores(rows: Sequence[Row]) -> str:
+    """The mean score of every player at every setting, beside those of the paper's best model and of people."""
+    people, *models = PAPER_RESULTS
+    lines = []
+    for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
+        means = {cell.player: interval(mean_score(own)) for cell, own in cells}
+        best = f"{max(model.raw[game] for model in models):,g}" if game in people.raw else ""
+        human = f"{people.raw[game]:,g}" if game in people.raw else ""
+        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), best, human))
+    return markdown_table(("setting", "worlds", *PLAYERS, "best model of the paper", "human"), lines)
+
+
+def visible(rows: Sequence[Row]) -> str:
+    """The differences that the paper's trials show at its settings, from the spread of these scores."""
+    spread = {(cell.game, cell.player): mean_score(own).sd for cell, own in by_cell(rows)}
+    lines = []
+    for game in (game for game in PAPER_SETTINGS if (game, "rule") in spread):
+        trials, random, rule = sp.GAMES[game].trials, spread[game, "random"], spread[game, "rule"]
+        unlike, alike = math.hypot(random, rule), math.hypot(random, random)
+        least, surely = (_three(mde(unlike, trials, power)) for power in POWERS)
+        shown = _three(random), _three(rule), f"{least} ({surely})", _three(mde(alike, trials))
+        lines.append((f"`{game}`", str(trials), *shown))
+    headings = ("setting", "trials", "sd of `random`", "sd of `rule`")
+    return markdown_table((*headings, "MDE, `rule` against `random`", "MDE, two as variable as `random`"), lines)
+
+
+def degrees() -> str:
+    """How much each setting asks for each capability; the settings of a family that agree share a column."""
+    columns: dict[tuple[str, tuple[int, ...]], list[str]] = {}
+    for spec in (sp.GAMES[game] for game in sp.GAMES if game in sp.GAMES.benchmark):
+        columns.setdefault((spec.family, tuple(spec.challenges.values())), []).append(spec.id)
+    headings = [ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more" for ids in columns.values()]
+    lines = [(name, *(str(own[at]) for _, own in columns)) for at, name in enumerate(CAPABILITIES)]
+    return markdown_table(("capability", *headings), lines)
+
+
+def _three(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def capabilities(rows: Sequence[Row]) -> dict[str, Figure]:
+    """The figure of capabilities of `rule` and `random`, at the settings that have normalised scores."""
+    players = [row for row in rows if row["game"] in PAPER_SETTINGS]
+    return {"capabilities-capabilities": run_figures(players)["capabilities"]}
+
+
+DEGREES = Experiment("degrees", lambda _: {"degrees": degrees()}, read=lambda: None)
+EXPERIMENT = Experiment("scores", lambda rows: {"scores": scores(rows), "visible": visible(rows)}, capabilities)
+
+
+def main() -> None:
+    """Play, and print or publish the tables."""
+    parser = arguments(__doc__, "runs/scores")
+    parser.add_argument("--family", action="append", help="play the settings of this game alone; repeatable")
+    asked = parser.parse_args()
+    EXPERIMENT.conclude(play(asked.out, asked.family), publishes=asked.publish)
+
+
+if __name__ == "__main__":
+    main()

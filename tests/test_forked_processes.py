@@ -1,0 +1,99 @@
+"""Forked processes: threads, locks and connections are their parent's, so a child makes them anew."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.episode.workers import SerialQueue
+from smartplay_tools.errors import TranscriptError
+from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.transcript.file import read_transcript
+from tests.adapters.openai_stub import OpenAIStub
+from tests.processes import needs_unix
+
+needs_unix()
+pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+
+HANOI = "Hanoi3Disk-v0"
+
+
+def in_a_fork(function: Callable[[], Any]) -> Any:
+    """Return what a function returns in a forked process, or the sentence that it raises."""
+    context = multiprocessing.get_context("fork")
+    answers = context.SimpleQueue()
+
+    def answer() -> None:
+        try:
+            answers.put(function())
+        except sp.SmartPlayError as error:
+            answers.put(str(error))
+
+    child = context.Process(target=answer, daemon=True)
+    child.start()
+    child.join(30)
+    if child.is_alive():
+        child.kill()
+        pytest.fail("the forked process waits for ever")
+    return answers.get()
+
+
+def aplay() -> float:
+    with sp.Episode(HANOI, seed=1) as episode:
+        return asyncio.run(sp.aplay(episode, sp.get_player("rule"))).score
+
+
+def test_threads_begin_anew():
+    """Here and in a child: an episode of its own, and one of which its parent runs a call in a thread meanwhile."""
+    begun, may_end = threading.Event(), threading.Event()
+
+    async def both() -> float:
+        running = asyncio.ensure_future(queue.run(lambda: begun.set() or may_end.wait(30)))
+        await asyncio.to_thread(begun.wait)
+        try:
+            return in_a_fork(lambda: (aplay(), asyncio.run(queue.run(lambda: "run"))))
+        finally:
+            may_end.set()
+            await running
+
+    queue = SerialQueue()
+    assert asyncio.run(both()) == (aplay(), "run")
+
+
+def test_a_record_is_written_by_the_process_that_writes_first(tmp_path):
+    episode = sp.Episode(HANOI, seed=1, transcript=tmp_path / "record.jsonl")
+    episode.call("observe", "{}")
+    assert in_a_fork(lambda: episode.call("act", '{"action": "1"}').is_error) is False
+    with pytest.raises(TranscriptError, match="another program has changed it"):
+        episode.call("observe", "{}")
+    assert len(read_transcript(tmp_path / "record.jsonl")) == 3
+
+
+def test_a_player_opens_new_connections():
+    script = [{"role": "assistant", "content": f"{number}"} for number in range(3)]
+    with OpenAIStub(script) as server, sp.get_player("openai:m", base_url=server.base_url) as player:
+        prompt = sp.Prompt([{"role": "user", "content": "Play."}], ())
+
+        def ask() -> str:
+            return player.reply(prompt).message["content"]
+
+        assert [ask(), in_a_fork(ask), ask()] == ["0", "1", "2"]
+
+
+def test_a_daemonic_process_plays_without_further_processes(tmp_path):
+    """As in a worker of `multiprocessing.Pool`: what cannot be done is told before there is a folder."""
+    asked = {"games": [HANOI], "players": ["rule"], "trials": 2}
+    assert 'executor="inline"' in in_a_fork(lambda: sp.evaluate(**asked, out=tmp_path / "refused"))
+    assert not (tmp_path / "refused").exists()
+
+    def play() -> list[tuple[str, ...]]:
+        run = sp.evaluate(**asked, out=tmp_path / "run", executor="inline")
+        return [found.differences for found in audit(run.folder, 2)]
+
+    assert in_a_fork(play) == [(), ()]
