@@ -1,14 +1,13 @@
 """The judge of compaction: other projects' compactors, unchanged, under a cap that cannot be exceeded.
 
-    python experiments/compaction.py             # plays; continues where it stopped
-    python experiments/compaction.py --publish   # the same, and puts rows, tables and figure into the checkout
-    python experiments/compaction.py --pilot     # another world, of which nothing is published
+    python experiments/compaction.py --out runs/compaction     # plays; continues where it stopped
+    python experiments/compaction.py --pilot                   # another world, of which nothing is published
 
 Every compactor plays the same worlds under the same caps, beside dropping, masking, a summary and `recall` of this
-library. The script plays what the environment has the packages for, and leaves the rest to another environment with the
-same folder: OpenHands' SDK needs Python 3.12. The players are scripted. `reader` plays games with cards, rightly where
-its prompt shows what is needed; as a summary it writes the observations that the question shows, the newest of them if
-not all fit. `rule-notes`, told to say nothing, plays SmartPlay's games from the rounds and the manual that it sees.
+library. What this environment lacks the packages for is left to another one with the same folder: OpenHands' SDK needs
+Python 3.12. The players are scripted. `reader` plays games with cards, rightly where its prompt shows what is needed;
+as a summary it writes the observations that the question shows, the newest of them if not all fit. `rule-notes`, told
+to say nothing, plays SmartPlay's games from the rounds and the manual that it sees.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from page_tables import HERE, Experiment, arguments, complete, interval, markdown_table, repeat_previous
+from page_tables import Experiment, arguments, complete, interval, markdown_table, repeat_previous
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
@@ -46,7 +45,7 @@ from smartplay_tools.types.messages import text_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FILES = HERE / "compactors"
+FILES = Path(__file__).parent / "compactors"
 SEED, TRIALS = 4711, 8
 PILOT_SEED, PILOT_TRIALS = 11, 1
 SMALL, LARGE = 1500, 4000
@@ -345,15 +344,13 @@ def claims_table(cells: Cells) -> str:
     """Every claim with its outcome; the intervals hold together."""
     lines = []
     for claim in CLAIMS:
-        longest = dict(lines_of(cells, claim.cap))[claim.way]
-        each = less_dropping(cells, (claim.stage, claim.cap, longest, claim.way), bonferroni(len(CLAIMS)))
-        assert each is not None
-        assert each.low is not None
-        assert each.high is not None
-        is_decided = not each.low <= 0 <= each.high
-        outcome = ("confirmed" if (each.low > 0) == claim.is_better else "contradicted") if is_decided else "undecided"
+        place = claim.stage, claim.cap, dict(lines_of(cells, claim.cap)).get(claim.way, 0), claim.way
+        each = less_dropping(cells, place, bonferroni(len(CLAIMS))) if place in cells else None
+        low, high = (each.low or 0, each.high or 0) if each is not None else (0, 0)  # one world has no interval
+        is_decided = not low <= 0 <= high
+        outcome = ("confirmed" if (low > 0) == claim.is_better else "contradicted") if is_decided else "undecided"
         facts = [f"{claim.stage}, cap {claim.cap:,}", claim.way, "more" if claim.is_better else "less"]
-        lines.append([*facts, f"{each.mean:+.2f} [{each.low:+.2f}, {each.high:+.2f}]", outcome])
+        lines.append([*facts, interval(each, "+"), outcome])
     headings = ("game", "strategy", "claim: scores", "less dropping [95 %, all together]", "outcome")
     return markdown_table(headings, lines)
 
@@ -379,8 +376,9 @@ def dots(cells: Cells) -> Figure:
     return drawn
 
 
-def tables(cells: Cells) -> dict[str, str]:
+def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
+    cells = cells_of(rows)
     return {
         "compaction-1500": scores_table(cells, SMALL),
         "compaction-4000": scores_table(cells, LARGE),
@@ -392,9 +390,7 @@ def tables(cells: Cells) -> dict[str, str]:
     }
 
 
-EXPERIMENT = Experiment(
-    "compaction", lambda rows: tables(cells_of(rows)), lambda rows: {"compaction": dots(cells_of(rows))}
-)
+EXPERIMENT = Experiment("compaction", tables, lambda rows: {"compaction": dots(cells_of(rows))})
 
 
 def main() -> None:
@@ -403,10 +399,8 @@ def main() -> None:
     parser.add_argument("--pilot", action="store_true", help="play another world, and publish nothing")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)  # of frameworks, for every question that is refused
-    if asked.pilot:
-        EXPERIMENT.conclude(play(asked.out / "pilot", PILOT_SEED, PILOT_TRIALS), publishes=False)
-    else:
-        EXPERIMENT.conclude(play(asked.out / "fresh", SEED, TRIALS), publishes=asked.publish)
+    folder, seed, trials = ("pilot", PILOT_SEED, PILOT_TRIALS) if asked.pilot else ("fresh", SEED, TRIALS)
+    EXPERIMENT.conclude(play(asked.out / folder, seed, trials), publishes=asked.publish and not asked.pilot)
 
 
 if __name__ == "__main__":
