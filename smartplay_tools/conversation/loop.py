@@ -36,15 +36,21 @@ def apart_from_event_loop(call: Callable[Given, T], /, *args: Given.args, **kwar
     A notebook runs its cells on an event loop. Signals still reach this thread while it waits, so Ctrl-C and the
     notebook's stop button stop a run between two turns as they do elsewhere.
     """
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
+    if not _is_on_event_loop():
         return call(*args, **kwargs)
     thread = ThreadPoolExecutor(1, "smartplay-tools run")
     try:
         return thread.submit(call, *args, **kwargs).result()
     finally:
         thread.shutdown(wait=False)
+
+
+def _is_on_event_loop() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 async def reply_of(player: Player | AsyncPlayer, prompt: Prompt) -> Reply:
