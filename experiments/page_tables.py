@@ -40,9 +40,11 @@ LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
 REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
 
 
-def repeat_previous(k: int) -> str:
-    """Register RepeatPrevious with one deck and this `k`, which needs k - 1 past steps; return its id."""
-    facts: dict[str, Any] = {"kwargs": {"decks": 1, "k": k}, "memory": k - 1, "worst_step": -1 / (52 - k)}
+def repeat_previous(k: int, decks: int = 1) -> str:
+    """Register RepeatPrevious with this `k`, which needs k - 1 past steps; return its id."""
+    steps = 52 * decks - 1
+    facts: dict[str, Any] = {"kwargs": {"decks": decks, "k": k}, "memory": k - 1, "worst_step": -1 / (52 * decks - k)}
+    facts |= {"history": steps, "rollout": steps}
     return sp.register(replace(REPEAT, id=f"RepeatPrevious{k}-v0", **facts)).id
 
 
@@ -132,13 +134,6 @@ def publish(page: Path, name: str, written: str) -> None:
     if not end:
         raise ValueError(f"{page} has no place for the table {name}: a line {mark(name)!r} and, below it, {END!r}.")
     page.write_text(f"{before}{marked}\n{written}\n\n{end}{after}", encoding="utf-8")
-
-
-def show(page: Path, name: str, written: str, *, publishes: bool) -> None:
-    """Print a table, and put it into a page if it is to be published."""
-    print(written, "\n", flush=True)
-    if publishes:
-        publish(page, name, written)
 
 
 def _compact(drawing: str) -> str:

@@ -82,6 +82,13 @@ class TestMasking:
             seen.append(conversation.view.dropped_turns)
         assert seen == dropped
 
+    def test_the_newest_observation_takes_its_room_though_later_turns_have_none(self):
+        conversation = begin(**room(120, history=None))
+        for message in (acting(), acting(), saying("word " * 10), saying("word " * 10)):
+            conversation.receive(message)
+        assert conversation.prompt() is not None
+        assert (conversation.view.selection.pinned, conversation.view.selection.first) == ((1,), 3)
+
     def test_without_a_history_there_is_nothing_to_mask(self):
         with pytest.raises(sp.InvalidArgumentError, match="masks nothing"):
             begin(history=None, beyond_history="mask")
