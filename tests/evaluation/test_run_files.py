@@ -19,6 +19,7 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
 from smartplay_tools.evaluation.runs.runner import run_plan
+from smartplay_tools.registry import read_file
 from tests.evaluation.command import run
 from tests.evaluation.players import Waiting
 from tests.evaluation.servers import calling, completion, serving
@@ -208,6 +209,6 @@ def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path)
     issued = issue_seed(tmp_path / "seeds.jsonl", "An agent")
     assert read_seeds(marked("seeds.jsonl", (tmp_path / "seeds.jsonl").read_text())) == [issued]
     nim = marked("nim.py", Path("tests/data/nim.py").read_text())
-    assert run("play", f"{nim}:SPEC", "--player", "random", "--tool-calls", 2)[0] == 0
+    assert read_file(f"{nim}:SPEC", is_one=lambda held: True).value.id == "Nim-v0"
     facts = marked("facts.json", '{"name": 1}')
     assert _read_facts(facts) == {"name": 1}
