@@ -137,8 +137,11 @@ def publish(page: Path, name: str, written: str) -> None:
 
 
 def _compact(drawing: str) -> str:
-    """A drawing with two decimals and without indentation: a repository keeps every version of it."""
-    return re.sub(r"\n +", "\n", re.sub(r"(\.\d\d)\d+", r"\1", drawing))
+    """A drawing with two decimals and without indentation: a repository keeps every version of it.
+
+    Numbers below 1 keep theirs, since they are the scales of letters.
+    """
+    return re.sub(r"\n +", "\n", re.sub(r"([1-9]\d*\.\d\d)\d+", r"\1", drawing))
 
 
 def table_row(cells: Iterable[str]) -> str:

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.context.prompts import last_markable
 from smartplay_tools.context.prompts.budget_line import SENTENCES
 from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
 from smartplay_tools.context.strategies.memory import COMMANDS
@@ -136,3 +137,8 @@ def test_a_new_version_is_a_file_and_a_constant(tmp_path):
         re.sub(r"(?<=[a-z])\.", "!", text_of(m)) for m in before[1]["messages"]
     ]
     assert after[-2]["text"].endswith("The game is over!")
+
+
+def test_a_reply_is_not_marked_for_a_cache_and_the_message_before_it_is():
+    message = {"role": "user", "content": "What now?"}
+    assert last_markable([message, message, {"role": "assistant", "content": "Rock."}]) == 1

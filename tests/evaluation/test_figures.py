@@ -223,7 +223,7 @@ def test_a_score_that_never_differs_has_an_axis_from_zero():
     rows = [row(seed, 3, history=h, tokens=100 * h, normalized_score=None) for h in (1, 5) for seed in range(3)]
     for drawn in (score_against_history(compare_windows(rows)), frontier(compare_windows(rows))):
         low, high = drawn.axes[0].get_ylim()
-        assert -5 < low <= 0
+        assert -1 < low <= 0
         assert high > 3
 
 

@@ -142,7 +142,7 @@ def _surroundings(seen: Observation, mode: TextMode) -> str:
         distance = math.sqrt(dx**2 + dy**2 + dz**2)
         if distance and (name not in nearest or distance < nearest[name][0]):
             vertical = "above you " if dy > 0 else "below you " if dy < 0 else ""
-            nearest[name] = distance, f"{vertical}to {_compass(south=dz, east=dx, at_least=0)}"
+            nearest[name] = distance, f"{vertical}to {_compass(south=float(dz), east=float(dx), at_least=0)}"
     lines = [f" - {name}, {distance:.2f} blocks away, {where}" for name, (distance, where) in nearest.items()]
     return "\n".join(["Around you:", *lines])
 
