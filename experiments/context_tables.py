@@ -64,7 +64,7 @@ def table(name: str, rows: Sequence[Row]) -> str:
     effect: Column = less, difference(lambda each: _difference(each.differences.get("score")))
     columns = [GAME, PLAYER, place, EPISODES, SCORE, effect, TOKENS, STABLE, *further]
     more = {"history": _control, "crafter": _notes, "messenger": _notes}.get(name)
-    shown = comparison_table(rows, along, columns, without=[CONTROL])
+    shown = comparison_table(rows, along, columns, without=[CONTROL] if name == "history" else [])
     return "\n".join([shown, *(["", *more(rows)] if more else [])])
 
 

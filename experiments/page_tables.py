@@ -40,9 +40,11 @@ LEFT_OUT = ("versions", "deviations", "asked", "state_hash", "key")
 REPEAT = sp.GAMES["popgym-RepeatPreviousEasy-v0"]
 
 
-def repeat_previous(k: int) -> str:
-    """Register RepeatPrevious with one deck and this `k`, which needs k - 1 past steps; return its id."""
-    facts: dict[str, Any] = {"kwargs": {"decks": 1, "k": k}, "memory": k - 1, "worst_step": -1 / (52 - k)}
+def repeat_previous(k: int, decks: int = 1) -> str:
+    """Register RepeatPrevious with this `k`, which needs k - 1 past steps; return its id."""
+    steps = 52 * decks - 1
+    facts: dict[str, Any] = {"kwargs": {"decks": decks, "k": k}, "memory": k - 1, "worst_step": -1 / (52 * decks - k)}
+    facts |= {"history": steps, "rollout": steps}
     return sp.register(replace(REPEAT, id=f"RepeatPrevious{k}-v0", **facts)).id
 
 
@@ -134,16 +136,12 @@ def publish(page: Path, name: str, written: str) -> None:
     page.write_text(f"{before}{marked}\n{written}\n\n{end}{after}", encoding="utf-8")
 
 
-def show(page: Path, name: str, written: str, *, publishes: bool) -> None:
-    """Print a table, and put it into a page if it is to be published."""
-    print(written, "\n", flush=True)
-    if publishes:
-        publish(page, name, written)
-
-
 def _compact(drawing: str) -> str:
-    """A drawing with two decimals and without indentation: a repository keeps every version of it."""
-    return re.sub(r"\n +", "\n", re.sub(r"(\.\d\d)\d+", r"\1", drawing))
+    """A drawing with two decimals and without indentation: a repository keeps every version of it.
+
+    Numbers below 1 keep theirs, since they are the scales of letters.
+    """
+    return re.sub(r"\n +", "\n", re.sub(r"([1-9]\d*\.\d\d)\d+", r"\1", drawing))
 
 
 def table_row(cells: Iterable[str]) -> str:

@@ -15,7 +15,8 @@ from page_tables import Experiment
 from scores import DEGREES
 
 SCRIPTS = (
-    "arena", "arena_curves", "arena_claims", "caps", "carry", "learned_tables", "local", "ruler", "scores",
+    "arena", "arena_curves", "arena_claims", "caps", "carry", "compaction", "learned_tables", "local", "ruler",
+    "scores",
 )  # fmt: skip
 
 

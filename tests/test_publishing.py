@@ -295,6 +295,7 @@ def test_the_development_environment_is_fixed_by_versions_alone():
 
 ALLOWED_ADDRESSES = (
     "https://arxiv.org/abs/2310.01557",
+    "https://cosmic-ray.readthedocs.io",
     "https://keepachangelog.com",
     "https://semver.org",
 )

@@ -33,7 +33,7 @@ from smartplay_tools.context.rewriting import (
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from smartplay_tools.context.turns import Form, Turn
-from smartplay_tools.context.view import Head, Selection, View, ranges_of
+from smartplay_tools.context.view import Head, Selection, View
 from smartplay_tools.context.window_state import WindowState
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
 from smartplay_tools.transcript.events import Event
@@ -244,7 +244,10 @@ class CompactingWindow(Window):
             self._record(event)
             raise PromptOverflowError("The newest turn does not fit beside system message and tools.")
         lost, kept, tokens = fitting
-        event["shown"] = ranges_of([*range(lost, len(lead)), *range(length - kept, length)])
+        rows = [range(lost, len(lead)), range(length - kept, length)]
+        if rows[0].stop == rows[1].start:
+            rows = [range(lost, length)]
+        event["shown"] = [[row.start, row.stop - 1] for row in rows if row]
         event["task"] = bool(self._task(lead[lost:]))
         history.take(event)
         view = self._shown(head + tokens)
@@ -258,7 +261,6 @@ class CompactingWindow(Window):
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        sums, starts = self._sums, self._history.starts
         before, passed, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0, 0
         # `turn` are the tokens that were passed since the reply with which the messages that stay begin.
         for piece in reversed(pieces):
@@ -268,25 +270,29 @@ class CompactingWindow(Window):
                 if piece.message["role"] == "assistant" and (not kept or before + tokens + turn <= room):
                     kept, tokens, turn = passed, tokens + turn, 0
             else:
-                first, stop = (bisect_left(starts, number) for number in (piece.start, piece.stop))
-                least = before + tokens + turn + sums[piece.stop] - room
-                at = bisect_left(starts, least, first, stop, key=sums.__getitem__)
-                if at == stop > first and not kept:
-                    at -= 1
-                start = starts[at] if at < stop else piece.stop  # of the first turn in the row that stays
-                if at < stop:
-                    kept, tokens, turn = (
-                        passed - (start - piece.start),
-                        tokens + turn + sums[piece.stop] - sums[start],
-                        0,
-                    )
-                turn += sums[start] - sums[piece.start]
+                start = self._first_reply(piece, room - before - tokens - turn, is_needed=not kept)
+                if start is not None:
+                    kept, tokens = passed - (start - piece.start), tokens + turn + self._size(range(start, piece.stop))
+                    turn = 0
+                turn += self._size(range(piece.start, piece.stop if start is None else start))
             if kept and before + tokens + turn > room:
                 break
         for lost in range(len(lead) + bool(kept)):
             if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
                 return lost, kept, needs
         return None
+
+    def _first_reply(self, row: range, most: int, *, is_needed: bool) -> int | None:
+        """The first reply in a row from which on its messages take at most so many tokens; None if there is none.
+
+        One that `is_needed` is then the last reply in the row.
+        """
+        starts = self._history.starts
+        first, stop = (bisect_left(starts, number) for number in (row.start, row.stop))
+        at = bisect_left(starts, self._sums[row.stop] - most, first, stop, key=self._sums.__getitem__)
+        if at == stop > first and is_needed:
+            at -= 1
+        return starts[at] if at < stop else None
 
     def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
@@ -329,7 +335,7 @@ class CompactingWindow(Window):
     def _is_seen(self, forms: Sequence[Form]) -> bool:
         """Whether messages show the newest observation, or have its words or its picture; True without one."""
         state = self._state
-        if state.newest is None or any(form.step == state.step for form in forms):
+        if state.newest is None or any(form.step == state.step for form in reversed(forms)):
             return True
         [*_, newest] = [item for item in state.index.turns[state.newest].items if item.observation_step == state.step]
         words, pictures = newest.observation_words, [part["sha256"] for part in pictures_of(newest.message)]
@@ -344,5 +350,6 @@ class CompactingWindow(Window):
         state = self._state
         *others, run = turns if turns and turns[-1].stop == state.turns else [*turns, range(state.turns, state.turns)]
         pinned = {turn for each in others for turn in each if turn not in run}
-        facts = {"pictures": state.pictures, "first_whole": state.first_whole}
-        return Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest, **facts)
+        chosen = Selection(tuple(sorted(pinned)), run.start, state.last, state.oldest, first_whole=state.first_whole)
+        chosen.pictures = state.pictures
+        return chosen

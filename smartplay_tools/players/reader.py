@@ -83,14 +83,15 @@ class ReaderPlayer:
 def visible(reading: Reading, steps: int, known: Mapping[str, int]) -> dict[int, str]:
     """Return the observations in a prompt by their steps, in one line each: as results, and as lines `Step 3: TEXT`.
 
-    Results have their `known` steps; others are counted back from the number of steps played.
+    Those whose step is `known` may be quoted anywhere, as compactors do; other results are counted back from the
+    number of steps played.
     """
-    texts = [text for message in reading.prompt.messages if not is_carried(message) for text in _texts(message)]
-    seen = {int(step): text for text in texts for step, text in STEP.findall(NUMBERED.sub("", text))}
-    shown = set(reading.observations)
+    text = "\n".join(text for each in reading.prompt.messages if not is_carried(each) for text in _texts(each))
+    seen = {int(step): line for step, line in STEP.findall(NUMBERED.sub("", text))}
+    seen |= {step: " ".join(observation.split()) for observation, step in known.items() if observation in text}
     for each in reversed(reading.seen):
-        if each.tool in ("act", "observe") and each.text in shown:
-            seen[known.get(each.text, steps)] = " ".join(each.text.split())
+        if each.tool in ("act", "observe") and each.text not in known and each.text in reading.observations:
+            seen[steps] = " ".join(each.text.split())
         steps -= each.tool == "act" and not is_error(each.text)
     return {step: seen[step] for step in sorted(seen)}
 

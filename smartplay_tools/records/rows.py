@@ -174,6 +174,8 @@ class Timing(BaseModel):
     key: str
     attempt: Count
     seconds: Amount
+    game_seconds: Amount
+    processor_seconds: Amount
     began_again: str | None = None
 
 

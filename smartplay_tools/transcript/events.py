@@ -250,10 +250,12 @@ class CallData(TypedDict, total=False):
 
     score: Amount
     reward: Amount
-    step: Count | None
+    step: Count
     observation_step: Count | None
-    needs: list[int] | None
-    breaks: list[int] | None
+    state_hash: str
+    action: int
+    needs: list[int]
+    breaks: list[int]
     legal: bool
     manual: bool
     mistake: str | None

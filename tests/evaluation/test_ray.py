@@ -74,17 +74,31 @@ def test_a_cap_holds_on_a_cluster(tmp_path):
     assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
 
 
-def test_a_cluster_plays_the_records_of_chains(tmp_path):
+ASKS = """
+from smartplay_tools.context.compaction import asked
+
+class Asks:
+    def compact(self, history, room):
+        question = [*history, {"role": "user", "content": "Sum up."}]
+        summed = lambda ask: [history[0], {"role": "user", "content": ask(question)["content"]}]
+        return asked(summed) if room.count(history) > 300 else history
+"""
+
+
+def test_every_executor_plays_the_records_of_chains_and_of_a_compactor_that_asks(tmp_path):
+    (tmp_path / "asks.py").write_text(ASKS)
     asked = f"--games {BANDIT} --players rule-notes --trials 6 --carry notes --chain 3 --notes-tokens 100 --workers 2"
+    asked += " --history none --prompt-tokens 900 --strategy asks.py:Asks"
     played = []
-    for executor in ("inline", "ray"):
+    for executor in ("inline", "processes", "async", "ray"):
         out = tmp_path / executor
         command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
-        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240)
+        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240, cwd=tmp_path)
         folder = RunFolder(out)
+        assert all(row["questions"] > 0 and row["end_reason"] == "rollout" for row in folder.rows())
         played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
     assert len(played[0]) == 6
-    assert played[0] == played[1]
+    assert played[1:] == played[:1] * 3
 
 
 RETRIED_ELSEWHERE = """

@@ -110,7 +110,7 @@ def test_tables_of_several_runs_are_named_in_every_format(folder, tmp_path):
     other.symlink_to(folder)
     shown = run(folder, other, "--format", "markdown").output
     assert [line for line in shown.splitlines() if line.startswith("**")] == [f"**{folder}**", f"**{other}**"]
-    assert f"\\caption{{{other}: [ ]" in run(folder, other, "--format", "latex").output.replace("\\_", "_")
+    assert f"\\caption{{{other}.}}" in run(folder, other, "--format", "latex").output.replace("\\_", "_")
     assert run(folder, "--format", "markdown").output.startswith("| game and player |")
 
 

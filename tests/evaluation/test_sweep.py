@@ -217,8 +217,8 @@ def test_a_dry_run_plays_nothing(tmp_path):
     shown = CliRunner().invoke(app, command)
     assert shown.exit_code == 0
     table = shown.stdout.splitlines()
-    assert table[0].split()[:2] == ["budget", "episodes"]
-    assert [line[:10].strip() for line in table[1:4]] == ["history 1", "history 5", "all"]
+    assert table[0].split()[:4] == ["game", "and", "player", "episodes"]
+    assert [line[:11].strip() for line in table[2:5]] == ["history 1", "history 5", "all"]
     assert not (tmp_path / "run").exists()
 
 

@@ -106,6 +106,11 @@ def test_numbers_of_steps_count_back_from_the_newest_result_where_nothing_else_t
     assert visible(Reading(prompt), 5, {}) == {0: "Letter 0 is A.", 4: "Letter 4 is B.", 5: "Letter 5 is C."}
 
 
+def test_an_observation_that_was_the_newest_once_is_read_wherever_it_is_quoted():
+    prompt = sp.Prompt([{"role": "user", "content": '[{"role": "tool", "content": "Letter 3 is D."}]'}])
+    assert visible(Reading(prompt), 5, {"Letter 2 is A.": 2, "Letter 3 is D.": 3}) == {3: "Letter 3 is D."}
+
+
 def test_a_game_that_does_not_say_what_follows_is_refused():
     with sp.Episode("Hanoi3Disk-v0", seed=1) as episode, pytest.raises(sp.InvalidArgumentError, match="Play random"):
         sp.play(episode, sp.get_player("reader"))

@@ -29,7 +29,7 @@ class Summaries(BudgetStrategy):
         self._counter, self._words = counter, words
         self._cap = cap = budget.summary_tokens
         self._frame = f"{words('summary')}\n"
-        self.question = Form({"role": "user", "content": words("summary_request", tokens=cap)})
+        self.question: Form = Form({"role": "user", "content": words("summary_request", tokens=cap)})
         """The last message of a prompt that asks for a summary."""
         self.question_tokens = self.question.tokens(counter)
         longest = 3 + counter.text("user") + counter.text(self._frame) + cap

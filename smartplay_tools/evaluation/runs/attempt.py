@@ -189,8 +189,9 @@ def _ask_again(players: Players, events: list[Event]) -> None:
     record = Record(events)
     prompts = sent_prompts(events, pictures=recorded_pictures(events))
     for sent, replied in record.with_replies(prompts, record.sent_replies):
-        asks = players.second is not None and sent.prompt.purpose == "compaction"
-        player = players.second if asks else players.first
+        player = players.first
+        if players.second is not None and sent.prompt.purpose == "compaction":
+            player = players.second
         if replied is not None and not remembers_nothing(player):
             reply = player.reply(sent.prompt) if isinstance(player, Player) else asyncio.run(player.areply(sent.prompt))
             if assistant_message(reply.message) != replied:

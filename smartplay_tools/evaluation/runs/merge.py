@@ -160,12 +160,12 @@ def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> 
     for episode in manifest.planned:
         if episode.key in by_key:
             continue
-        lacking = {"game": manifest.cells[episode.cell].game, "has_row": False}
-        if episode.key in finished:
+        game, has_record = manifest.cells[episode.cell].game, episode.key in finished
+        why = "It has no row and no record."
+        if has_record:
             why = "It has a record and no row; the run's own command makes it from the record."
-            yield EpisodeAudit(episode.key, differences=(why,), **lacking)
-        elif episode.cell in needed:
-            yield EpisodeAudit(episode.key, differences=("It has no row and no record.",), has_record=False, **lacking)
+        if has_record or episode.cell in needed:
+            yield EpisodeAudit(episode.key, game, (why,), has_row=False, has_record=has_record)
     for key in sorted(finished - {episode.key for episode in manifest.episodes}):
         yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
 

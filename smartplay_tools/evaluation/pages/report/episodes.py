@@ -112,8 +112,8 @@ def turns(record: Record) -> list[dict[str, Any]]:
         contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _LEFT_OUT}
         if (head := record.head_of[view["turn"]]) is not record.heads[0]:  # the host has changed its part
             contents[view["turn"]]["head"] = head["messages"]
-    for view, history in rewritten_prompts(record.events, [] if record.is_paper else record.turns):
-        contents[view["turn"]]["view"]["messages"] = _on_page(history)
+    for shown_by, history in rewritten_prompts(record.events, [] if record.is_paper else record.turns):
+        contents[shown_by["turn"]]["view"]["messages"] = _on_page(history)
     for summary in record.summaries:
         shown = {name: summary[name] for name in ("covers", "message", "text", "cut", "empty")}
         contents[summary["turn"]]["summary"] = shown
