@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.prompt_figures import prompt_rows
+from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series, save_figure
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records.accounts import shown_turns
@@ -225,6 +226,12 @@ def test_a_score_that_never_differs_has_an_axis_from_zero():
         low, high = drawn.axes[0].get_ylim()
         assert -1 < low <= 0
         assert high > 3
+
+
+def test_costs_have_a_frontier_of_their_own_if_anything_was_paid():
+    for price, is_drawn in ((0.01, True), (0.0, False)):
+        rows = [row(seed, 3, history=h, tokens=100 * h, cost=price * h) for h in (1, 5) for seed in range(2)]
+        assert ("frontier-of-cost" in run_figures(rows)) == is_drawn
 
 
 def test_the_words_of_an_svg_can_be_text(tmp_path):
