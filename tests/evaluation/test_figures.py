@@ -228,10 +228,11 @@ def test_a_score_that_never_differs_has_an_axis_from_zero():
         assert high > 3
 
 
-def test_costs_have_a_frontier_of_their_own_if_anything_was_paid():
-    for price, is_drawn in ((0.01, True), (0.0, False)):
-        rows = [row(seed, 3, history=h, tokens=100 * h, cost=price * h) for h in (1, 5) for seed in range(2)]
-        assert ("frontier-of-cost" in run_figures(rows)) == is_drawn
+def test_costs_are_drawn_if_anything_was_paid_and_capabilities_of_two_settings():
+    paid = [row(seed, 3, history=h, tokens=100 * h, cost=h / 100) for h in (1, 5) for seed in range(2)]
+    free = [each | {"cost": 0.0, "game": game} for each in paid for game in (BANDIT, RPS)]
+    extra = {"frontier-of-cost", "capabilities"}
+    assert [extra & run_figures(rows).keys() for rows in (paid, free)] == [{"frontier-of-cost"}, {"capabilities"}]
 
 
 def test_the_words_of_an_svg_can_be_text(tmp_path):
