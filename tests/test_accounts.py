@@ -77,7 +77,9 @@ def accounts_of(record: Record) -> Accounts:
 
 
 def test_the_parts_are_what_they_are_called(record):
-    last = dict(zip(PARTS, accounts_of(record).parts(record.views[-1]), strict=True))
+    accounts = accounts_of(record)
+    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
+    last = dict(zip(PARTS, accounts.parts(record.views[-1]), strict=True))
     budget = sp.Budget(**record.facts["asked"])
     assert all(last[part] for part in ("task", "words", "calls", "observations"))
     assert bool(last["texts"]) == (budget.strategy is not None)

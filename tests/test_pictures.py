@@ -31,6 +31,7 @@ from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
 from tests import fuzz, scripts
+from tests.games.test_minecraft_text import nothing, see
 from tests.test_conversation import acting, calling
 
 GAMES = ("Crafter-v0", "MinedojoCreative0-v0")
@@ -199,6 +200,10 @@ def test_minecrafts_picture_has_the_sky_above_and_the_ground_below():
         assert episode.counter.image(204, 204) == 64
     sky = [(pixels[row] == minecraft.BLOCKS["air"]).all(axis=-1).sum() for row in (0, -1)]
     assert sky[0] > sky[1] == 0
+    seen = nothing()
+    see(seen, 8, 8, "stone", 32)
+    # At 65 blocks a colour has 96 of 256 parts of its brightness, and here 178.
+    assert minecraft.draw(seen)[8, 8].tolist() == [part * 178 // 256 for part in minecraft.BLOCKS["stone"]]
 
 
 @pytest.mark.parametrize("game", GAMES)

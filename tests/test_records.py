@@ -18,7 +18,7 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.players import get_player
-from smartplay_tools.records import Record
+from smartplay_tools.records import Record, driver
 from smartplay_tools.transcript import EVENTS, FORMAT, TranscriptWriter
 from smartplay_tools.types import ToolCall
 from tests import scripts
@@ -369,3 +369,8 @@ class TestResume:
                 resumed.episode.call("act", {"action": "1"})
             assert resumed.episode.result.end_reason == "rollout"
         assert sp.replay(path).identical
+
+
+def test_a_field_that_earlier_versions_lack_hides_no_other_that_is_missing():
+    now = {"scoring": 1, "shape": 2}
+    assert list(driver._field_differences("start", {}, now, "start")) == ["start shape is missing in the record."]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context import ContextWindow
+from smartplay_tools.context import ContextWindow, strategies
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens import TokenCounter
@@ -295,6 +295,13 @@ def test_a_strategy_needs_a_window_and_tools(strategy, where):
 
     with pytest.raises(sp.InvalidArgumentError, match="needs a window over tool calls"):
         begin_there()
+
+
+def test_two_strategies_that_decide_the_same_are_refused(monkeypatch):
+    pinning = type("Pinning", (KINDS["first_turns"],), {"pinned": lambda self, turn: None})
+    monkeypatch.setattr(strategies, "KINDS", {**KINDS, "first_turns": pinning})
+    with pytest.raises(sp.InvalidArgumentError, match=r"first_turns.* both pin a turn, and one strategy alone can"):
+        begin(**room(200, first_turns=1, notes_tokens=10))
 
 
 def test_at_their_defaults_nothing_is_written_of_them():

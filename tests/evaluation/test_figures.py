@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.figures.curves import (
 )
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.prompt_figures import prompt_rows
+from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.figures.style import COLOURS, LINES, MARKERS, RULES, Series, save_figure
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records.accounts import shown_turns
@@ -225,6 +226,13 @@ def test_a_score_that_never_differs_has_an_axis_from_zero():
         low, high = drawn.axes[0].get_ylim()
         assert -1 < low <= 0
         assert high > 3
+
+
+def test_costs_are_drawn_if_anything_was_paid_and_capabilities_of_two_settings():
+    paid = [row(seed, 3, history=h, tokens=100 * h, cost=h / 100) for h in (1, 5) for seed in range(2)]
+    free = [each | {"cost": 0.0, "game": game} for each in paid for game in (BANDIT, RPS)]
+    extra = {"frontier-of-cost", "capabilities"}
+    assert [extra & run_figures(rows).keys() for rows in (paid, free)] == [{"frontier-of-cost"}, {"capabilities"}]
 
 
 def test_the_words_of_an_svg_can_be_text(tmp_path):

@@ -93,18 +93,6 @@ def test_with_any_channel_it_plays_messenger_as_with_all_that_it_uses_in_the_win
     assert actions(spoken) == actions(noted) == actions(summed) == actions(seen)
 
 
-@pytest.mark.slow
-def test_a_memory_recovers_what_a_narrow_window_costs_at_messenger_level_3():
-    def score(*, words: bool = False, **budget: object) -> float:
-        return play("MessengerL3-v0", 1, words=words, **budget)[0].score
-
-    assert score(history=0) == -1
-    assert score(history=3) == 1
-    assert score(history=0, words=True) == 1
-    assert score(history=0, notes_tokens=200) == 1
-    assert score(history=5, prompt_tokens=900, summary_tokens=200, slack=0.5) == 1
-
-
 def test_messenger_keeps_fewer_observations_where_notes_are_short():
     result, events = play("MessengerL2-v0", 6, words=False, history=0, notes_tokens=60)
     assert result.refused_notes == 0
