@@ -56,7 +56,7 @@ vicuna-13b        28.81 7.1   0.2 -1    -0.76  56.7   0.43   0.64 0.17 0.07 0.00
 
 def test_the_settings_are_the_papers_table():
     rows = []
-    for spec in sp.GAMES.values():
+    for spec in (spec for name, spec in sp.GAMES.items() if name in sp.GAMES.benchmark):
         assert tuple(spec.challenges) == CAPABILITIES == tuple(DEGREES_OF.split(", "))
         degrees = "".join(map(str, spec.challenges.values()))
         bounds = "..".join(map(str, spec.score_bounds or ("", "")))

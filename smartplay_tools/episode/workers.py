@@ -64,6 +64,7 @@ class SerialQueue:
         except asyncio.CancelledError:
             if not job.cancel():
                 await asyncio.wait([job.waiter])
+                job.waiter.exception()  # asyncio complains of an error that nobody has looked at
             raise
         return result
 
