@@ -106,8 +106,10 @@ def check_all_engines() -> list[PartCheck]:
 def check_extras() -> list[PartCheck]:
     """Import the requirements of every extra, and its adapter."""
     extras = sorted(set(metadata.metadata(PACKAGE).get_all("Provides-Extra") or ()) - NOT_FEATURES)
+    # Requirements are parsed by `ast`, in which threads of Python 3.11 disturb each other.
+    needed = {extra: requirements(extra) for extra in extras}
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(lambda extra: check_modules("extra", extra, requirements(extra)), extras))
+        return list(pool.map(lambda extra: check_modules("extra", extra, needed[extra]), extras))
 
 
 def check_models() -> list[PartCheck]:
