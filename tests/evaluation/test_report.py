@@ -99,9 +99,14 @@ def rows_of(packed: Any) -> list[Any]:
 def page_of(run: Path, *, draw: bool = False, **options: Any) -> Page:
     """The page of a run, without figures unless they are to be drawn: where there are some, no others are."""
     if run.is_dir() and not draw and not (run / "figures").exists():
-        (run / "figures").mkdir()
-        (run / "figures" / "none.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+        without_figures(run)
     return Page(write_report(run, run.parent / "page.html", **options))
+
+
+def without_figures(run: Path) -> None:
+    """Have nothing drawn for a run: its figures are an empty one."""
+    (run / "figures").mkdir()
+    (run / "figures" / "none.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
 
 
 def test_a_page_of_one_transcript_is_one_file_that_loads_nothing(tmp_path):
@@ -215,6 +220,7 @@ def test_an_episode_that_ends_while_its_page_is_made_is_on_the_page(tmp_path):
     key = run.rows[0]["key"]
     place, before = run.folder.transcript(key), tmp_path / "run" / "running" / f"{key}.1.jsonl"
     place.rename(before)
+    without_figures(tmp_path / "run")
     found = find_runs([tmp_path / "run"])
     before.rename(place)
     assert f"{key}.1" in render_runs(found, None, plugins=False, opened="run")
