@@ -348,7 +348,7 @@ def an_attempt_that_is_continued_left_out(files: Files) -> None:
     del files[next(name for name in files if name.startswith("attempts/"))]
 
 
-@caught("attempts")
+@caught("record")
 def an_attempt_that_ended_in_no_way_there_is(files: Files) -> None:
     name = records(files, BANDIT)[0]
     attempt = played_again(events_of(files, name), turns=GAIN, end=("closed", None))
