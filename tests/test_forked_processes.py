@@ -40,7 +40,7 @@ def in_a_fork(function: Callable[[], Any]) -> Any:
     child.join(30)
     if child.is_alive():
         child.kill()
-        pytest.fail("the forked process waits for ever")
+        pytest.fail("the forked process does not end")
     return answers.get()
 
 
@@ -50,7 +50,7 @@ def aplay() -> float:
 
 
 def test_threads_begin_anew():
-    """Here and in a child: an episode of its own, and one of which its parent runs a call in a thread meanwhile."""
+    """Here and in a child: a new episode, and one whose parent runs a call in a thread meanwhile."""
     begun, may_end = threading.Event(), threading.Event()
 
     async def both() -> float:

@@ -64,7 +64,10 @@ class Window(ABC):
         """
 
     def answer(self, reply_text: str) -> Event:
-        """Take the reply to a prompt for words; return what the record needs of it."""
+        """Take the reply to a prompt for words; return what the record needs of it.
+
+        Only windows that ask for words have it.
+        """
         raise NotImplementedError
 
     @property

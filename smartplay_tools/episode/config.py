@@ -227,7 +227,7 @@ class EpisodeConfig(CellConfig):
     def from_event(cls, start: Mapping[str, Any]) -> Self:
         """Return the config in the start event of a record; `TranscriptError` if it is not valid.
 
-        The budget in numbers and what scores can be, which stand beside it, are checked, too.
+        The event's other two objects are checked, too: the budget in numbers, and the bounds of scores.
         """
         try:
             config = cls(**start["config"])

@@ -7,8 +7,8 @@ Handing a call to another thread costs more than a step of most games. So a thre
 next waiting function itself. Results go back to an event loop in batches: whenever the loop wakes up, it takes all
 results that are ready.
 
-Threads are not copied when a process forks, so a forked process begins with none: it starts threads of its own for the
-episodes that it plays, and does not run what the functions of its parent wait for.
+Threads are not copied when a process forks, so a forked process begins with none: it starts new threads for the
+episodes that it plays, and runs no function that waits in its parent.
 """
 
 from __future__ import annotations

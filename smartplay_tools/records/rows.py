@@ -184,7 +184,7 @@ _HALF = re.compile(rb"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")
 
 
 def read_row(line: bytes, kind: type[BaseModel] = _Row) -> Row:
-    """Return the row on a line, in which every field has its type; `DamageError` if one has not."""
+    """Read a row from a line of JSON, and check the types of its fields; `DamageError` if one is wrong."""
     try:
         row: Row = parse_json(line)
         kind.model_validate_json(_HALF.sub(rb"\\ufffd", line), strict=True)

@@ -123,7 +123,7 @@ def sentence_of(error: SmartPlayError) -> None:
 
 
 def told(name: str, **places: Path) -> None:
-    """Give a command; it ends with an exit code of its own and without a traceback."""
+    """Give a command; it ends with a documented exit code and without a traceback."""
     if name == "view":
         looked_at(places["run"])
         return
