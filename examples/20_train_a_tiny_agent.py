@@ -1,7 +1,7 @@
 """Train an agent of your own on a laptop: on a teacher's records, then by reward, in the windows that it plays in.
 
     pip install 'smartplay-tools[train]'
-    python examples/20_train_a_tiny_agent.py           # some four minutes of one processor, no key, no network
+    python examples/20_train_a_tiny_agent.py           # some four minutes of one processor, or CUDA; no key, no network
     python examples/20_train_a_tiny_agent.py --quick   # a minute, which shows that everything works and teaches little
 
 `rule` plays; its records are exported; a transformer of 160,000 parameters learns to reply as `rule` did, from what

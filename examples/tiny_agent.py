@@ -1,8 +1,9 @@
 """A tiny transformer that plays by tool calls: its tokenizer, its training on exported rows, play, and rewards.
 
 `20_train_a_tiny_agent.py` uses it in order. The model is Llama's architecture with a quarter of a million parameters,
-trained from scratch on the processor. Its tokenizer is made from the rows: text that returns in every prompt becomes a
-single token, which keeps prompts short enough for a laptop. It knows nothing but the games that it was shown.
+trained from scratch, with CUDA where there is a graphics card and on the processor otherwise. Its tokenizer is made
+from the rows: text that returns in every prompt becomes a single token, which keeps prompts short enough for a laptop.
+It knows nothing but the games that it was shown.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ def new_model(tokenizer: PreTrainedTokenizerFast, seed: int = 0, width: int = 64
         eos_token_id=tokenizer.eos_token_id,
         pad_token_id=tokenizer.pad_token_id,
     )
-    return LlamaForCausalLM(config)
+    return LlamaForCausalLM(config).to("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def train(
@@ -156,14 +157,14 @@ def _batches(
         yield from batches
 
 
-def _padded(batch: Sequence[Sample]) -> tuple[torch.Tensor, torch.Tensor]:
+def _padded(batch: Sequence[Sample], device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
     longest = max(len(ids) for ids, _ in batch)
-    ids = torch.tensor([ids + [0] * (longest - len(ids)) for ids, _ in batch])
-    return ids, torch.tensor([mask + [False] * (longest - len(mask)) for _, mask in batch])
+    ids = torch.tensor([ids + [0] * (longest - len(ids)) for ids, _ in batch], device=device)
+    return ids, torch.tensor([mask + [False] * (longest - len(mask)) for _, mask in batch], device=device)
 
 
 def _loss(model: LlamaForCausalLM, batch: Sequence[Sample]) -> torch.Tensor:
-    ids, trained = _padded(batch)
+    ids, trained = _padded(batch, model.device)
     hidden = model.model(input_ids=ids).last_hidden_state[:, :-1][trained[:, 1:]]
     return cross_entropy(model.lm_head(hidden), ids[:, 1:][trained[:, 1:]])
 
@@ -212,7 +213,8 @@ def _generate(
 ) -> Iterator[list[int]]:
     longest = max(map(len, prompts))
     pad, end = model.config.pad_token_id, model.config.eos_token_id
-    ids = torch.tensor([[pad] * (longest - len(prompt)) + prompt for prompt in prompts])
+    padded = [[pad] * (longest - len(prompt)) + prompt for prompt in prompts]
+    ids = torch.tensor(padded, device=model.device)
     how = {"do_sample": True, "temperature": temperature, "top_k": 0} if temperature else {"do_sample": False}
     replies = model.generate(input_ids=ids, attention_mask=(ids != pad).long(), max_new_tokens=longest_reply, **how)
     for reply in replies[:, longest:].tolist():
@@ -259,8 +261,8 @@ def reinforce(
 
 def _weighted_loss(model: LlamaForCausalLM, rows: Sequence[tuple[Turn, float]]) -> torch.Tensor:
     batch = [(prompt + reply, [False] * len(prompt) + [True] * len(reply)) for (prompt, reply), _ in rows]
-    ids, trained = _padded(batch)
+    ids, trained = _padded(batch, model.device)
     hidden = model.model(input_ids=ids).last_hidden_state[:, :-1][trained[:, 1:]]
     losses = cross_entropy(model.lm_head(hidden), ids[:, 1:][trained[:, 1:]], reduction="none")
-    advantages = torch.tensor([advantage for _, advantage in rows])[:, None].expand_as(ids)[:, 1:][trained[:, 1:]]
-    return (losses * advantages).sum()
+    advantages = torch.tensor([advantage for _, advantage in rows], device=model.device)[:, None].expand_as(ids)
+    return (losses * advantages[:, 1:][trained[:, 1:]]).sum()

@@ -63,20 +63,20 @@ class Stage:
     player: PlayerConfig
     cap: int
     manual: str = "pinned"
-    refuses: bool = False
-    """Whether compactors that ask play it twice: also with questions no longer than the cap on prompts."""
 
 
 HANDS, MESSENGER = "RockPaperScissorDifferentScore-v0", "MessengerL2-v0"
 STAGES = (
     Stage("k = 8", repeat_previous(8), READER, SMALL),
-    Stage("k = 32", repeat_previous(32), READER, SMALL, refuses=True),
+    Stage("k = 32", repeat_previous(32), READER, SMALL),
     Stage("CountRecall", "popgym-CountRecallEasy-v0", READER, SMALL),
     Stage("RPS", HANDS, RULE, SMALL),
-    Stage("RPS, manual can be lost", HANDS, RULE, SMALL, "tool", refuses=True),
+    Stage("RPS, manual can be lost", HANDS, RULE, SMALL, "tool"),
     Stage("MESSENGER", MESSENGER, RULE, SMALL),
     Stage("MESSENGER, manual can be lost", MESSENGER, RULE, SMALL, "tool"),
     Stage("k = 80", repeat_previous(80, decks=2), READER, LARGE),
+    Stage("CountRecall, two decks", "popgym-CountRecallMedium-v0", READER, LARGE),
+    Stage("RPS", HANDS, RULE, LARGE),
     Stage("RPS, manual can be lost", HANDS, RULE, LARGE, "tool"),
 )
 """In the order of the tables' columns. An episode of MESSENGER, and one deck of cards, fit into the larger cap."""
@@ -101,8 +101,7 @@ class Way:
             fields["strategy"] = self.strategy.format(tokens=4 * stage.cap // 15)
         if "summary_tokens" in fields:
             fields["summary_tokens"] = reply
-        if not self.asks or stage.refuses or stage.cap == LARGE:
-            yield sp.Budget(**fields)
+        yield sp.Budget(**fields)
         if self.asks and stage.cap < LARGE:
             yield sp.Budget(**fields, question_tokens=LARGE)
 

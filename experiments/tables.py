@@ -15,7 +15,7 @@ from page_tables import Experiment
 from scores import DEGREES
 
 SCRIPTS = (
-    "arena", "arena_curves", "arena_claims", "caps", "carry", "compaction", "learned_tables", "local", "ruler",
+    "arena", "arena_curves", "arena_claims", "caps", "carry", "compaction", "learned_tables", "models", "ruler",
     "scores",
 )  # fmt: skip
 

@@ -81,6 +81,8 @@ def test_reasoning_counts_its_visible_text():
     item = {"type": "reasoning", "summary": [{"type": "summary_text", "text": "Think."}], "encrypted_content": "gAAA"}
     assert WORDS.message({**plain, "provider_items": [item]}) == WORDS.message(plain) + WORDS.text("Think.")
     assert WORDS.message({**plain, "reasoning_content": "Think."}) == WORDS.message(plain) + WORDS.text("Think.")
+    thought = {"type": "thinking", "thinking": "Rock.", "signature": "gAAA"}  # goes back beside the same words
+    assert WORDS.message({**plain, "provider_items": [thought]}) == WORDS.message(plain) + WORDS.text("Rock.")
 
 
 def test_tools_cost_the_cookbooks_formula():

@@ -1,0 +1,312 @@
+"""Real models under caps and strategies: episodes of models that no script played.
+
+    smartplay-tools model get
+    python experiments/models.py --qwen FILE --pilot     # ten worlds, from which the questions were chosen
+    python experiments/models.py --qwen FILE             # other worlds; continues where it stopped
+    python experiments/models.py --qwen FILE --publish   # both, with three records of every cell
+    python experiments/tables.py models                  # the tables of the page, from the published rows
+
+It needs the extras `local`, `popgym`, `evaluation` and `langchain`. Qwen2.5-Coder-1.5B-Instruct plays as it was
+published, with replies drawn at temperature 0.7, because at temperature 0 it repeats a call without end. SmolLM2-135M
+plays at temperature 0, as it was published and with the adapter of this package. Two processes play, each with one
+thread, so that a reply depends on its prompt and its seed alone.
+"""
+
+from __future__ import annotations
+
+import tarfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, repeat_previous
+
+import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.decisions import POWERS, mde, plan_pairs
+from smartplay_tools.evaluation.analysis.figures.style import (
+    Series,
+    draw_dots,
+    figure,
+    legend_below,
+    panels,
+    sample_note,
+    spread,
+)
+from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, mean_estimate
+from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, score
+from smartplay_tools.evaluation.analysis.together import bonferroni
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.types import MISTAKES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SEED, PILOT_SEED = 27_112_026, 11
+CALLS = 20
+"""An episode ends after as many calls, which bounds what one costs on a processor."""
+CAP = 700
+"""The smallest cap on prompts, in tokens, under which strategies play."""
+QWEN, TAUGHT, UNTAUGHT = "qwen2.5-coder-1.5b", "smollm2-135m-player", "smollm2-135m"
+HANDS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
+GAMES = {
+    HANDS: "Rock Paper Scissors",
+    BANDIT: "bandit",
+    "MessengerL1-v0": "MESSENGER L1",
+    "MessengerL2-v0": "MESSENGER L2",
+    repeat_previous(2): "RepeatPrevious, k = 2",
+    repeat_previous(8): "RepeatPrevious, k = 8",
+    "popgym-CountRecallEasy-v0": "CountRecall",
+}
+"""The games, and their names in the tables."""
+WIDEST, DROPPING, TOLD = "no cap", f"{CAP}", f"{CAP}, budget told"
+WAYS: Mapping[str, Mapping[str, Any]] = {
+    WIDEST: {},
+    "1,000": {"prompt_tokens": 1_000, "slack": 0.5},
+    DROPPING: {"slack": 0.5},
+    "masking": {"beyond_history": "mask", "history": 4, "slack": 0.5},
+    "notes": {"notes_tokens": 60, "slack": 0.5},
+    "summary": {"summary_tokens": 60, "slack": 0.5},
+    "recall": {"recall_tokens": 100, "slack": 0.5},
+    "LangChain, clearing": {"strategy": "langchain-clear"},
+    "LangChain, summary": {"strategy": "langchain-summary", "question_tokens": 4 * CAP},
+    TOLD: {"slack": 0.5},
+}
+"""The ways to bound prompts, as fields of a budget; all but the first two are under the smallest cap."""
+CAPS = (WIDEST, DROPPING)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A model at some games in some ways, in so many worlds."""
+
+    player: str
+    games: Sequence[str]
+    ways: Sequence[str]
+    worlds: int
+
+
+ASKED = (*CAPS, TOLD)
+"""The ways of the questions, which are played in more worlds."""
+OTHERS = tuple(way for way in WAYS if way not in ASKED)
+FEW = tuple(game for game in GAMES if game not in (HANDS, BANDIT))
+PILOT = (Stage(TAUGHT, (HANDS, BANDIT), CAPS, 10), Stage(QWEN, (HANDS, BANDIT), CAPS, 10))
+STAGES = (
+    Stage(UNTAUGHT, (HANDS, BANDIT), CAPS, 8),
+    Stage(QWEN, (HANDS,), ASKED, 8),
+    Stage(TAUGHT, (HANDS, BANDIT), ASKED, 16),
+    Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
+    Stage(TAUGHT, FEW, CAPS, 8),
+    Stage(QWEN, FEW, CAPS, 8),
+    Stage(QWEN, (HANDS,), OTHERS, 8),
+)
+CONTROLS = ("random", "rule", "blind")
+
+
+def play(out: Path, stages: Sequence[Stage], seed: int, qwen: str) -> None:
+    """Play stages in their order; what was played is not played again."""
+    for stage in stages:
+        config = _config(stage.player, qwen)
+        for game in stage.games:
+            for way in stage.ways:
+                _evaluate(out, config, game, way, trials=stage.worlds, seed=seed)
+
+
+def _evaluate(out: Path, config: PlayerConfig, game: str, way: str, **given: Any) -> None:
+    fields = {"prompt_tokens": None if way == WIDEST else CAP, "history": None, "tool_calls": CALLS, **WAYS[way]}
+    given |= {"budget_line": "on"} if way == TOLD else {}
+    folder, budget = out / config.name.partition(":")[0] / game / way, sp.Budget(**fields)
+    done = sp.evaluate([game], [config], budgets=budget, out=folder, executor="processes", workers=2, **given)
+    print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
+
+
+def _config(player: str, qwen: str) -> PlayerConfig:
+    from smartplay_local import LocalPlayer
+
+    options = {"model": qwen, "temperature": 0.7} if player == QWEN else {"model": player}
+    return PlayerConfig(name=player, factory=LocalPlayer, options={**options, "threads": 1})
+
+
+def play_controls(out: Path, trials: int) -> None:
+    """Play the same worlds with scripts, whose scores the models' are read against."""
+    for player in CONTROLS:
+        for game in GAMES:
+            name = f"blind:{out / 'rule' / game / WIDEST}" if player == "blind" else player
+            name = "reader" if player == "rule" and "Messenger" not in game and game in FEW else name
+            _evaluate(out, PlayerConfig(name=name), game, WIDEST, trials=trials, seed=SEED)
+
+
+def rows_of(out: Path) -> Iterator[Row]:
+    """Yield the rows of everything that was played, with what their tables need."""
+    for folder in folders(out):
+        worlds, player, game, way = folder.path.relative_to(out).parts
+        for row in folder.rows():
+            yield {**row, "player": player, "way": way, "worlds": worlds, "game": game}
+
+
+def folders(out: Path) -> Iterator[RunFolder]:
+    """Yield the folder of every cell that was played."""
+    for folder in sorted(out.glob("*/*/*/*")):
+        yield RunFolder(folder)
+
+
+def write_records(out: Path, path: Path, count: int = 3) -> None:
+    """Write the records of the first worlds of every cell of a model into one archive."""
+    with tarfile.open(path, "w:xz", preset=9) as archive:
+        for folder in folders(out):
+            for row in sorted(folder.rows(), key=lambda row: row["trial"])[:count] if _is_model(folder.path) else ():
+                content = folder.transcript(row["key"]).read_bytes()
+                about = tarfile.TarInfo(f"{folder.path.relative_to(out)}/{row['trial']}.jsonl")
+                about.size = len(content)
+                archive.addfile(about, BytesIO(content))
+
+
+def _is_model(folder: Path) -> bool:
+    return folder.parts[-3] in (QWEN, TAUGHT, UNTAUGHT)
+
+
+Cells = Mapping[tuple[str, str, str, str], list[Row]]
+"""Rows by worlds, player, game and way."""
+
+
+def cells_of(rows: Sequence[Row]) -> Cells:
+    """Group the published rows."""
+    return grouped(rows, lambda row: (row["worlds"], row["player"], row["game"], row["way"]))
+
+
+def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> str:
+    """The mean score of every model at every game in every way, with its interval and the number of worlds."""
+    lines = []
+    for player in players:
+        for game, name in GAMES.items():
+            own = [cells.get(("fresh", player, game, way), []) for way in ways]
+            if any(own):
+                lines.append([player, name, *map(_score, own)])
+    return markdown_table(["player", "game", *ways], lines)
+
+
+def _score(rows: Sequence[Row]) -> str:
+    return f"{interval(mean_score(rows))} ({len(rows)})" if rows else ""
+
+
+def ends_table(cells: Cells) -> str:
+    """What the calls of every model came to, and how its episodes ended, over all ways and worlds."""
+    lines = []
+    for player in (QWEN, TAUGHT, UNTAUGHT):
+        for game, name in GAMES.items():
+            rows = [row for (_, *place), own in cells.items() if place[:2] == [player, game] for row in own]
+            if rows:
+                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", *MISTAKES[:2])]
+                reasons = Counter(row["end_reason"] for row in rows).most_common()
+                ended = ", ".join(f"{reason} {100 * count / len(rows):.0f} %" for reason, count in reasons)
+                lines.append([player, name, f"{len(rows)}", *sums, ended])
+    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "malformed", "ended as")
+    return markdown_table(headings, lines)
+
+
+DETECTED = 4.0
+"""The difference that a question asks for, in points, of 20 calls."""
+
+
+def power_table(cells: Cells) -> str:
+    """How many worlds the pilot says it takes to see a difference between the smallest cap and none."""
+    lines = []
+    for stage in PILOT:
+        for game in stage.games:
+            each = difference(cells, "pilot", (stage.player, game, DROPPING, WIDEST))
+            if each is None:
+                continue
+            needed = plan_pairs(each, DETECTED)
+            counts = [needed, ""] if isinstance(needed, str) else [f"{count:,}" for count in needed.needed]
+            lines.append([stage.player, GAMES[game], interval(each, "+"), f"{each.sd:.1f}", *counts])
+    worlds = [f"worlds for {DETECTED:g} points, power {100 * power:.0f} %" for power in POWERS]
+    return markdown_table(["player", "game", f"{DROPPING} less no cap, pilot", "deviation", *worlds], lines)
+
+
+Question = tuple[str, str, str, str]
+"""Of a model at a game: whether it scores otherwise in the first way than in the second."""
+
+QUESTIONS: tuple[Question, ...] = ()
+"""Chosen after the pilot and before the worlds of `SEED` were played."""
+
+
+def difference(cells: Cells, worlds: str, asked: Question, method: Method = USUAL) -> MeanEstimate | None:
+    """Estimate by how much a model scores more in one way than in the other, on the same worlds."""
+    player, game, way, other = asked
+    paired = pairs(cells.get((worlds, player, game, way), []), cells.get((worlds, player, game, other), []))
+    own = difference_sample(paired, score)
+    return mean_estimate(own.values, own.bounds, method) if own.values else None
+
+
+def questions_table(cells: Cells) -> str:
+    """Every question with its answer; the intervals hold together."""
+    lines, together = [], bonferroni(max(1, len(QUESTIONS)))
+    for asked in QUESTIONS:
+        each = difference(cells, "fresh", asked, together)
+        if each is None:
+            continue
+        low, high = each.low or 0, each.high or 0
+        outcome = "undecided" if low <= 0 <= high else "more" if low > 0 else "less"
+        player, game, way, other = asked
+        shown = f"{mde(each.sd, each.episodes, confidence=together.confidence):.1f}" if each.sd else ""
+        names = [player, GAMES[game], way, other, f"{each.episodes}"]
+        lines.append([*names, interval(each, "+"), outcome, shown])
+    difference_heading, shown_heading = "difference [95 %, all together]", "would be seen"
+    headings = ["player", "game", "in this way", "than in this", "worlds", difference_heading, "scores", shown_heading]
+    return markdown_table(headings, lines)
+
+
+@figure
+def dots(cells: Cells) -> Figure:
+    """Draw the score of every way, a panel for each of the games that were played in all of them."""
+    drawn, axes = panels(2, size=(4.6, 4.0))
+    counts = set()
+    for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
+        for look, player in enumerate((QWEN, TAUGHT)):
+            for place, way in enumerate(reversed(WAYS)):
+                rows = cells.get(("fresh", player, game, way), [])
+                if rows:
+                    counts.add(len(rows))
+                    draw_dots(panel, [mean_score(rows)], [place + spread(look, 2)], Series.number(look), player)
+        panel.set(title=GAMES[game], xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(WAYS)))
+        panel.set_yticklabels(list(reversed(WAYS)) if panel is axes[0] else [])
+    legend_below(drawn, note=sample_note(counts))
+    return drawn
+
+
+def tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tables of the page by their names."""
+    cells = cells_of(rows)
+    return {
+        "models": scores_table(cells, (QWEN, TAUGHT, UNTAUGHT), tuple(WAYS)),
+        "models-controls": scores_table(cells, ("random", "rule", "reader", "blind"), (WIDEST,)),
+        "models-ends": ends_table(cells),
+        "models-power": power_table(cells),
+        "models-questions": questions_table(cells),
+    }
+
+
+EXPERIMENT = Experiment("models", tables, lambda rows: {"models": dots(cells_of(rows))})
+
+
+def main() -> None:
+    """Play, and print or publish the tables."""
+    parser = arguments(__doc__, "runs/models")
+    parser.add_argument("--pilot", action="store_true", help="play the worlds from which the questions were chosen")
+    parser.add_argument("--qwen", required=True, help="the file of Qwen2.5-Coder-1.5B-Instruct in four bits")
+    asked = parser.parse_args()
+    if not asked.publish:
+        stages, seed = (PILOT, PILOT_SEED) if asked.pilot else (STAGES, SEED)
+        play(asked.out / ("pilot" if asked.pilot else "fresh"), stages, seed, asked.qwen)
+        play_controls(asked.out / "fresh", max(stage.worlds for stage in STAGES))
+    if asked.publish:
+        write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz")
+    EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)
+
+
+if __name__ == "__main__":
+    main()
