@@ -94,16 +94,17 @@ ASKED = (*CAPS, TOLD)
 """The ways of the questions, which are played in more worlds."""
 OTHERS = tuple(way for way in WAYS if way not in ASKED)
 FEW = tuple(game for game in GAMES if game not in (HANDS, BANDIT))
-PILOT = (Stage(TAUGHT, (HANDS, BANDIT), CAPS, 10), Stage(QWEN, (HANDS, BANDIT), CAPS, 10))
+PILOT = (Stage(TAUGHT, (HANDS, BANDIT), CAPS, 10), Stage(QWEN, (HANDS,), CAPS, 10))
 STAGES = (
     Stage(UNTAUGHT, (HANDS, BANDIT), CAPS, 8),
-    Stage(QWEN, (HANDS,), ASKED, 8),
-    Stage(TAUGHT, (HANDS, BANDIT), ASKED, 16),
+    Stage(TAUGHT, (BANDIT,), ASKED, 16),
+    Stage(TAUGHT, (HANDS,), ASKED, 24),
+    Stage(QWEN, FEW, CAPS, 8),
     Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
     Stage(TAUGHT, FEW, CAPS, 8),
-    Stage(QWEN, FEW, CAPS, 8),
-    Stage(QWEN, (HANDS,), OTHERS, 8),
+    Stage(QWEN, (HANDS,), ASKED, 8),
 )
+"""In the order in which they are played."""
 CONTROLS = ("random", "rule", "blind")
 
 
@@ -208,8 +209,8 @@ def ends_table(cells: Cells) -> str:
     return markdown_table(headings, lines)
 
 
-DETECTED = 4.0
-"""The difference that a question asks for, in points, of 20 calls."""
+DETECTED = {HANDS: 4.0, BANDIT: 2.0}
+"""The differences that questions ask for, in points."""
 
 
 def power_table(cells: Cells) -> str:
@@ -220,17 +221,25 @@ def power_table(cells: Cells) -> str:
             each = difference(cells, "pilot", (stage.player, game, DROPPING, WIDEST))
             if each is None:
                 continue
-            needed = plan_pairs(each, DETECTED)
+            needed = plan_pairs(each, DETECTED[game])
             counts = [needed, ""] if isinstance(needed, str) else [f"{count:,}" for count in needed.needed]
-            lines.append([stage.player, GAMES[game], interval(each, "+"), f"{each.sd:.1f}", *counts])
-    worlds = [f"worlds for {DETECTED:g} points, power {100 * power:.0f} %" for power in POWERS]
-    return markdown_table(["player", "game", f"{DROPPING} less no cap, pilot", "deviation", *worlds], lines)
+            told = f"{DETECTED[game]:g}"
+            lines.append([stage.player, GAMES[game], interval(each, "+"), f"{each.sd:.1f}", told, *counts])
+    worlds = [f"worlds, power {100 * power:.0f} %" for power in POWERS]
+    headings = ["player", "game", f"{DROPPING} less no cap", "deviation", "points to be seen", *worlds]
+    return markdown_table(headings, lines)
 
 
 Question = tuple[str, str, str, str]
 """Of a model at a game: whether it scores otherwise in the first way than in the second."""
 
-QUESTIONS: tuple[Question, ...] = ()
+QUESTIONS: tuple[Question, ...] = (
+    (TAUGHT, HANDS, DROPPING, WIDEST),
+    (TAUGHT, BANDIT, DROPPING, WIDEST),
+    (TAUGHT, HANDS, TOLD, DROPPING),
+    (TAUGHT, BANDIT, TOLD, DROPPING),
+    (QWEN, HANDS, TOLD, DROPPING),
+)
 """Chosen after the pilot and before the worlds of `SEED` were played."""
 
 
