@@ -105,7 +105,6 @@ STAGES = (
     Stage(QWEN, (HANDS,), ASKED, 8),
 )
 """In the order in which they are played."""
-CONTROLS = ("random", "rule", "blind")
 
 
 def play(out: Path, stages: Sequence[Stage], seed: int, qwen: str) -> None:
@@ -114,14 +113,15 @@ def play(out: Path, stages: Sequence[Stage], seed: int, qwen: str) -> None:
         config = _config(stage.player, qwen)
         for game in stage.games:
             for way in stage.ways:
-                _evaluate(out, config, game, way, trials=stage.worlds, seed=seed)
+                given: Any = {"trials": stage.worlds, "seed": seed, "executor": "processes", "workers": 2}
+                _evaluate(out, config, game, way, **given)
 
 
 def _evaluate(out: Path, config: PlayerConfig, game: str, way: str, **given: Any) -> None:
     fields = {"prompt_tokens": None if way == WIDEST else CAP, "history": None, "tool_calls": CALLS, **WAYS[way]}
     given |= {"budget_line": "on"} if way == TOLD else {}
     folder, budget = out / config.name.partition(":")[0] / game / way, sp.Budget(**fields)
-    done = sp.evaluate([game], [config], budgets=budget, out=folder, executor="processes", workers=2, **given)
+    done = sp.evaluate([game], [config], budgets=budget, out=folder, **given)
     print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
 
 
@@ -132,13 +132,14 @@ def _config(player: str, qwen: str) -> PlayerConfig:
     return PlayerConfig(name=player, factory=LocalPlayer, options={**options, "threads": 1})
 
 
-def play_controls(out: Path, trials: int) -> None:
+def play_controls(out: Path) -> None:
     """Play the same worlds with scripts, whose scores the models' are read against."""
-    for player in CONTROLS:
-        for game in GAMES:
-            name = f"blind:{out / 'rule' / game / WIDEST}" if player == "blind" else player
-            name = "reader" if player == "rule" and "Messenger" not in game and game in FEW else name
-            _evaluate(out, PlayerConfig(name=name), game, WIDEST, trials=trials, seed=SEED)
+    for game in GAMES:
+        scripted = "reader" if sp.GAMES[game].memory else "rule"
+        worlds = max(stage.worlds for stage in STAGES if game in stage.games)
+        for name in ("random", scripted, f"blind:{out / scripted / game / WIDEST}"):
+            given: Any = {"trials": worlds, "seed": SEED, "executor": "inline"}
+            _evaluate(out, PlayerConfig(name=name), game, WIDEST, **given)
 
 
 def rows_of(out: Path) -> Iterator[Row]:
@@ -292,7 +293,7 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     cells = cells_of(rows)
     return {
         "models": scores_table(cells, (QWEN, TAUGHT, UNTAUGHT), tuple(WAYS)),
-        "models-controls": scores_table(cells, ("random", "rule", "reader", "blind"), (WIDEST,)),
+        "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
         "models-power": power_table(cells),
         "models-questions": questions_table(cells),
@@ -311,7 +312,7 @@ def main() -> None:
     if not asked.publish:
         stages, seed = (PILOT, PILOT_SEED) if asked.pilot else (STAGES, SEED)
         play(asked.out / ("pilot" if asked.pilot else "fresh"), stages, seed, asked.qwen)
-        play_controls(asked.out / "fresh", max(stage.worlds for stage in STAGES))
+        play_controls(asked.out / "fresh")
     if asked.publish:
         write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz")
     EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)
