@@ -239,6 +239,7 @@ QUESTIONS: tuple[Question, ...] = (
     (TAUGHT, BANDIT, DROPPING, WIDEST),
     (TAUGHT, HANDS, TOLD, DROPPING),
     (TAUGHT, BANDIT, TOLD, DROPPING),
+    (QWEN, HANDS, DROPPING, WIDEST),
     (QWEN, HANDS, TOLD, DROPPING),
 )
 """Chosen after the pilot and before the worlds of `SEED` were played."""
