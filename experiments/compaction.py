@@ -369,7 +369,7 @@ def dots(cells: Cells) -> Figure:
             look, whose = (0, "of this library") if name in CONTROLS else (1, "of others, and memories")
             draw_dots(panel, [each], [row], Series.number(look), whose)
             counts.add(each.episodes)
-        panel.set(title=f"{stage.name}, cap {stage.cap:,}", xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
+        panel.set(title=f"{stage.name}\ncap {stage.cap:,}", xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
     legend_below(drawn, note=sample_note(counts))
     return drawn
