@@ -99,10 +99,10 @@ STAGES = (
     Stage(UNTAUGHT, (HANDS, BANDIT), CAPS, 8),
     Stage(TAUGHT, (BANDIT,), ASKED, 16),
     Stage(TAUGHT, (HANDS,), ASKED, 24),
-    Stage(QWEN, FEW, CAPS, 8),
-    Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
-    Stage(TAUGHT, FEW, CAPS, 8),
     Stage(QWEN, (HANDS,), ASKED, 8),
+    Stage(QWEN, FEW, CAPS, 8),
+    Stage(TAUGHT, FEW, CAPS, 8),
+    Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
 )
 """In the order in which they are played."""
 
