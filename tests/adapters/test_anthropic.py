@@ -132,11 +132,6 @@ def test_an_answer_of_the_client_and_its_json_are_the_same():
     assert reply(answer).message == {"role": "assistant", "content": "Hi"}
 
 
-def test_the_player_needs_a_model():
-    with pytest.raises(sp.InvalidArgumentError, match="anthropic:MODEL"):
-        sp.get_player("anthropic")
-
-
 def test_a_missing_key_is_one_sentence(monkeypatch, tmp_path: Path):
     for name in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "ANTHROPIC_PROFILE"):
         monkeypatch.delenv(name, raising=False)

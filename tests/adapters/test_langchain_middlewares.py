@@ -27,7 +27,6 @@ from langchain.agents.middleware import (
     wrap_model_call,
     wrap_tool_call,
 )
-from langchain_core.callbacks import BaseCallbackHandler
 from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
@@ -471,27 +470,6 @@ def test_a_call_that_a_middleware_stops_waiting_for_holds_up_no_other(order):
     assert played == [(0, None), (1, "refused"), (2, None), (3, None)]
     assert (result.steps, result.refused_calls) == (3, 1)
     assert [message.text.split(".")[0] for message in results(messages)][1] == "Error: This took too long"
-
-
-def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():
-    class Watching(BaseCallbackHandler):
-        def __init__(self) -> None:
-            self.seen: list[str] = []
-
-        def on_tool_start(self, serialized: Any, input_str: str, **kwargs: Any) -> None:
-            self.seen.append(serialized["name"])
-
-        def on_chat_model_start(self, serialized: Any, messages: Any, **kwargs: Any) -> None:
-            self.seen.append(f"model: {len(messages[0])}")
-
-    watching = Watching()
-    episode, _ = fresh(sp.Budget(history=0))
-    with OpenAIStub([calling(act("A->C"), ("observe", {})), *[calling(say="Well.")] * 3]) as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)])
-        agent.invoke({"messages": []}, {"callbacks": [watching]})
-    # The tool node begins the calls of a message in threads; they are still played in the message's order.
-    watching.seen[1:3] = sorted(watching.seen[1:3])
-    assert watching.seen == ["model: 2", "act", "observe", "model: 5", "model: 7", "model: 7"]
 
 
 class TestWhatIsShown:

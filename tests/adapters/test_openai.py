@@ -214,15 +214,6 @@ def test_strict_schemas_in_each_interfaces_form(endpoint):
 # Where it goes.
 
 
-def test_a_missing_key_or_model_is_one_sentence(monkeypatch):
-    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
-    with pytest.raises(sp.InvalidArgumentError, match="set OPENAI_API_KEY"):
-        sp.get_player("openai:gpt-4o-mini")
-    with pytest.raises(sp.InvalidArgumentError, match="openai:MODEL"):
-        sp.get_player("openai")
-
-
 def test_the_environment_names_server_and_key(monkeypatch):
     with so.LocalEndpoint(sp.get_player("rule"), api_key="secret") as guarded:
         monkeypatch.setenv("OPENAI_BASE_URL", guarded.base_url)
