@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, trial_seed
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.records.prices import Price
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered, Waiting
 
@@ -50,9 +51,6 @@ def test_a_trial_has_the_same_seed_in_every_cell_and_another_one_in_another_run(
 def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match="no suite 'papers'"):
         sp.evaluate(suite="papers", out=tmp_path)
-    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
-    from smartplay_tools.evaluation.suites import suite_games
-
     plan = plan_episodes(make_cells(suite_games("paper", []), ["rule"], [sp.Budget()]))
     trials = {game: sum(e.cell.game == game for e in plan.episodes) for game in suite_games("paper", [])}
     assert list(trials.values()) == [20, 20, 10, 100, 100, 10, 20]

@@ -46,19 +46,6 @@ def spent(played: Run) -> int:
     return sum(event["prompt"] + event["reply"] for event in events if event["event"] == "usage")
 
 
-@pytest.mark.slow
-def test_a_run_file_has_the_strategies_among_its_budgets(tmp_path):
-    file, out = tmp_path / "run.toml", tmp_path / "run"
-    file.write_text(FILE, encoding="utf-8")
-    code, _, stderr = run("eval", file, "--out", out, "--executor", "inline", "--quiet")
-    assert code == 0, stderr
-    rows = [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
-    asked = {name: [row["budget"].get(name) for row in rows] for name in ("beyond_history", "notes_tokens")}
-    assert asked == {"beyond_history": ["mask", None], "notes_tokens": [200, None]}
-    assert [row.get("summaries", 0) > 0 for row in rows] == [False, True]
-    assert all(sp.replay(record).identical for record in (out / "episodes").glob("*.jsonl"))
-
-
 @pytest.mark.parametrize(
     ("line", "why"),
     [
