@@ -303,23 +303,17 @@ def counting() -> Callable[..., str]:
     return lambda context, agent=None: f"This is prompt {next(numbers)}."
 
 
-def test_a_head_that_changes_is_refused_in_a_sentence():
+def by_a_changing_agent(episode: sp.Episode, stub: Provider) -> None:
+    middleware = [dynamic_prompt(counting()), SmartPlayMiddleware(episode)]
+    create_agent(client(stub), middleware=middleware).invoke({"messages": []}, THREAD)
+
+
+@pytest.mark.parametrize("play", [by_a_changing_agent, partial(agents_sdk, instructions=counting())])
+def test_a_head_that_changes_is_refused_in_a_sentence(play):
     episode, _ = fresh(BUDGET)
-    with (
-        Provider() as stub,
-        episode,
-        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
-    ):
-        create_agent(client(stub), middleware=[dynamic_prompt(counting()), SmartPlayMiddleware(episode)]).invoke(
-            {"messages": []}, THREAD
-        )
-    episode, _ = fresh(BUDGET)
-    with (
-        Provider() as stub,
-        episode,
-        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
-    ):
-        agents_sdk(episode, stub, instructions=counting())
+    sentence = "turns are summarised or rewritten, the head"
+    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match=sentence):
+        play(episode, stub)
 
 
 class Reminder(AgentMiddleware[Any, Any, Any]):

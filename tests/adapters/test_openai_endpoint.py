@@ -214,17 +214,6 @@ def test_an_address_of_version_6():
         (chat(USER, tools=[{"type": "function", "function": {**TOOL, "parameters": 1}}]), "type object"),
         (chat(USER, max_tokens=0), "at least 1"),
         (chat(USER, n=2), "n is 1"),
-    ],
-)
-def test_what_chat_completions_refuse(endpoint, body, words):
-    status, message = refusal(endpoint, "/v1/chat/completions", body)
-    assert status == 400
-    assert words in message
-
-
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
         (responses(), "at least one item"),
         (responses("Play."), "is an object"),
         (responses({"role": "robot", "content": "?"}), "has one of the roles"),
@@ -234,8 +223,8 @@ def test_what_chat_completions_refuse(endpoint, body, words):
         (responses(USER, {"type": "function_call", "call_id": "c1", "name": "act", "arguments": "{}"}), "no result"),
     ],
 )
-def test_what_responses_refuse(endpoint, body, words):
-    status, message = refusal(endpoint, "/v1/responses", body)
+def test_what_the_interfaces_refuse(endpoint, body, words):
+    status, message = refusal(endpoint, "/v1/responses" if "input" in body else "/v1/chat/completions", body)
     assert status == 400
     assert words in message
 

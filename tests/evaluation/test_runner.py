@@ -286,6 +286,9 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
     assert results(tmp_path / "merged") == results(tmp_path / "whole")
     again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
     assert len(again.folder.timings()) == 6
+    merge([tmp_path / "1"], tmp_path / "half")  # which is played to its end
+    sp.evaluate(GAMES, out=tmp_path / "half", **arguments)
+    assert results(tmp_path / "half") == results(tmp_path / "whole")
 
 
 def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
@@ -296,15 +299,6 @@ def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
 
     for small, large in zip(keys([HANOI], ["rule"], 4), keys(GAMES, ["random", "rule"], 7), strict=True):
         assert small <= large
-
-
-def test_a_merge_without_all_shards_can_be_played_to_its_end(tmp_path):
-    arguments = {"players": ["random"], "trials": 3, "executor": "inline"}
-    sp.evaluate(GAMES, out=tmp_path / "whole", **arguments)
-    sp.evaluate(GAMES, out=tmp_path / "1", shard=(1, 2), **arguments)
-    merge([tmp_path / "1"], tmp_path / "merged")
-    sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
-    assert results(tmp_path / "merged") == results(tmp_path / "whole")
 
 
 def test_a_part_is_merged_once_and_with_parts_of_the_same_prices_only(tmp_path):

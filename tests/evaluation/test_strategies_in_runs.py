@@ -20,25 +20,6 @@ STRATEGIES: dict[str, dict[str, Any]] = {
     "all": {"beyond_history": "mask", "notes_tokens": 200, "summary_tokens": 100},
 }
 
-FILE = """
-games = ["BanditTwoArmedHighLowFixed-v0"]
-players = ["rule-notes"]
-trials = 1
-
-[[budgets]]
-history = 10
-prompt_tokens = 900
-slack = 0.5
-beyond_history = "mask"
-notes_tokens = 200
-
-[[budgets]]
-history = 10
-prompt_tokens = 900
-slack = 0.5
-summary_tokens = 100
-"""
-
 
 def spent(played: Run) -> int:
     """The tokens in all records of a run, those of summaries included, counted independently."""
@@ -56,11 +37,11 @@ def spent(played: Run) -> int:
     ],
 )
 def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line, why):
-    name = line.split(" = ")[0]
-    budget, second = FILE.rsplit("[[budgets]]", 1)[0], ["history = 10", "prompt_tokens = 900", "slack = 0.5"]
-    kept = [one for one in [*second, "summary_tokens = 100"] if not one.startswith(name)]
+    name, _, value = line.partition(" = ")
+    budget = {"history": 10, "prompt_tokens": 900, "slack": 0.5, "summary_tokens": 100, name: value}
+    lines = [f'games = ["{BANDIT}"]', "[[budgets]]", *(f"{name} = {value}" for name, value in budget.items())]
     file = tmp_path / "run.toml"
-    file.write_text("\n".join([budget, "[[budgets]]", *kept, line, ""]), encoding="utf-8")
+    file.write_text("\n".join(lines), encoding="utf-8")
     code, _, stderr = run("eval", file, "--out", tmp_path / "run")
     assert code == 2
     assert why in stderr

@@ -139,18 +139,6 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     assert {path.name for path in poor.write()} == {"table.csv", "table.parquet", "summary.csv"}
 
 
-@pytest.mark.slow
-def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
-    asked = {"vary": {"history": [1, 50], "slack": [0, 0.5]}, "trials": 4, "executor": "inline"}
-    parts = [tmp_path / "part1", tmp_path / "part2"]
-    for number, part in enumerate(parts, start=1):
-        sweep([BANDIT], ["rule", "random"], shard=(number, 2), out=part, **asked)
-    merged = CliRunner().invoke(app, ["merge", *map(str, parts), "--out", str(tmp_path / "whole")])
-    assert merged.exit_code == 0, merged.output
-    whole = sweep([BANDIT], ["rule", "random"], out=tmp_path / "whole", **asked)
-    assert whole.summary == played.summary
-
-
 # The command.
 
 
