@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import http.client
 import json
-from urllib.parse import urlsplit
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -17,6 +15,7 @@ import httpx2
 import smartplay_openai as so
 
 from smartplay_tools.context.tokens import TokenCounter
+from tests.evaluation import asking
 
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
@@ -59,14 +58,9 @@ def endpoint():
 
 def ask(endpoint, path, body=None, method="POST", headers=None):
     """Send a request without a client library; return the status and the body."""
-    where = urlsplit(endpoint.base_url)
-    connection = http.client.HTTPConnection(where.hostname, where.port, timeout=30)
     text = body if isinstance(body, str | None) else json.dumps(body)
-    connection.request(method, path, text, headers or {})
-    response = connection.getresponse()
-    answer = response.read().decode("ascii")
-    connection.close()
-    return response.status, answer
+    status, _, answer = asking.ask(endpoint.url.rstrip("/") + path, text, method=method, headers=headers or {})
+    return status, answer
 
 
 def refusal(endpoint, path, body, **options):

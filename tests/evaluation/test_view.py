@@ -15,16 +15,15 @@ import time
 import urllib.error
 import urllib.request
 from functools import partial
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from tests.evaluation.asking import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
@@ -49,14 +48,7 @@ def site(runs):
 
 
 def get(url: str, **headers: str) -> tuple[int, Any, str]:
-    """Return status, headers and text of an answer; redirections are not followed."""
-    parts = urlsplit(url)
-    connection = HTTPConnection(parts.hostname, parts.port, timeout=60)
-    connection.request("GET", parts.path + (f"?{parts.query}" if parts.query else ""), headers=headers)
-    answer = connection.getresponse()
-    text = answer.read().decode()
-    connection.close()
-    return answer.status, answer.headers, text
+    return ask(url, headers=headers)
 
 
 def test_runs_and_episodes(site):
