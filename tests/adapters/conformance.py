@@ -255,7 +255,9 @@ def by_session(episode: sp.Episode, script: Replies, *, own_cap: int | None = No
     return Held(sent)
 
 
-def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = None) -> sp.EpisodeResult:
+def played_alike(
+    row: Window, script: Script, budget: sp.Budget, turns: Turns | None = None
+) -> tuple[sp.Episode, list[Any], Sent]:
     """Play a conversation through an adapter and again without it; both have to be equal."""
     episode, events = fresh(budget)
     with episode:
@@ -268,6 +270,12 @@ def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = 
     assert without_usage(episode.result) == without_usage(expected_episode.result)
     assert comparable(events) == comparable(expected_events)
     assert [spelled(prompt) for prompt in sent] == [spelled(prompt) for prompt in expected]
+    return episode, events, sent
+
+
+def judge(row: Window, script: Script, budget: sp.Budget, turns: Turns | None = None) -> sp.EpisodeResult:
+    """The same, and what the model received is checked independently."""
+    episode, events, sent = played_alike(row, script, budget, turns)
     independently(events, sent, episode)
     assert episode.result is not None
     return episode.result
@@ -330,17 +338,9 @@ def judge_summaries(row: Window) -> None:
 
 def _judge_words(row: Window, budget: sp.Budget) -> None:
     script = [calling(("observe", {}), say="I have looked.")] * 60
-    episode, events = fresh(budget)
-    with episode:
-        sent, *_ = row.hold(episode, script)
-    expected, expected_events = fresh(budget)
-    with expected:
-        prompts, *_ = by_conversation(expected, script)
+    episode, events, _ = played_alike(row, script, budget)
     assert episode.result is not None
     assert episode.result.summaries + episode.result.questions == episode.result.refused_calls > 2
-    assert without_usage(episode.result) == without_usage(expected.result)
-    assert comparable(events) == comparable(expected_events)
-    assert list(map(spelled, sent)) == list(map(spelled, prompts))
     assert sp.replay(events).identical
 
 

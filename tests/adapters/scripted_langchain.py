@@ -7,9 +7,9 @@ from inspect import signature
 from typing import Any
 
 import pytest
-from langchain.agents.middleware import HumanInTheLoopMiddleware
+from langchain.agents.middleware import AgentMiddleware, HumanInTheLoopMiddleware
 from langchain_core.language_models import BaseChatModel
-from langchain_core.messages import BaseMessage
+from langchain_core.messages import BaseMessage, HumanMessage
 from langchain_core.messages.ai import UsageMetadata
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.utils.function_calling import convert_to_openai_tool
@@ -68,6 +68,20 @@ class ScriptedModel(BaseChatModel):
             reply.usage_metadata = UsageMetadata(**counts, input_token_details={"cache_read": usage.cached})
             reply.response_metadata["model_name"] = "scripted"
         return ChatResult(generations=[ChatGeneration(message=reply)])
+
+
+class Reminder(AgentMiddleware[Any, Any, Any]):
+    """Adds a message to every request, which is in no state."""
+
+    def __init__(self, words: str) -> None:
+        super().__init__()
+        self.words = words
+
+    def wrap_model_call(self, request: Any, handler: Any) -> Any:
+        return handler(request.override(messages=[*request.messages, HumanMessage(self.words)]))
+
+    async def awrap_model_call(self, request: Any, handler: Any) -> Any:
+        return await handler(request.override(messages=[*request.messages, HumanMessage(self.words)]))
 
 
 def playing_graph(session: GraphSession, speak: Any, **options: Any) -> Any:

@@ -26,9 +26,8 @@ from openai import AsyncOpenAI, DefaultAsyncHttpxClient
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.types.messages import text_of
+from tests.adapters.as_recorded import as_recorded
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.scripted_agents import ReadingModel, read, step
@@ -47,6 +46,12 @@ async def run(episode: sp.Episode, script: list[sp.Message], tools: tuple = (), 
     agent = Agent("player", model=model, tools=[*model.tools, *tools], **options)
     result = await Runner.run(agent, prompt or [], max_turns=None, run_config=model.run_config)
     return inner, result
+
+
+async def play(model: SmartPlayModel, prompt: Any = (), **options: Any) -> Any:
+    """Run an agent that has the game's tools alone."""
+    agent = Agent("player", model=model, tools=model.tools)
+    return await Runner.run(agent, prompt or [], max_turns=None, run_config=model.run_config, **options)
 
 
 @pytest.mark.parametrize("beside", [[], [act(WAY[0])]], ids=["alone", "beside a move"])
@@ -97,20 +102,6 @@ async def models(script: list, *episodes: sp.Episode, kind: Any = OpenAIChatComp
             yield [SmartPlayModel(kind("m", openai), episode) for episode in episodes], stub
 
 
-def as_recorded(events: list, stub: OpenAIStub, cap: int) -> None:
-    """What the server received is what the record says was sent, and it fits the cap, tools of every kind included."""
-    counter = TokenCounter()
-    sent = list(sent_prompts(events))
-    assert len(sent) == len(stub.received)
-    for prompt, received in zip(sent, stub.received, strict=True):
-        assert [name for name, _, _ in received.tools] == [tool.name for tool in prompt.prompt.tools]
-        tools = [sp.ToolSpec(*tool) for tool in received.tools]
-        texts = [text_of(message) for message in prompt.prompt.messages]
-        assert [text_of(message) for message in received.messages] == texts
-        assert counter.prompt(prompt.prompt.messages, tools) <= cap
-    assert sp.replay(events).identical
-
-
 @pytest.mark.parametrize("kind", [OpenAIChatCompletionsModel, OpenAIResponsesModel])
 async def test_handoffs_are_counted_and_a_used_one_is_no_mistake(kind):
     budget = sp.Budget(prompt_tokens=900)
@@ -125,7 +116,8 @@ async def test_handoffs_are_counted_and_a_used_one_is_no_mistake(kind):
         with episode:
             await Runner.run(first, "Play!", max_turns=None, run_config=model.run_config)
     assert (episode.result.completed, episode.result.malformed_calls, episode.result.turns) == (True, 0, 9)
-    as_recorded(events, stub, 900)
+    assert max(event["tokens"] for event in events if event["event"] == "view") <= 900
+    as_recorded(events, stub)
     instructions = [text_of(prompt.messages[2]) for prompt in stub.received]
     assert instructions == ["I am the first."] * 2 + ["I am the second."] * 4 + ["I am the first."] * 3
 
@@ -190,8 +182,7 @@ async def test_a_second_episode_in_the_same_session_begins_afresh():
     async with models(script, one, two) as (both, stub):
         for model, words in zip(both, ("First game.", "Second game."), strict=True):
             with model.episode:
-                agent = Agent("player", model=model, tools=model.tools)
-                await Runner.run(agent, words, max_turns=None, run_config=model.run_config, session=session)
+                await play(model, words, session=session)
     assert two.result.completed
     head = next(event["messages"] for event in events if event["event"] == "head")
     assert [text_of(message) for message in head[2:]] == ["Second game."]
@@ -215,7 +206,7 @@ async def test_words_between_two_runs_are_counted_and_shown():
             await Runner.run(agent, items, max_turns=None, run_config=model.run_config)
     assert (episode.result.completed, episode.result.turns) == (True, 7)
     assert text_of(stub.received[2].messages[-1]) == "Hurry!"
-    as_recorded(events, stub, 10_000)
+    as_recorded(events, stub)
 
 
 async def test_a_call_that_awaits_approval_is_not_played_by_a_later_one():
@@ -224,12 +215,11 @@ async def test_a_call_that_awaits_approval_is_not_played_by_a_later_one():
         for tool in model.tools:
             tool.needs_approval = by_action(move("A->C"))
         with episode:
-            agent = Agent("player", model=model, tools=model.tools)
-            paused = await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+            paused = await play(model)
             assert (len(paused.interruptions), episode.stats.steps) == (1, 0)
             state = paused.to_state()
             state.approve(paused.interruptions[0])
-            await Runner.run(agent, state, max_turns=None, run_config=model.run_config)
+            await play(model, state)
     calls = sorted((event for event in events if event["event"] == "call"), key=lambda event: event["position"])
     assert [event.get("host") for event in calls] == [None, "refused"]
     assert episode.result.steps == 1
@@ -249,11 +239,10 @@ async def test_a_rejected_call_is_refused_in_the_hosts_words():
         for tool in model.tools:
             tool.needs_approval = True
         with episode:
-            agent = Agent("player", model=model, tools=model.tools)
-            paused = await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+            paused = await play(model)
             state = paused.to_state()
             state.reject(paused.interruptions[0])
-            await Runner.run(agent, state, max_turns=None, run_config=model.run_config)
+            await play(model, state)
     (call,) = [event for event in events if event["event"] == "call"]
     assert call["host"] == "refused"
     assert text_of(stub.received[1].messages[-1]) == call["refusal"]
@@ -289,8 +278,7 @@ async def test_a_call_that_a_guardrail_rejected_has_the_guardrails_words_as_its_
         for tool in model.tools:
             tool.tool_input_guardrails = [without("A->B")]
         with episode:
-            agent = Agent("player", model=model, tools=model.tools)
-            await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+            await play(model)
     record = sorted((event for event in events if event["event"] == "call"), key=lambda event: event["position"])
     assert [event.get("host") for event in record] == [None if ok else "refused" for ok in played]
     words = f"Not {move('A->B')}, please."
@@ -298,7 +286,7 @@ async def test_a_call_that_a_guardrail_rejected_has_the_guardrails_words_as_its_
     seen = [text_of(message) for message in stub.received[1].messages if message["role"] == "tool"]
     assert [text == words for text in seen] == [not ok for ok in played]
     assert (episode.result.steps, episode.result.refused_calls) == (sum(played), len(played) - sum(played))
-    as_recorded(events, stub, 10_000)
+    as_recorded(events, stub)
 
 
 async def test_a_rejected_call_before_the_winning_one_is_on_record():
@@ -308,11 +296,10 @@ async def test_a_rejected_call_before_the_winning_one_is_on_record():
         for tool in model.tools:
             tool.tool_input_guardrails = [without("C->A")]
         with episode:
-            agent = Agent("player", model=model, tools=model.tools)
-            await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
+            await play(model)
     result = episode.result
     assert (result.completed, result.end_reason, result.refused_calls, result.steps) == (True, "terminated", 1, 7)
-    as_recorded(events, stub, 10_000)
+    as_recorded(events, stub)
 
 
 async def test_another_run_config_is_refused_in_a_sentence():
@@ -326,7 +313,6 @@ async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
     episode, _ = fresh()
     down = ModelStep.raise_error(ConnectionError("down"))
     model = SmartPlayModel(ScriptedModel([step(calling(act(WAY[0]))), down, down]), episode)
-    agent = Agent("player", model=model, tools=model.tools)
     with episode:
         for words, error, sentence in (
             ("Play!", ConnectionError, "down"),
@@ -334,7 +320,7 @@ async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
             ("Play!", ConnectionError, "down"),
         ):
             with pytest.raises(error, match=sentence):
-                await Runner.run(agent, words, max_turns=None, run_config=model.run_config)
+                await play(model, words)
     assert not caplog.records, "the history of a run that begins anew was not trimmed"
 
 

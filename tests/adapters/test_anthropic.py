@@ -14,6 +14,7 @@ from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.players.conversion import function_call
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
+from tests.adapters.marks import anthropic_marks
 
 pytestmark = pytest.mark.slow
 
@@ -27,11 +28,6 @@ def play(stub: AnthropicStub, budget: sp.Budget, **options: object) -> sp.Episod
     episode, _ = fresh(budget)
     with stub, episode, AnthropicPlayer("m", base_url=stub.url, api_key="k", pause=0.0, **options) as player:
         return sp.play(episode, player)
-
-
-def test_the_usage_adds_up_what_the_interface_counts_apart():
-    result = play(AnthropicStub([calling(act("A->C"))]), sp.Budget(tool_calls=1))
-    assert result.tokens.provider == sp.Usage(prompt=10, reply=4, cached=3, written=2)
 
 
 def test_writes_that_are_kept_for_an_hour_are_told_apart():
@@ -112,36 +108,13 @@ def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(argu
 
 THOUGHT = {"type": "thinking", "thinking": "Hm.", "signature": "s"}
 SO = {"type": "text", "text": "So."}
-WORDS = {"type": "text", "text": "..."}
 
 
-@pytest.mark.parametrize(
-    ("blocks", "sent"),
-    [
-        pytest.param([THOUGHT, {"type": "text", "text": " "}], [THOUGHT, WORDS], id="words that are none"),
-        pytest.param([THOUGHT, {"type": "text", "text": ""}, SO], [THOUGHT, SO], id="some words that are none"),
-    ],
-)
-def test_thinking_goes_back_as_the_interface_takes_it(blocks, sent):
-    """It refuses a message that ends with thinking, and words that are empty, both of which it sends itself."""
-    prompt = sp.Prompt([reply({"content": blocks}).message], ())
-    assert request(prompt, cache=False)["messages"][0]["content"] == sent
-
-
-def test_the_cap_on_a_reply_is_the_budgets():
-    stub = AnthropicStub([calling(act("A->C"))])
-    play(stub, sp.Budget(tool_calls=1, reply_tokens=77))
-    assert stub.bodies[0]["max_tokens"] == 77
-    assert request(sp.Prompt([], ()))["max_tokens"] == 4096
-
-
-def test_words_that_are_none_and_names_that_cannot_be_do_no_harm():
-    odd = calling(("go north!", "{"))
-    result = {"role": "tool", "tool_call_id": "c0", "content": "Error"}
-    sent = request(sp.Prompt([{"role": "user", "content": ""}, odd, result, calling()], ()), cache=False)["messages"]
-    assert sent[0]["content"] == [{"type": "text", "text": "..."}]
-    assert sent[1]["content"] == [{"type": "tool_use", "id": "c0", "name": "go_north_", "input": {"arguments": "{"}}]
-    assert sent[3]["content"] == [{"type": "text", "text": "..."}]
+def test_words_that_are_none_are_left_out_beside_thinking_and_have_a_stand_in_elsewhere():
+    """The interface refuses words that are empty, and sends them itself."""
+    thinking = reply({"content": [THOUGHT, {"type": "text", "text": ""}, SO]}).message
+    sent = request(sp.Prompt([{"role": "user", "content": ""}, thinking], ()), cache=False)["messages"]
+    assert [message["content"] for message in sent] == [[{"type": "text", "text": "..."}], [THOUGHT, SO]]
 
 
 def test_an_answer_of_the_client_and_its_json_are_the_same():
@@ -157,11 +130,6 @@ def test_an_answer_of_the_client_and_its_json_are_the_same():
     }
     assert reply(answer) == reply(anthropic.types.Message.model_validate(answer))
     assert reply(answer).message == {"role": "assistant", "content": "Hi"}
-
-
-def test_the_player_needs_a_model():
-    with pytest.raises(sp.InvalidArgumentError, match="anthropic:MODEL"):
-        sp.get_player("anthropic")
 
 
 def test_a_missing_key_is_one_sentence(monkeypatch, tmp_path: Path):
@@ -235,40 +203,28 @@ def test_a_runner_owns_the_context():
 # The provider's cache.
 
 
-def marked(body):
-    """The position of the block that is marked, counted through all messages; None if there is none."""
-    blocks = [block for message in body["messages"] for block in message["content"]]
-    places = [at for at, block in enumerate(blocks) if "cache_control" in block]
-    assert len(places) <= 1
-    return (places[0] + 1, len(blocks)) if places else None
+MOVES = [calling(act(move)) for move in ("A->C", "A->B", "C->B", "A->C")]
 
 
-def test_the_ends_of_a_prompt_and_of_what_stood_before_are_marked_for_the_cache():
-    stub = AnthropicStub([calling(act("A->C")), calling(act("A->B")), calling(act("C->B"))])
-    play(stub, sp.Budget(tool_calls=3))
-    blocks = [[block for message in body["messages"] for block in message["content"]] for body in stub.bodies]
-    places = [[at + 1 for at, block in enumerate(each) if "cache_control" in block] for each in blocks]
-    assert places == [[1], [1, 3], [3, 5]]
-    with pytest.raises(sp.InvalidArgumentError, match='cache is True, "stable" or False, not 5'):
-        AnthropicPlayer("m", api_key="k", cache=5)
-
-
-def test_what_stood_in_the_prompt_before_is_marked_for_the_cache():
-    script = [calling(act("A->C")), calling(act("A->B")), calling(act("C->B"))]
-    stub = AnthropicStub(script)
-    play(stub, sp.Budget(tool_calls=3), cache="stable")
-    # The task; then each prompt adds a call and its result to what the one before held.
-    assert [marked(body) for body in stub.bodies] == [None, (1, 3), (3, 5)]
-    without = AnthropicStub(script)
+@pytest.mark.parametrize(
+    ("cache", "places"), [(True, [[1], [1, 3], [3, 5]]), ("stable", [[], [1], [3]]), (False, [[], [], []])]
+)
+def test_the_ends_of_a_prompt_and_of_what_stood_before_are_marked_for_the_cache(cache, places):
+    """The task; then each prompt adds a call and its result to what the one before held."""
+    stub, without = AnthropicStub(MOVES), AnthropicStub(MOVES)
+    play(stub, sp.Budget(tool_calls=3), cache=cache)
     play(without, sp.Budget(tool_calls=3), cache=False)
-    assert [marked(body) for body in without.bodies] == [None] * 3
-    unmarked = [
-        json.loads(json.dumps(body).replace(', "cache_control": {"type": "ephemeral"}', "")) for body in stub.bodies
-    ]
-    assert unmarked == without.bodies
+    assert [anthropic_marks(body) for body in stub.bodies] == places
+    unmarked = json.dumps(stub.bodies).replace(', "cache_control": {"type": "ephemeral"}', "")
+    assert json.loads(unmarked) == without.bodies
 
 
 def test_a_window_that_slides_keeps_its_head_marked():
-    stub = AnthropicStub([calling(act(move)) for move in ("A->C", "A->B", "C->B", "A->C")])
+    stub = AnthropicStub(MOVES)
     play(stub, sp.Budget(tool_calls=4, history=0, prompt_tokens=700), cache="stable")
-    assert {marked(body)[0] for body in stub.bodies[2:]} == {1}
+    assert [anthropic_marks(body) for body in stub.bodies[2:]] == [[1], [1]]
+
+
+def test_another_choice_of_marks_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match='cache is True, "stable" or False, not 5'):
+        AnthropicPlayer("m", api_key="k", cache=5)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,6 +33,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def settings(folder: Path, **own: Any) -> SFTConfig:
+    """Of a trainer on a processor, which tells nobody."""
+    here = {"report_to": "none", "use_cpu": True, "bf16": False, "gradient_checkpointing": False}
+    return SFTConfig(output_dir=str(folder / "out"), max_length=16384, **here, **own)
+
+
 @pytest.mark.parametrize("name", ["sft", "sft-chains", "sft-episodes"])
 def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
@@ -44,18 +51,7 @@ def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch
         model=tiny_model.model(tokenizer),
         processing_class=tokenizer,
         train_dataset=rows.select(range(4)),
-        args=SFTConfig(
-            output_dir=str(tmp_path / "out"),
-            max_steps=2,
-            per_device_train_batch_size=2,
-            max_length=16384,
-            report_to="none",
-            use_cpu=True,
-            bf16=False,
-            gradient_checkpointing=False,
-            save_strategy="no",
-            **which,
-        ),
+        args=settings(tmp_path, max_steps=2, per_device_train_batch_size=2, save_strategy="no", **which),
     )
     assert trainer.train().training_loss > 0
     batch = next(iter(trainer.get_train_dataloader()))
@@ -93,17 +89,11 @@ def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
     export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
     rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
     tokenizer = tiny_model.tokenizer()
-    settings = SFTConfig(
-        output_dir=str(tmp_path / "out"),
-        assistant_only_loss=True,
-        max_length=16384,
-        report_to="none",
-        use_cpu=True,
-        bf16=False,
-        gradient_checkpointing=False,
-    )
     trainer = SFTTrainer(
-        model=tiny_model.model(tokenizer), processing_class=tokenizer, train_dataset=rows, args=settings
+        model=tiny_model.model(tokenizer),
+        processing_class=tokenizer,
+        train_dataset=rows,
+        args=settings(tmp_path, assistant_only_loss=True),
     )
     trained = sum(
         tokenizer.decode([label for label in row["labels"] if label != -100]).count("<|im_end|>")

@@ -24,7 +24,7 @@ from agents import (
     set_tracing_disabled,
 )
 from langchain.agents import create_agent
-from langchain.agents.middleware import AgentMiddleware, ModelRetryMiddleware, dynamic_prompt
+from langchain.agents.middleware import ModelRetryMiddleware, dynamic_prompt
 from langchain_core.callbacks import BaseCallbackHandler
 from langchain_core.messages import BaseMessage, HumanMessage
 from langgraph.checkpoint.memory import InMemorySaver
@@ -36,9 +36,10 @@ from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
 from smartplay_tools.records.prompts import sent_prompts
+from tests.adapters.as_recorded import as_recorded
 from tests.adapters.conformance import calling, fresh
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_langchain import playing_graph
+from tests.adapters.scripted_langchain import Reminder, playing_graph
 
 pytestmark = pytest.mark.slow
 
@@ -174,21 +175,10 @@ in_every_host = pytest.mark.parametrize("host", HOSTS)
 in_each_kind_of_host = pytest.mark.parametrize("host", [host for host in HOSTS if host not in ALIKE])
 
 
-def as_recorded(events: list[Any], stub: Provider) -> None:
-    """What the server received is what the record says was sent, summaries included, and the record replays."""
-    sent = list(sent_prompts(events))
-    assert [prompt.prompt.purpose for prompt in sent] == stub.purposes
-    for prompt, received in zip(sent, stub.received, strict=True):
-        assert prompt.sha256 == prompt.recorded_sha256
-        assert spoken(received.messages) == spoken(prompt.prompt.messages)
-        assert [name for name, _, _ in received.tools] == [tool.name for tool in prompt.prompt.tools]
-    assert sp.replay(events).identical
-
-
-def spoken(messages: Any) -> list[str]:
-    """The texts of messages; system texts, which some clients join, apart."""
-    contents = [message["content"] for message in messages if message["role"] != "system"]
-    return [c if isinstance(c, str) else "".join(part["text"] for part in c or ()) for c in contents]
+def as_asked(events: list[Any], stub: Provider) -> None:
+    """The server received what the record says was sent, summaries included."""
+    assert [prompt.prompt.purpose for prompt in sent_prompts(events)] == stub.purposes
+    as_recorded(events, stub)
 
 
 class Played(NamedTuple):
@@ -218,7 +208,7 @@ def test_a_summary_is_one_more_call_of_the_model_that_the_agent_does_not_see(hos
     assert all(len(body["tools"]) == 3 for body in asked)
     assert all("about to leave your view" in str(body) for body in asked)
     assert all(WORDS in str(body) for body in stub.bodies[stub.purposes.index("summary") + 1 :])
-    as_recorded(events, stub)
+    as_asked(events, stub)
 
 
 def test_a_state_of_langchain_has_no_summary():
@@ -263,7 +253,7 @@ def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host)
         HOSTS[host](episode, stub, retries=2)
     assert episode.result == undisturbed(host).result
     assert stub.bodies == undisturbed(host).stub.bodies
-    as_recorded(events, stub)
+    as_asked(events, stub)
 
 
 def spent_at_the_first_summary() -> int:
@@ -284,7 +274,7 @@ def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run(h
         HOSTS[host](episode, stub)
     assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
     assert stub.purposes[-1] == "summary"
-    as_recorded(events, stub)
+    as_asked(events, stub)
 
 
 def test_words_after_an_episode_that_ended_with_a_summary_are_no_error():
@@ -303,30 +293,17 @@ def counting() -> Callable[..., str]:
     return lambda context, agent=None: f"This is prompt {next(numbers)}."
 
 
-def test_a_head_that_changes_is_refused_in_a_sentence():
+def by_a_changing_agent(episode: sp.Episode, stub: Provider) -> None:
+    middleware = [dynamic_prompt(counting()), SmartPlayMiddleware(episode)]
+    create_agent(client(stub), middleware=middleware).invoke({"messages": []}, THREAD)
+
+
+@pytest.mark.parametrize("play", [by_a_changing_agent, partial(agents_sdk, instructions=counting())])
+def test_a_head_that_changes_is_refused_in_a_sentence(play):
     episode, _ = fresh(BUDGET)
-    with (
-        Provider() as stub,
-        episode,
-        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
-    ):
-        create_agent(client(stub), middleware=[dynamic_prompt(counting()), SmartPlayMiddleware(episode)]).invoke(
-            {"messages": []}, THREAD
-        )
-    episode, _ = fresh(BUDGET)
-    with (
-        Provider() as stub,
-        episode,
-        pytest.raises(sp.InvalidArgumentError, match="turns are summarised or rewritten, the head"),
-    ):
-        agents_sdk(episode, stub, instructions=counting())
-
-
-class Reminder(AgentMiddleware[Any, Any, Any]):
-    """Adds a message to every request, which is in no state."""
-
-    def wrap_model_call(self, request: Any, handler: Any) -> Any:
-        return handler(request.override(messages=[*request.messages, HumanMessage("Think of the smallest disk.")]))
+    sentence = "turns are summarised or rewritten, the head"
+    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match=sentence):
+        play(episode, stub)
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -334,17 +311,22 @@ def test_what_a_middleware_adds_to_a_request_is_added_once(inside):
     episode, events = fresh(BUDGET)
     ours = SmartPlayMiddleware(episode)
     with Provider() as stub, episode:
-        agent = create_agent(client(stub), middleware=[ours, Reminder()] if inside else [Reminder(), ours])
+        agent = create_agent(
+            client(stub),
+            middleware=[ours, Reminder("Think of the smallest disk.")]
+            if inside
+            else [Reminder("Think of the smallest disk."), ours],
+        )
         agent.invoke({"messages": []}, THREAD)
     added = [event for event in events if event["event"] == "message" and event["by"] == "host"]
     assert len(added) == TURNS - 1, "one for each prompt to play but the first, whose head has it"
-    as_recorded(events, stub)
+    as_asked(events, stub)
 
 
 def test_an_episode_goes_on_from_a_record_that_ends_with_a_summary():
     """The process ended after the reply was recorded and before the prompt to play."""
     episode, events = fresh(BUDGET)
-    saver, inner = InMemorySaver(), Reminder()
+    saver, inner = InMemorySaver(), Reminder("Think of the smallest disk.")
     with Provider(lambda purpose, number: purpose == "play" and number == stops[0]) as stub, Provider() as whole:
         stops = [-1]
         with episode:

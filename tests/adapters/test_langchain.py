@@ -13,7 +13,6 @@ from langchain_core.tools import tool
 from langchain_tests.integration_tests import ToolsIntegrationTests
 from langchain_tests.unit_tests import ToolsUnitTests
 from smartplay_langchain import (
-    GraphSession,
     PlayerChatModel,
     SmartPlayMiddleware,
     SmartPlayToolkit,
@@ -92,12 +91,6 @@ class TestToolkit:
         assert message.artifact["state_hash"]
         assert message.artifact["state_hash"] not in message.content
 
-    def test_the_host_owns_the_context_so_observe_shows_the_history(self):
-        made = tools()
-        made["act"].invoke({"action": "Rock"})
-        assert "You chose Rock" in made["observe"].invoke({})
-        assert made["act"].episode.config.context == "host"
-
 
 def invoke(episode: sp.Episode, model: Any, asynchronously: bool, messages: list[Any] | None = None, **options: Any):
     middleware = [SmartPlayMiddleware(episode), *options.pop("middleware", [])]
@@ -109,14 +102,6 @@ def invoke(episode: sp.Episode, model: Any, asynchronously: bool, messages: list
 
 @pytest.mark.parametrize("asynchronously", [False, True])
 class TestMiddleware:
-    def test_the_state_keeps_everything_and_the_model_sees_the_window(self, asynchronously):
-        episode, _ = fresh(sp.Budget(history=1, tool_calls=18))
-        with episode:
-            model = ScriptedModel([calling(act("A->B")), calling(act("B->A"))] * 9)
-            state = invoke(episode, model, asynchronously)
-        assert max(len(sent) for sent in model.sent) == 2 + 2 * 2
-        assert len(state) == 18 * 2
-
     def test_the_hosts_words_and_tools_are_counted_and_shown(self, asynchronously):
         @tool
         def search(query: str) -> str:
@@ -222,38 +207,3 @@ def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(argu
 def test_all_system_messages_become_one():
     head = [{"role": "system", "content": "a"}, {"role": "user", "content": "b"}, {"role": "system", "content": "c"}]
     assert [(type(m), m.content) for m in to_langchain(head)] == [(SystemMessage, "a\n\nc"), (HumanMessage, "b")]
-
-
-def test_the_player_needs_a_model():
-    with pytest.raises(sp.InvalidArgumentError, match="langchain:MODEL"):
-        sp.get_player("langchain")
-
-
-def test_the_state_is_read_from_its_end():
-    """However long the state is, a turn looks at the messages since the latest reply, at it, and at the one before."""
-
-    class Watched(list):
-        looked: list[int] = []  # noqa: RUF012 - of this test alone
-
-        def __getitem__(self, at: Any) -> Any:
-            self.looked.append(at.start if isinstance(at, slice) else at)
-            return super().__getitem__(at)
-
-        def __iter__(self) -> Any:
-            raise AssertionError("read from the start")
-
-        def __reversed__(self) -> Any:
-            return (self[at] for at in range(len(self) - 1, -1, -1))
-
-    episode, _ = fresh(sp.Budget(stalled_turns=None))
-    model = ScriptedModel([calling(("observe", {}))] * 60)
-    with episode:
-        session, state = GraphSession(episode), []
-        for _ in range(60):
-            state += session.ask(model, Watched(state) if state else [])
-            call = {"type": "tool_call", **state[-1].tool_calls[0]}
-            state.append(session.tools[[tool.name for tool in session.tools].index("observe")].invoke(call))
-        Watched.looked.clear()
-        session.update(Watched(state))
-        assert session.recorded_reply(Watched(state)) is None
-    assert min(Watched.looked) >= len(state) - 3

@@ -27,20 +27,18 @@ from langchain.agents.middleware import (
     wrap_model_call,
     wrap_tool_call,
 )
-from langchain_core.callbacks import BaseCallbackHandler
-from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.messages import AIMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
 from smartplay_langchain import SmartPlayMiddleware
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.types.messages import text_of
+from tests.adapters.as_recorded import as_recorded
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approvals
+from tests.adapters.scripted_langchain import Reminder, ScriptedModel, needs_single_approvals
 
 pytestmark = pytest.mark.slow
 
@@ -92,39 +90,11 @@ def play(
     return episode.result, events, stub.bodies, state["messages"]
 
 
-def as_recorded(events: list[Any], stub: OpenAIStub) -> None:
-    """What the server received is what the record says was sent, token by token under the cap."""
-    counter = TokenCounter()
-    views = {event["sha256"]: event for event in events if event["event"] == "view"}
-    sent = [prompt for prompt in sent_prompts(events) if prompt.turn < len(stub.requests)]
-    assert len(sent) == len(stub.requests)
-    for prompt, received in zip(sent, stub.received, strict=True):
-        texts = [text_of(m) for m in prompt.prompt.messages if m["role"] != "system"]
-        assert [text_of(m) for m in received.messages if m["role"] != "system"] == texts
-        system = "\n\n".join(text_of(m) for m in prompt.prompt.messages if m["role"] == "system")
-        assert [text_of(m) for m in received.messages if m["role"] == "system"] == [system]
-        assert counter.prompt(prompt.prompt.messages, prompt.prompt.tools) == views[prompt.sha256]["tokens"]
-
-
 def results(messages: list[Any]) -> list[ToolMessage]:
     return [message for message in messages if isinstance(message, ToolMessage)]
 
 
 # --- What other middlewares add to the prompt ---------------------------------------------------------------------
-
-
-class Reminder(AgentMiddleware):
-    """Adds a message to every request, which is in no state."""
-
-    def __init__(self, words: str) -> None:
-        super().__init__()
-        self.words = words
-
-    def wrap_model_call(self, request: Any, handler: Any) -> Any:
-        return handler(request.override(messages=[*request.messages, HumanMessage(self.words)]))
-
-    async def awrap_model_call(self, request: Any, handler: Any) -> Any:
-        return await handler(request.override(messages=[*request.messages, HumanMessage(self.words)]))
 
 
 @pytest.mark.parametrize("asynchronously", [False, True])
@@ -413,19 +383,24 @@ def test_a_tool_call_limit_counts_calls_before_they_are_played(inside):
 
 
 @pytest.mark.parametrize("inside", [False, True])
-def test_a_tool_call_limit_that_ends_the_run_ends_a_closed_episode_as_the_hosts(inside):
-    limit = ToolCallLimitMiddleware(run_limit=1, exit_behavior="end")
-    script = [calling(act("A->C"), act("A->B"))]
+@pytest.mark.parametrize(
+    ("limit", "calls", "counts", "detail"),
+    [
+        (ToolCallLimitMiddleware(run_limit=1, exit_behavior="end"), [(act("A->C"), act("A->B"))], (0, 2), "limit"),
+        (
+            ModelCallLimitMiddleware(run_limit=2, exit_behavior="end"),
+            [(act(short),) for short in WAY],
+            (2, 0),
+            "Model call limits exceeded",
+        ),
+    ],
+    ids=["calls of tools", "calls of the model"],
+)
+def test_a_limit_that_ends_the_run_ends_a_closed_episode_as_the_hosts(inside, limit, calls, counts, detail):
+    script = [calling(*each) for each in calls]
     result, _, _, _ = play(script, lambda ours: [ours, limit] if inside else [limit, ours])
-    assert (result.steps, result.refused_calls, result.end_reason) == (0, 2, "host")
-    assert "limit" in result.detail
-
-
-def test_a_model_call_limit_ends_a_closed_episode_as_the_hosts():
-    limit = ModelCallLimitMiddleware(run_limit=2, exit_behavior="end")
-    result, _, _, _ = play([*map(calling, map(act, WAY))], lambda ours: [ours, limit])
-    assert (result.steps, result.end_reason) == (2, "host")
-    assert "Model call limits exceeded" in result.detail
+    assert (result.steps, result.refused_calls, result.end_reason) == (*counts, "host")
+    assert detail in result.detail
 
 
 def test_a_middleware_may_answer_in_the_games_place_and_may_not_change_its_results():
@@ -471,27 +446,6 @@ def test_a_call_that_a_middleware_stops_waiting_for_holds_up_no_other(order):
     assert played == [(0, None), (1, "refused"), (2, None), (3, None)]
     assert (result.steps, result.refused_calls) == (3, 1)
     assert [message.text.split(".")[0] for message in results(messages)][1] == "Error: This took too long"
-
-
-def test_callbacks_see_the_calls_and_one_model_run_for_each_reply():
-    class Watching(BaseCallbackHandler):
-        def __init__(self) -> None:
-            self.seen: list[str] = []
-
-        def on_tool_start(self, serialized: Any, input_str: str, **kwargs: Any) -> None:
-            self.seen.append(serialized["name"])
-
-        def on_chat_model_start(self, serialized: Any, messages: Any, **kwargs: Any) -> None:
-            self.seen.append(f"model: {len(messages[0])}")
-
-    watching = Watching()
-    episode, _ = fresh(sp.Budget(history=0))
-    with OpenAIStub([calling(act("A->C"), ("observe", {})), *[calling(say="Well.")] * 3]) as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)])
-        agent.invoke({"messages": []}, {"callbacks": [watching]})
-    # The tool node begins the calls of a message in threads; they are still played in the message's order.
-    watching.seen[1:3] = sorted(watching.seen[1:3])
-    assert watching.seen == ["model: 2", "act", "observe", "model: 5", "model: 7", "model: 7"]
 
 
 class TestWhatIsShown:

@@ -182,6 +182,12 @@ def test_one_player_serves_one_event_loop_after_another(name):
         check([asyncio.run(ask(player, number)) for number in range(3)], requests=1)
 
 
+@pytest.mark.parametrize("name", PLAYERS)
+def test_a_player_without_a_model_is_one_sentence(name):
+    with pytest.raises(sp.InvalidArgumentError, match=f"{name}:MODEL"):
+        sp.get_player(name)
+
+
 def test_a_limit_under_which_nobody_is_asked_is_refused():
     with pytest.raises(sp.InvalidArgumentError, match="at_once must be at least 1"):
         sp.get_player("openai:m", base_url="http://127.0.0.1:9/v1", at_once=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import subprocess
 import sys
 from functools import partial
@@ -14,10 +13,10 @@ from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.errors import install_command
 from smartplay_tools.transcript.file import comparable
 from smartplay_tools.types.messages import reasoning_of, text_of
+from tests.adapters.conformance import fresh, on_a_loop, waiting
 
 pytest.importorskip("openai")
 
-import openai
 import smartplay_openai as so
 
 WAYS = [("openai", False), ("openai", True), ("openai-responses", False), ("openai-responses", True)]
@@ -37,37 +36,26 @@ def record(game, player, seed=7, budget=BUDGET):
     return result, events
 
 
-async def arecord(game, player, seed=7, budget=BUDGET):
-    events = []
-    with sp.Episode(game, seed=seed, budget=budget, transcript=events) as episode:
-        result = await sp.aplay(episode, player)
-    return result, events
-
-
 # Equal episodes.
 
 
-@pytest.mark.parametrize(("name", "stream"), WAYS)
-def test_the_network_changes_nothing(endpoint, name, stream):
+@pytest.mark.parametrize(
+    ("name", "stream", "play"),
+    [
+        *((*way, waiting) for way in WAYS),
+        *(pytest.param(name, True, on_a_loop, marks=pytest.mark.slow) for name in ("openai", "openai-responses")),
+    ],
+)
+def test_the_network_changes_nothing(endpoint, name, stream, play):
     at_home, home_events = record("Hanoi3Disk-v0", sp.get_player("rule"))
-    with sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=stream) as player:
-        away, away_events = record("Hanoi3Disk-v0", player)
+    episode, away_events = fresh(BUDGET)
+    with episode:
+        play(episode, sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=stream))
+    away = episode.result
     assert comparable(away_events) == comparable(home_events)
     assert away.model_dump(exclude={"tokens"}) == at_home.model_dump(exclude={"tokens"})
     assert away.tokens.model_copy(update={"provider": None}) == at_home.tokens
     assert away_events[0]["config"]["player"] == f"{name}:rule"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["openai", "openai-responses"])
-def test_the_event_loop_changes_nothing_in_a_stream(endpoint, name):
-    async def play():
-        async with sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=True) as player:
-            return await arecord("Hanoi3Disk-v0", player)
-
-    _, home_events = record("Hanoi3Disk-v0", sp.get_player("rule"))
-    _, away_events = asyncio.run(play())
-    assert comparable(away_events) == comparable(home_events)
 
 
 # What is counted.
@@ -226,29 +214,12 @@ def test_strict_schemas_in_each_interfaces_form(endpoint):
 # Where it goes.
 
 
-def test_a_missing_key_or_model_is_one_sentence(monkeypatch):
-    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
-    with pytest.raises(sp.InvalidArgumentError, match="set OPENAI_API_KEY"):
-        sp.get_player("openai:gpt-4o-mini")
-    with pytest.raises(sp.InvalidArgumentError, match="openai:MODEL"):
-        sp.get_player("openai")
-
-
 def test_the_environment_names_server_and_key(monkeypatch):
     with so.LocalEndpoint(sp.get_player("rule"), api_key="secret") as guarded:
         monkeypatch.setenv("OPENAI_BASE_URL", guarded.base_url)
         monkeypatch.setenv("OPENAI_API_KEY", "secret")
         with sp.get_player("openai:rule") as player:
             assert record("Hanoi3Disk-v0", player)[0].completed
-
-
-def test_the_cap_is_called_as_the_server_calls_it():
-    prompt = sp.Prompt([{"role": "user", "content": "?"}], (), max_tokens=9)
-    official = sp.get_player("openai:gpt-4o-mini", api_key="none", base_url="https://api.openai.com/v1/")
-    other = sp.get_player("openai:llama", api_key="none", base_url="http://models.example/v1")
-    assert official.request(prompt)["max_completion_tokens"] == 9
-    assert other.request(prompt)["max_tokens"] == 9
 
 
 def without(modules: str, code: str) -> str:
@@ -298,20 +269,6 @@ def test_a_part_of_an_adapter_needs_only_what_it_uses(missing, code):
     assert without(missing, code) == ""
 
 
-def test_an_agent_of_ones_own_can_use_the_endpoint(endpoint):
-    with openai.OpenAI(
-        base_url=endpoint.base_url, api_key="none", http_client=openai.DefaultHttpxClient(trust_env=False, verify=False)
-    ) as client:
-        assert [model.id for model in client.models.list()] == ["rule", "random"]
-        with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
-            conversation = sp.Conversation(episode)
-            while (prompt := conversation.prompt()) is not None:
-                completion = client.chat.completions.create(model="rule", **so.chat_request(prompt))
-                reply = so.chat_reply(completion)
-                conversation.receive(reply.message, reply.usage)
-    assert conversation.result.completed
-
-
 # What OpenAI is told for its cache.
 
 
@@ -347,8 +304,6 @@ def test_openai_is_told_which_prompts_belong_together_and_what_is_stable(name, f
     assert newer[field][3][text] == [{"type": part, "text": plain[field][3][text], **mark}]
 
 
-def test_other_servers_are_told_nothing_of_caches(endpoint):
-    with sp.get_player("openai:gpt-5.6", base_url=endpoint.base_url) as player:
-        assert "prompt_cache_key" not in player.request(third_prompt())
+def test_a_key_of_the_users_own_stays():
     with sp.get_player("openai:gpt-5.6", api_key="k", parameters={"prompt_cache_key": "mine"}) as player:
         assert player.request(third_prompt())["prompt_cache_key"] == "mine"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import http.client
 import json
-from urllib.parse import urlsplit
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -17,6 +15,7 @@ import httpx2
 import smartplay_openai as so
 
 from smartplay_tools.context.tokens import TokenCounter
+from tests.evaluation import asking
 
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
@@ -59,14 +58,9 @@ def endpoint():
 
 def ask(endpoint, path, body=None, method="POST", headers=None):
     """Send a request without a client library; return the status and the body."""
-    where = urlsplit(endpoint.base_url)
-    connection = http.client.HTTPConnection(where.hostname, where.port, timeout=30)
     text = body if isinstance(body, str | None) else json.dumps(body)
-    connection.request(method, path, text, headers or {})
-    response = connection.getresponse()
-    answer = response.read().decode("ascii")
-    connection.close()
-    return response.status, answer
+    status, _, answer = asking.ask(endpoint.url.rstrip("/") + path, text, method=method, headers=headers or {})
+    return status, answer
 
 
 def refusal(endpoint, path, body, **options):
@@ -214,17 +208,6 @@ def test_an_address_of_version_6():
         (chat(USER, tools=[{"type": "function", "function": {**TOOL, "parameters": 1}}]), "type object"),
         (chat(USER, max_tokens=0), "at least 1"),
         (chat(USER, n=2), "n is 1"),
-    ],
-)
-def test_what_chat_completions_refuse(endpoint, body, words):
-    status, message = refusal(endpoint, "/v1/chat/completions", body)
-    assert status == 400
-    assert words in message
-
-
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
         (responses(), "at least one item"),
         (responses("Play."), "is an object"),
         (responses({"role": "robot", "content": "?"}), "has one of the roles"),
@@ -234,8 +217,8 @@ def test_what_chat_completions_refuse(endpoint, body, words):
         (responses(USER, {"type": "function_call", "call_id": "c1", "name": "act", "arguments": "{}"}), "no result"),
     ],
 )
-def test_what_responses_refuse(endpoint, body, words):
-    status, message = refusal(endpoint, "/v1/responses", body)
+def test_what_the_interfaces_refuse(endpoint, body, words):
+    status, message = refusal(endpoint, "/v1/responses" if "input" in body else "/v1/chat/completions", body)
     assert status == 400
     assert words in message
 

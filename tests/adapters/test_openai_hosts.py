@@ -84,12 +84,12 @@ def test_it_stops_after_any_end(client):
         assert episode.result.tool_calls == 4
 
 
-HANOI = "- A: |bottom, [{}], top|\n- B: |bottom, [{}], top|\n- C: |bottom, [{}], top|"
-
-
-def hanoi_tools():
-    with sp.Episode("Hanoi3Disk-v0", seed=1) as episode:
+def tools_of(game="Hanoi3Disk-v0"):
+    with sp.Episode(game, seed=1) as episode:
         return [sp.schema(tool, "openai") for tool in episode.tools]
+
+
+HANOI = "- A: |bottom, [{}], top|\n- B: |bottom, [{}], top|\n- C: |bottom, [{}], top|"
 
 
 def round_of(call_id, name, arguments, text):
@@ -103,7 +103,7 @@ def asked(client, *messages, **options):
     sent: list[Any] = [{"role": "user", "content": "Play."}]
     for at, text in enumerate(messages):
         sent += round_of(f"c{at}", "observe", "{}", text)
-    options = {"tools": hanoi_tools(), **options}
+    options = {"tools": tools_of(), **options}
     return client.chat.completions.create(model="rule", messages=sent, **options).choices[0].message
 
 
@@ -124,7 +124,7 @@ def test_results_out_of_order_are_told_apart_by_their_ids(client):
         {"role": "tool", "tool_call_id": "c1", "content": HANOI.format("2", "", "1, 0")},
         {"role": "tool", "tool_call_id": "c0", "content": HANOI.format("2, 1, 0", "", "")},
     ]
-    reply = client.chat.completions.create(model="rule", messages=messages, tools=hanoi_tools()).choices[0].message
+    reply = client.chat.completions.create(model="rule", messages=messages, tools=tools_of()).choices[0].message
     (call,) = reply.tool_calls
     assert "rod C to the top of rod A" in call.function.arguments
 
@@ -166,7 +166,7 @@ def test_tool_choice_is_honoured(client, choice, calls):
 
 
 def test_tool_choice_is_honoured_by_responses(client):
-    tools = [{"type": "function", **tool["function"]} for tool in hanoi_tools()]
+    tools = [{"type": "function", **tool["function"]} for tool in tools_of()]
 
     def names(choice):
         response = client.responses.create(model="rule", input="Play.", tools=tools, tool_choice=choice)
@@ -183,7 +183,7 @@ def test_a_forced_tool_that_is_not_the_games_gets_plain_arguments(client):
     schema = {"type": "object", "properties": properties, "required": ["answer", "score", "kind"]}
     tool = {"type": "function", "function": {"name": "final_answer", "parameters": schema}}
     choice = {"type": "function", "function": {"name": "final_answer"}}
-    (call,) = asked(client, tools=[*hanoi_tools(), tool], tool_choice=choice).tool_calls
+    (call,) = asked(client, tools=[*tools_of(), tool], tool_choice=choice).tool_calls
     assert json.loads(call.function.arguments) == {"answer": "", "score": 0, "kind": "won"}
 
 
@@ -192,7 +192,7 @@ def test_one_call_at_a_time_where_that_is_asked_for():
     script = [{"role": "assistant", "content": None, "tool_calls": two}] * 2
     app = TestClient(so.endpoint_app(sp.ScriptedPlayer(script)), LOCAL)
     for parallel, count in ((False, 1), (True, 2)):
-        body = {"model": "scripted", "messages": [{"role": "user", "content": "?"}], "tools": hanoi_tools()}
+        body = {"model": "scripted", "messages": [{"role": "user", "content": "?"}], "tools": tools_of()}
         answer = app.post("/v1/chat/completions", json={**body, "parallel_tool_calls": parallel}).json()
         assert len(answer["choices"][0]["message"]["tool_calls"]) == count
 
@@ -286,11 +286,6 @@ def test_an_output_item_without_text_is_refused(app, content):
     answer = app.post("/v1/responses", json={"model": "rule", "input": items})
     assert answer.status_code == 400
     assert answer.json()["error"]["param"] == "input[1]"
-
-
-def tools_of(game):
-    with sp.Episode(game, seed=1) as episode:
-        return [sp.schema(tool, "openai") for tool in episode.tools]
 
 
 TOOLS = {game: tools_of(game) for game in [*GAMES, "MessengerL3-v0", "Crafter-v0", "MinedojoCreative0-v0"]}

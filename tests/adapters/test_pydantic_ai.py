@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import subprocess
 import sys
@@ -33,27 +32,23 @@ import smartplay_tools as sp
 from tests.adapters import rerouted
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
-    BASIC,
-    BUDGETS,
     EACH,
-    IDLE,
     WAY,
     WEATHER,
     Held,
     Received,
     Sent,
-    Turns,
     Window,
     WindowConformance,
     act,
     calling,
     fresh,
-    judge,
+    judge_interleaved,
     one_system,
 )
 from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.situations import SituationConformance
+from tests.adapters.situations import REFUSED, SituationConformance, weather
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -80,11 +75,6 @@ class Scripted:
                 input_tokens=usage.prompt, output_tokens=usage.reply, cache_read_tokens=usage.cached
             )
         return response
-
-
-def weather(city: str = "") -> str:
-    """Tell the weather."""
-    raise AssertionError("it is not called, or its arguments are not JSON")
 
 
 def camera() -> list[Any]:
@@ -128,26 +118,11 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
     )
 
 
-REFUSED = {
-    "no calls": "tool choice `none`",
-    "no tools": "has removed act, observe, read_manual",
-    "schema": "cannot have an output_type",
-}
-
-
 class TestConformance(SituationConformance, WindowConformance):
     row = Window(hold, "Pydantic AI `SmartPlay`", refuses=REFUSED)
 
     def test_two_episodes_interleaved(self):
-        async def both() -> None:
-            mine = Turns()
-            others = mine.other_side()
-            one = asyncio.to_thread(judge, self.row, BASIC, BUDGETS["tight"], mine)
-            other = asyncio.to_thread(judge, self.row, IDLE, BUDGETS["free"], others)
-            await asyncio.gather(one, other)
-            assert min(mine.taken_in_turn, others.taken_in_turn) == len(BASIC)
-
-        asyncio.run(both())
+        judge_interleaved(self.row)
 
 
 def test_the_agents_other_tools_can_be_hidden_and_are_not_run():

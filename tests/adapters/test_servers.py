@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from functools import partial
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
@@ -26,6 +25,7 @@ import smartplay_tools as sp
 pytest.importorskip("uvicorn")
 
 from smartplay_tools.web import EpisodeStore, Server, bodies, server as web_server
+from tests.evaluation.asking import ask
 
 GAME = "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
@@ -96,8 +96,8 @@ def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
     stack.enter_context(play)
     stack.enter_context(server)
     token = {"Authorization": "Bearer token"}
-    key = re.search('data-key="([^"]+)"', ask(Case(server, f"/play/{GAME}", None), method="GET", headers=token)[1])
-    state = json.loads(ask(Case(server, f"/api/play/{GAME}?after=0", None), method="GET", headers=token)[1])
+    key = re.search('data-key="([^"]+)"', answered(Case(server, f"/play/{GAME}", None), method="GET", headers=token)[1])
+    state = json.loads(answered(Case(server, f"/api/play/{GAME}?after=0", None), method="GET", headers=token)[1])
     assert key is not None
     body = {"number": state["number"], "tool": "read_manual"}
     return Case(server, f"/api/play/{GAME}/reply", body, {"X-SmartPlay-Key": key[1]})
@@ -140,18 +140,14 @@ def serve(tmp_path: Path) -> Iterator[Make]:
         yield lambda name, **address: SERVERS[name][0](stack, tmp_path, **address)
 
 
-def ask(
+def answered(
     case: Case, body: Any = None, *, method: str = "POST", headers: dict[str, str] | None = None
 ) -> tuple[int, str]:
     """Send a request and return status and text of the answer; a body of parts is sent in chunks."""
-    where = urlsplit(case.server.url)
-    connection = HTTPConnection(where.hostname or "", where.port, timeout=60)
     kind = {"Content-Type": "application/json"}
-    connection.request(method, case.path, body, {**kind, **case.headers, **(headers or {})})
-    answer = connection.getresponse()
-    text = answer.read().decode()
-    connection.close()
-    return answer.status, text
+    url = f"{case.server.url.rstrip('/')}{case.path}"
+    status, _, text = ask(url, body, method=method, headers={**kind, **case.headers, **(headers or {})})
+    return status, text
 
 
 def padded(body: Any, size: int) -> bytes:
@@ -163,9 +159,9 @@ def padded(body: Any, size: int) -> bytes:
 def test_a_body_has_a_limit(serve: Make, name: str) -> None:
     case, largest = serve(name), SERVERS[name][1]
     too_large = (413, f"The body of a request has at most {largest:,} bytes.")
-    assert ask(case, padded(case.body, largest + 1)) == too_large
-    assert ask(case, iter([padded(case.body, largest), b" "])) == too_large
-    assert ask(case, padded(case.body, largest))[0] in (200, 201)
+    assert answered(case, padded(case.body, largest + 1)) == too_large
+    assert answered(case, iter([padded(case.body, largest), b" "])) == too_large
+    assert answered(case, padded(case.body, largest))[0] in (200, 201)
 
 
 @every_server
@@ -197,7 +193,7 @@ def test_what_is_half_sent_is_closed_and_others_are_answered(
         second.sendall(whole)
         assert second.recv(4096)
         second.sendall(post)
-        assert ask(case, padded(case.body, 1))[0] in (200, 201)
+        assert answered(case, padded(case.body, 1))[0] in (200, 201)
         for connection, sentence in zip(sockets, half_sent.values(), strict=True):
             answer = b"".join(iter(lambda: connection.recv(4096), b""))  # noqa: B023  # the server ends each
             assert answer.endswith(sentence)
@@ -218,7 +214,7 @@ def test_a_server_that_stops_answers_what_is_half_sent(
             head = {"Host": "localhost", **case.headers, "Content-Type": "application/json", "Content-Length": "20"}
             lines = "".join(f"{key}: {value}\r\n" for key, value in head.items())
             connection.sendall(f'POST {case.path} HTTP/1.1\r\n{lines}\r\n{{"a": '.encode())
-            assert ask(case, padded(case.body, 1))[0] in (200, 201)
+            assert answered(case, padded(case.body, 1))[0] in (200, 201)
         answer = b"".join(iter(lambda: connection.recv(4096), b""))
     assert b" 503 " in answer
     assert answer.endswith(b"The server stops.")
@@ -233,12 +229,12 @@ def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name
     kind = "input" if "input" in case.body else "messages"
     body = {**case.body, kind: [{"role": "user", "content": words}] * 2}
     answers: list[int] = []
-    reading = threading.Thread(target=lambda: answers.append(ask(case, json.dumps(body))[0]))
+    reading = threading.Thread(target=lambda: answers.append(answered(case, json.dumps(body))[0]))
     models, began, longest = Case(case.server, "/v1/models", None), time.monotonic(), 0.0
     reading.start()
     while reading.is_alive():
         asked = time.monotonic()
-        assert ask(models, method="GET")[0] == 200
+        assert answered(models, method="GET")[0] == 200
         longest = max(longest, time.monotonic() - asked)
     assert answers == [200]
     # One that had to wait would take nearly all of the time.
@@ -249,10 +245,10 @@ def test_others_are_answered_while_a_long_conversation_is_read(serve: Make, name
 def test_only_expected_hosts_and_pages_are_answered(serve: Make, name: str) -> None:
     case = serve(name)
     body = json.dumps(case.body)
-    assert ask(case, body, headers={"Host": "evil.example"}) == (421, "Invalid Host header")
+    assert answered(case, body, headers={"Host": "evil.example"}) == (421, "Invalid Host header")
     plain = {"Origin": "https://evil.example", "Content-Type": "text/plain"}  # which no browser asks leave for
-    assert ask(case, body, headers=plain) == (403, "Invalid Origin header")
-    assert ask(case, body, headers={"Origin": case.server.url.rstrip("/")})[0] in (200, 201)
+    assert answered(case, body, headers=plain) == (403, "Invalid Origin header")
+    assert answered(case, body, headers={"Origin": case.server.url.rstrip("/")})[0] in (200, 201)
 
 
 @every_guarded_server
@@ -261,9 +257,9 @@ def test_an_address_for_others_needs_names_and_a_token(serve: Make, name: str) -
         serve(name, host="0.0.0.0")
     case = serve(name, token="token")
     body = json.dumps(case.body)
-    assert ask(case, body, headers={"Authorization": "Bearer guess"})[0] == 401
+    assert answered(case, body, headers={"Authorization": "Bearer guess"})[0] == 401
     if not case.headers.get("Authorization"):
-        assert ask(case, body, headers={"Authorization": "Bearer token"})[0] == 200
+        assert answered(case, body, headers={"Authorization": "Bearer token"})[0] == 200
 
 
 # --- The next server ---------------------------------------------------------------------------------------------

@@ -6,13 +6,10 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import json
 import threading
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,13 +22,11 @@ from trl.chat_template_utils import add_response_schema
 from trl.experimental.async_grpo.openenv_harness import _HarnessRolloutLoop
 
 import smartplay_tools as sp
-from smartplay_tools.records import Record
 from tests.adapters import tiny_model
+from tests.adapters.benchmark_rows import rows_of
 from tests.adapters.conformance import GAME, WAY, move
 
 pytestmark = pytest.mark.filterwarnings("ignore")
-
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "training_rows.py"
 
 
 @pytest.fixture(scope="module")
@@ -61,14 +56,6 @@ class RolloutLoop(_HarnessRolloutLoop):
         text = f"<tool_call>\n{json.dumps(call)}\n</tool_call><|im_end|>"
         ids = self.tokenizer(text, add_special_tokens=False)["input_ids"]
         return ids, [-0.1] * len(ids)
-
-
-def rows_of(record: Path) -> int:
-    """The rows that the benchmark counts in a record."""
-    spec: Any = importlib.util.spec_from_file_location("training_rows", BENCHMARK)
-    benchmark: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(benchmark)
-    return int(benchmark.rows_of(Record.read(record)).rows)
 
 
 @pytest.mark.parametrize(

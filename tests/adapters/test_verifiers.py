@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import itertools
 import json
 import os
@@ -35,15 +34,13 @@ from verifiers.v1.trace import AgentInfo, TraceTask
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
-from smartplay_tools.records import Record
 from smartplay_tools.registry import NamedInFiles
+from tests.adapters.benchmark_rows import rows_of
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SituationConformance, lacking
 
 pytestmark = pytest.mark.filterwarnings("ignore")
-
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "training_rows.py"
 
 
 def launched(
@@ -179,14 +176,6 @@ def lines(folder: Path) -> list[str]:
 def leaves(trace: dict[str, Any]) -> int:
     """The branches of a trace's message graph; verifiers trains on each as one sample."""
     return vf.Trace.model_validate(trace).num_branches
-
-
-def rows_of(record: Path) -> int:
-    """The rows that the benchmark counts in a record."""
-    spec: Any = importlib.util.spec_from_file_location("training_rows", BENCHMARK)
-    benchmark: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(benchmark)
-    return int(benchmark.rows_of(Record.read(record)).rows)
 
 
 def test_an_evaluation_is_rewarded_recorded_and_split_into_rows_where_the_window_moves(tmp_path):

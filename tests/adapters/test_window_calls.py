@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-import httpx2
 import pytest
 from smartplay_openai import WindowEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling, move
-from tests.adapters.test_window_endpoint import BY_CLIENT
+from tests.adapters.test_window_endpoint import BY_CLIENT, ask
 from tests.adapters.window_host import (
     INTERFACES,
     TOOLS,
@@ -35,9 +36,12 @@ def of_the_game(episode: sp.Episode, events: list[Any]) -> list[tuple[int, str, 
     return [(event["turn"], json.loads(event["arguments"])["action"], event.get("host")) for event in calls]
 
 
-def wants(request: dict[str, Any], endpoint: WindowEndpoint) -> Any:
-    url = f"{endpoint.base_url}/chat/completions"
-    return httpx2.post(url, json=request, trust_env=False, verify=False, timeout=60)
+@contextmanager
+def hosted(*replies: sp.Message) -> Iterator[tuple[HostAgent, sp.ScriptedPlayer, sp.Episode, list[Any]]]:
+    """A host at an endpoint whose model says these replies, the model, the episode, and its record."""
+    endpoint, player = scripted(*replies)
+    with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
+        yield HostAgent(endpoint, endpoint.serve(episode)), player, episode, events
 
 
 class TestCopies:
@@ -45,27 +49,15 @@ class TestCopies:
 
     @pytest.mark.parametrize("key", ["k", None], ids=["with a key", "without a key"])
     def test_one_that_comes_after_the_next_reply_plays_nothing(self, key):
-        endpoint, _ = scripted(*MOVES)
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
-            host.messages.append(message := host.post())
-            first = host.run(*act(WAY[0]), key=key)
-            call_id = message["tool_calls"][0]["id"]
-            host.messages.append({"role": "tool", "tool_call_id": call_id, "content": first})
+        with hosted(*MOVES) as (host, _, episode, events):
+            first = host.answer(host.post(), key=key)
             host.messages.append(host.post())
             assert host.run(*act(WAY[0]), key=key) == first
             assert of_the_game(episode, events) == [(0, move(WAY[0]), None)]
 
     def test_a_key_lives_as_long_as_the_episode(self):
-        endpoint, _ = scripted(*MOVES)
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
-            texts = []
-            for number, short in enumerate(WAY):
-                host.messages.append(message := host.post())
-                texts.append(host.run(*act(short), key=f"k{number}"))
-                call_id = message["tool_calls"][0]["id"]
-                host.messages.append({"role": "tool", "tool_call_id": call_id, "content": texts[-1]})
+        with hosted(*MOVES) as (host, _, episode, events):
+            texts = [host.answer(host.post(), key=f"k{number}") for number in range(len(WAY))]
             assert host.post()["content"] == "The game is over."
             assert [host.run(*act(short), key=f"k{number}") for number, short in enumerate(WAY)] == texts
             assert len(of_the_game(episode, events)) == len(WAY)
@@ -74,13 +66,11 @@ class TestCopies:
         endpoint, _ = scripted(*MOVES, folder=tmp_path)
         with endpoint:
             host = HostAgent(endpoint, handle := endpoint.open(GAME, seed=7))
-            host.messages.append(message := host.post())
-            first = host.run(*act(WAY[0]), key="k")
+            first = host.answer(host.post(), key="k")
         again, _ = scripted(*MOVES[1:], folder=tmp_path)
         with again:
             later = HostAgent(again, handle)
-            result = {"role": "tool", "tool_call_id": message["tool_calls"][0]["id"], "content": first}
-            later.messages = [*host.messages, result]
+            later.messages = host.messages
             later.post()
             assert later.run(*act(WAY[0]), key="k") == first
             assert again.close(handle).steps == 1
@@ -92,9 +82,7 @@ class TestEdits:
 
     @pytest.mark.parametrize("key", ["k", None], ids=["with a key", "without a key"])
     def test_of_a_call_that_was_run_before(self, key):
-        endpoint, _ = scripted(calling(act(WAY[0]), act(WAY[1])))
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
+        with hosted(calling(act(WAY[0]), act(WAY[1]))) as (host, _, episode, events):
             host.post()
             host.run(*act(WAY[1]), key="later")  # which plays the first
             changed = host.run("act", {"action": "Fly"}, key="later" if key else None)
@@ -130,9 +118,7 @@ class TestEdits:
 
     def test_of_a_text_into_its_number_is_none(self):
         """Clients print the arguments again: spaces, the order of keys, and numbers as they are or as text."""
-        endpoint, _ = scripted(calling(("act", {"action": "1"}), act(WAY[0])), calling(act(WAY[1])))
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
+        with hosted(calling(("act", {"action": "1"}), act(WAY[0])), calling(act(WAY[1]))) as (host, _, _, events):
             message = host.post()
             host.run(*act(WAY[0]))  # which plays the first
             host.run("act", {"action": 1})
@@ -140,13 +126,11 @@ class TestEdits:
                 call["function"]["arguments"] = call["function"]["arguments"].replace('"1"', " 1 ")
                 host.messages.append({"role": "tool", "tool_call_id": call["id"], "content": "..."})
             host.messages.insert(len(WORDS), message)
-            assert wants(host.request(), endpoint).status_code == 200
+            assert host.post()
         assert [event.get("host") for event in events if event["event"] == "call"] == [None, None]
 
     def test_before_it_is_played_goes_back_as_the_host_had_it(self):
-        endpoint, player = scripted(calling(act(WAY[0])), *MOVES[1:])
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
+        with hosted(calling(act(WAY[0])), *MOVES[1:]) as (host, player, episode, events):
             message = host.post()
             message["tool_calls"][0]["function"]["arguments"] = json.dumps(act("A->B")[1])
             host.answer(message)
@@ -197,9 +181,7 @@ class TestOneAtATime:
             assert episode.result == sp.play(alone, sp.ScriptedPlayer(script))
 
     def test_and_what_it_refuses_is_refused_in_its_place(self):
-        endpoint, player = scripted(calling(act(WAY[0]), ("observe", {})), *MOVES)
-        with endpoint, sp.Episode(GAME, seed=7, transcript=(events := [])) as episode:
-            host = HostAgent(endpoint, endpoint.serve(episode))
+        with hosted(calling(act(WAY[0]), ("observe", {})), *MOVES) as (host, player, _, events):
             for text in ("My user said no.", None):
                 host.messages.append(message := host.post(host.request(parallel_tool_calls=False)))
                 (call,) = message["tool_calls"]
@@ -261,5 +243,5 @@ def test_a_field_that_is_false_is_a_wish_unless_that_is_usual(field, is_told):
     endpoint, _ = scripted(*MOVES)
     with endpoint:
         host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
-        answer = wants({**host.request(), "messages": WORDS, field: False}, endpoint)
+        answer = ask(host, **{field: False})
     assert (field in answer.headers["x-smartplay-ignored"]) == is_told

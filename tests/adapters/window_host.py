@@ -97,12 +97,13 @@ class HostAgent:
     def run_named(self, name: str, **arguments: Any) -> str:
         return self.run(name, arguments)
 
-    def answer(self, message: dict[str, Any]) -> None:
-        """Run the calls of a message and keep their results."""
+    def answer(self, message: dict[str, Any], *, key: str | None = None) -> str:
+        """Run the calls of a message and keep their results; return the last."""
         self.messages.append(message)
         for call in message.get("tool_calls", ()):
-            text = self.run(call["function"]["name"], json.loads(call["function"]["arguments"]))
+            text = self.run(call["function"]["name"], json.loads(call["function"]["arguments"]), key=key)
             self.messages.append({"role": "tool", "tool_call_id": call["id"], "content": text})
+        return str(self.messages[-1]["content"])
 
     def play(self, turns: int = 100) -> dict[str, Any]:
         """Play until the endpoint says that the game is over; return its last words."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import html
 import json
-from http.client import HTTPConnection
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -13,6 +11,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.exports.atif import trajectory
 from smartplay_tools.evaluation.run_folder.folder import LONGEST, notes_file, read_notes, write_note
 from smartplay_tools.records import Record
+from tests.evaluation.asking import ask
 from tests.evaluation.test_view import get, unpacked
 
 pytest.importorskip("uvicorn")
@@ -28,13 +27,9 @@ def run(tmp_path):
 
 
 def post(url: str, body: object, **headers: str) -> tuple[int, str]:
-    parts = urlsplit(url)
-    connection = HTTPConnection(parts.hostname, parts.port, timeout=60)
-    connection.request("POST", parts.path, json.dumps(body), {"Content-Type": "application/json", **headers})
-    answer = connection.getresponse()
-    text = answer.read().decode()
-    connection.close()
-    return answer.status, text
+    headers["Content-Type"] = "application/json"
+    status, _, text = ask(url, json.dumps(body), method="POST", headers=headers)
+    return status, text
 
 
 def test_notes_lie_beside_the_record_which_stays_as_it_is(run):

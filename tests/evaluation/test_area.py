@@ -28,6 +28,16 @@ def sweep(scores, *, seeds=20, chance=10.0, full=40.0, seed=0, **facts):
     return rows + [row(seed=at, score=chance + noise[at], player="random") for at in range(seeds)]
 
 
+def budgets(rows, **fields):
+    """The rows of `rule`, under another budget."""
+    return [{**r, "budget": r["budget"] | fields} for r in rows if r["player"] == "rule"]
+
+
+RANDOM = [r for r in sweep([40] * 4) if r["player"] == "random"]
+CAPPED = [row(seed=at, score=45.0 + at, history=50, prompt_tokens=500) for at in range(20)]
+"""The widest window, under a cap."""
+
+
 def test_a_worked_example():
     """Caps an octave apart: the ends count half, the shares of the gain are 0, 0.5, 1 and 1."""
     (area,) = areas(sweep([10, 25, 40, 40], seeds=2_000))
@@ -59,6 +69,11 @@ def test_a_cap_that_is_too_small_for_one_strategy_counts_as_an_episode_without_a
         (sweep([10, None, None, 40]), "fewer than 3 caps"),
         (sweep([10, 25, 40, 40], full=None), "the widest window has a cap"),
         ([r for r in sweep([10, 25, 40, 40]) if r["player"] != "random"], "random was not played"),
+        (budgets(sweep([10, 25, 40, 40]), history=2) + CAPPED + RANDOM, "the widest window has a cap on prompts"),
+        (
+            sweep([10, 25, 40, 40]) + budgets(sweep([0, 0, 0, 0]), result_tokens=77),
+            "cells under the same cap on prompts differ in their cap on results",
+        ),
     ],
 )
 def test_what_has_no_area_says_why(rows, reason):
@@ -99,15 +114,10 @@ def test_slack_is_part_of_the_name_of_a_curve():
     assert area.name == "rule, dropping, slack 0.5"
 
 
-def budgets(rows, **fields):
-    """The rows of `rule`, under another budget."""
-    return [{**r, "budget": r["budget"] | fields} for r in rows if r["player"] == "rule"]
-
-
 def test_histories_have_names_that_differ_and_one_yardstick():
     """A history of 2 costs this player all that caps can cost, so no cap costs it more: that is not an area of 1."""
     rows = budgets(sweep([25, 25, 25, 25]), history=2) + budgets(sweep([25, 32.5, 40, 40]), history=50)
-    short, long = areas(rows + [r for r in sweep([40] * 4) if r["player"] == "random"])
+    short, long = areas(rows + RANDOM)
     assert (short.name, long.name) == ("rule, history 2, dropping", "rule, history 50, dropping")
     assert short.area == pytest.approx(0.5, abs=0.05)
     assert long.area == pytest.approx((0.5 / 2 + 0.75 + 1 + 1 / 2) / 3, abs=0.05)
@@ -137,19 +147,6 @@ def test_a_cap_on_calls_is_named_and_is_not_a_wider_window():
         "rule, dropping, calls <= 216",
         "rule, dropping, calls <= 9",
     ]
-
-
-def test_the_widest_window_has_to_be_without_a_cap():
-    rows = budgets(sweep([10, 25, 40, 40]), history=2)
-    wider = [row(seed=at, score=45.0 + at, history=50, prompt_tokens=500) for at in range(20)]
-    (area,) = areas(rows + wider + [r for r in sweep([40] * 4) if r["player"] == "random"])
-    assert area.reason == "the widest window has a cap on prompts"
-
-
-def test_cells_under_one_cap_do_not_replace_each_other():
-    rows = sweep([10, 25, 40, 40])
-    (area,) = areas(rows + budgets(sweep([0, 0, 0, 0]), result_tokens=77))
-    assert area.reason == "cells under the same cap on prompts differ in their cap on results"
 
 
 def test_two_lines_of_one_name_are_a_bug():

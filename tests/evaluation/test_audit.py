@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -52,20 +53,34 @@ def test_a_run_that_is_what_it_says_is_identical(run):
     assert audit(run) == (0, f"identical: all 4 episodes of {run.folder.path}\n")
 
 
-def test_an_answer_that_the_game_did_not_give_is_found(run):
-    record = run.folder.transcript(run.rows[3]["key"])
-    change(record, '"is_error": false', '"is_error": true')
+def record(run: Run) -> Path:
+    return run.folder.transcript(run.rows[2]["key"])
+
+
+def break_off(path: Path) -> None:
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda run: change(record(run), '"is_error": false', '"is_error": true'), "is_error is False in the replay"),
+        (
+            lambda run: change(run.folder.path / "results.jsonl", '"completed": true', '"completed": false'),
+            "The field completed is False in the row, True in the record.",
+        ),
+        (lambda run: break_off(record(run)), "The record is incomplete"),
+        (lambda run: record(run).unlink(), "There is no file"),
+    ],
+    ids=["an answer", "a row", "a record that breaks off", "a record that is not there"],
+)
+def test_what_is_not_as_it_was_played_is_found(run, spoil, sentence):
+    spoil(run)
     code, output = audit(run)
     assert code == 1
     assert "1 of 4 episodes differ" in output
-    assert run.rows[3]["key"] in output
-
-
-def test_a_row_that_is_not_what_the_record_says_is_found(run):
-    change(run.folder.path / "results.jsonl", '"completed": true', '"completed": false')
-    code, output = audit(run)
-    assert code == 1
-    assert "The field completed is False in the row, True in the record." in output
+    assert sentence in output
+    assert run.rows[2]["key"] in output
 
 
 def test_records_that_have_changed_places_are_found(run):
@@ -78,21 +93,6 @@ def test_records_that_have_changed_places_are_found(run):
     findings = json.loads(output)
     assert sum(bool(finding["differences"]) for finding in findings) == 2
     assert any("The record is of another episode" in text for finding in findings for text in finding["differences"])
-
-
-def test_a_record_that_breaks_off_is_found(run):
-    record = run.folder.transcript(run.rows[0]["key"])
-    record.write_text("".join(record.read_text().splitlines(keepends=True)[:-1]))
-    code, output = audit(run)
-    assert code == 1
-    assert "The record is incomplete" in output
-
-
-def test_a_record_that_is_no_longer_there_is_found(run):
-    run.folder.transcript(run.rows[0]["key"]).unlink()
-    code, output = audit(run)
-    assert code == 1
-    assert "There is no file" in output
 
 
 def test_a_planned_episode_without_a_row_is_missing(run):

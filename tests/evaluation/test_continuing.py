@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
-from pathlib import Path
 
 import pytest
 
@@ -92,25 +90,3 @@ class Counting(FirstMoves):
 
     def before(self, prompt: sp.Prompt) -> None:
         Counting.asked += 1
-
-
-def test_attempts_cost_the_same_however_many_there_were(tmp_path, monkeypatch):
-    """The folder is listed once for a run, not once for an attempt."""
-    listed = 0
-    glob = Path.glob
-
-    def counted(self: Path, pattern: str):
-        nonlocal listed
-        # Another thread writes the state of the run every second.
-        listed += self.name == "attempts" and threading.current_thread() is threading.main_thread()
-        return glob(self, pattern)
-
-    monkeypatch.setattr(Path, "glob", counted)
-    from tests.evaluation.players import Broken
-
-    counts = []
-    for trials in (2, 6):
-        listed = 0
-        sp.evaluate([HANOI], {"broken": Broken}, out=tmp_path / str(trials), trials=trials, executor="inline")
-        counts.append(listed)
-    assert counts[0] == counts[1]

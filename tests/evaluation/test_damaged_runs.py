@@ -14,7 +14,7 @@ from hypothesis import settings
 
 import smartplay_tools as sp
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.transcript.hashing import chained_lines
+from tests.evaluation.bundles import chained
 from tests.evaluation.command import run as command
 from tests.evaluation.test_hostile_bundles import damage
 
@@ -94,10 +94,7 @@ def spoil(chance: random.Random, folder: Path, lure: Path) -> str:
 def fit(lines: list[bytes]) -> bytes | None:
     """Events with the chain that belongs to them, as somebody makes it who knows how."""
     try:
-        events = [json.loads(line) for line in lines]
-        for event in events:
-            event.pop("chain", None)
-        return chained_lines(events, "")[0]
+        return chained([json.loads(line) for line in lines])
     except (AttributeError, TypeError, ValueError):
         return None
 

@@ -30,6 +30,7 @@ from tests.evaluation.players import FirstMoves, act
 Events = list[dict[str, Any]]
 Lie = Callable[[Files], None]
 
+LEFT_OUT = "cells, and the last trials of a cell, can be left out"
 GAIN = 20
 """The turn after which a liar would like to stop."""
 
@@ -118,6 +119,16 @@ def played_again(
     return again
 
 
+def again(game: str = BANDIT, **how: Any) -> Lie:
+    """Return what plays the first record of a game again, and puts the new record in its place."""
+
+    def lie(files: Files) -> None:
+        name = records(files, game)[0]
+        files[name] = bundles.chained(played_again(events_of(files, name), **how))
+
+    return lie
+
+
 def of_kind(events: Events, kind: str, at: int = 5) -> dict[str, Any]:
     return [event for event in events if event["event"] == kind][at]
 
@@ -168,6 +179,32 @@ def set_in(kind: str, *path: Any, to: Any, at: int = 5) -> Callable[[Events], No
 
     return change
 
+
+def without(left: Callable[[dict[str, Any], dict[str, Any]], bool]) -> Lie:
+    """Return what leaves out episodes: a function of each and of the last one says which."""
+
+    def lie(files: Files) -> None:
+        plan = json.loads(files["manifest.json"])
+        last = plan["episodes"][-1]
+        for episode in [episode for episode in plan["episodes"] if left(episode, last)]:
+            plan["episodes"].remove(episode)
+            for name in [name for name in files if episode["key"] in name]:
+                del files[name]
+        plan["cells"] = plan["cells"][: 1 + max(episode["cell"] for episode in plan["episodes"])]
+        files["manifest.json"] = json.dumps(plan).encode()
+
+    return lie
+
+
+def of_a_custom_run(lie: Lie) -> Lie:
+    def both(files: Files) -> None:
+        lie(files)
+        edit_json(files, "submission.json", lambda facts: facts.update(submission_type="custom", suite=None))
+
+    return both
+
+
+STOPPED = again(turns=GAIN)
 
 # What is changed in one field, everything else made to fit.
 
@@ -242,30 +279,33 @@ ELSEWHERE: dict[str, tuple[str, Lie]] = {
         in_submission(lambda facts: facts["results"][0].update(score=float("nan"))),
     ),
     "a result without end": ("metadata", in_submission(lambda facts: facts["results"][0].update(cost=float("inf")))),
+    "stopped at its best": ("end", STOPPED),
+    "stopped and not finished": ("record", again(turns=GAIN, end=("closed", None))),
+    "stopped by a budget that was not spent": ("record", again(turns=GAIN, end=("prompt_tokens", None))),
+    "a hint in every prompt": ("prompts", again(head=[{"role": "user", "content": "The second is the better one."}])),
+    "a trial left out": ("suite", without(lambda episode, last: episode == last)),
+    "a game left out": ("suite", without(lambda episode, last: episode["cell"] == last["cell"])),
 }
 CAUGHT += [pytest.param("record", in_record(change), id=name) for name, change in FIELDS.items()]
 CAUGHT += [pytest.param(kind, lie, id=name) for name, (kind, lie) in ELSEWHERE.items()]
 
 
+NOT_CAUGHT: dict[str, tuple[str, Lie]] = {
+    "a trial left out of a custom run": (LEFT_OUT, of_a_custom_run(ELSEWHERE["a trial left out"][1])),
+    "a game left out of a custom run": (LEFT_OUT, of_a_custom_run(ELSEWHERE["a game left out"][1])),
+    "the best of several plays": (
+        "several plays of one seed",
+        again(reply=lambda said: {**said, "tool_calls": [*act("2")["tool_calls"], *said["tool_calls"][1:]]}),
+    ),
+    "words of somebody else": ("Who wrote the replies", again(reply=lambda said: {**said, "content": "I think: 1."})),
+    "another model's name": ("Who wrote the replies", in_submission(lambda facts: facts.update(model_name="Better"))),
+    "a cheaper provider": ("What a provider counted and charged", again(HANOI, usage=sp.Usage(prompt=1, reply=1))),
+    "a lower price": ("and the prices", in_manifest(lambda plan: plan["prices"]["paid"].update(input=[[0, 0.001]]))),
+}
+"""Lies that no check can find, and words of the report that say so."""
+UNPROVABLE += [pytest.param(words, lie, id=name) for name, (words, lie) in NOT_CAUGHT.items()]
+
 # What is left out, replaced or put in.
-
-
-@caught("end")
-def stopped_at_its_best(files: Files) -> None:
-    name = records(files, BANDIT)[0]
-    files[name] = bundles.chained(played_again(events_of(files, name), turns=GAIN))
-
-
-@caught("record")
-def stopped_and_not_finished(files: Files) -> None:
-    name = records(files, BANDIT)[0]
-    files[name] = bundles.chained(played_again(events_of(files, name), turns=GAIN, end=("closed", None)))
-
-
-@caught("record")
-def stopped_by_a_budget_that_was_not_spent(files: Files) -> None:
-    name = records(files, BANDIT)[0]
-    files[name] = bundles.chained(played_again(events_of(files, name), turns=GAIN, end=("prompt_tokens", None)))
 
 
 @caught("prompts")
@@ -275,46 +315,6 @@ def the_last_call_left_out(files: Files) -> None:
     events = events_of(files, name)
     events[-1]["result"]["refused_calls"] -= 1
     files[name] = bundles.chained(events)
-
-
-@caught("prompts")
-def a_hint_in_every_prompt(files: Files) -> None:
-    name = records(files, BANDIT)[0]
-    hint = {"role": "user", "content": "The second machine is the better one."}
-    files[name] = bundles.chained(played_again(events_of(files, name), head=[hint]))
-
-
-@caught("suite")
-def a_trial_left_out(files: Files) -> None:
-    leave_out(files, lambda episode, last: episode == last)
-
-
-@caught("suite")
-def a_game_left_out(files: Files) -> None:
-    leave_out(files, lambda episode, last: episode["cell"] == last["cell"])
-
-
-@unprovable("cells, and the last trials of a cell, can be left out")
-def a_trial_left_out_of_a_custom_run(files: Files) -> None:
-    leave_out(files, lambda episode, last: episode == last)
-    edit_json(files, "submission.json", lambda facts: facts.update(submission_type="custom", suite=None))
-
-
-@unprovable("cells, and the last trials of a cell, can be left out")
-def a_game_left_out_of_a_custom_run(files: Files) -> None:
-    leave_out(files, lambda episode, last: episode["cell"] == last["cell"])
-    edit_json(files, "submission.json", lambda facts: facts.update(submission_type="custom", suite=None))
-
-
-def leave_out(files: Files, left: Callable[[dict[str, Any], dict[str, Any]], bool]) -> None:
-    plan = json.loads(files["manifest.json"])
-    last = plan["episodes"][-1]
-    for episode in [episode for episode in plan["episodes"] if left(episode, last)]:
-        plan["episodes"].remove(episode)
-        for name in [name for name in files if episode["key"] in name]:
-            del files[name]
-    plan["cells"] = plan["cells"][: 1 + max(episode["cell"] for episode in plan["episodes"])]
-    files["manifest.json"] = json.dumps(plan).encode()
 
 
 @caught("record")
@@ -362,47 +362,12 @@ def a_finished_episode_among_the_attempts(files: Files) -> None:
     files[f"attempts/{Path(name).stem}.1.jsonl"] = files[name]
 
 
-@unprovable("several plays of one seed")
-def the_best_of_several_plays(files: Files) -> None:
-    """Another play of the same seed, which is as true as the first."""
-    name = records(files, BANDIT)[0]
-    other = act("2")["tool_calls"]
-
-    def reply(message: sp.Message) -> sp.Message:
-        return {**message, "tool_calls": [*other, *message["tool_calls"][1:]]}
-
-    files[name] = bundles.chained(played_again(events_of(files, name), reply=reply))
-
-
 @unprovable("attempts that were left out")
 def an_attempt_that_was_begun_anew_left_out(files: Files) -> None:
     """The continued episode is played in one go, without its attempt."""
     name = continued(files)
     files[name] = bundles.chained(played_again(events_of(files, name)))
     del files[next(name for name in files if name.startswith("attempts/"))]
-
-
-@unprovable("Who wrote the replies")
-def words_of_somebody_else(files: Files) -> None:
-    name = records(files, BANDIT)[0]
-    events = events_of(files, name)
-    files[name] = bundles.chained(played_again(events, reply=lambda message: {**message, "content": "I think: 1."}))
-
-
-@unprovable("Who wrote the replies")
-def another_model_s_name(files: Files) -> None:
-    edit_json(files, "submission.json", lambda facts: facts.update(model_name="A better one"))
-
-
-@unprovable("What a provider counted and charged")
-def a_cheaper_provider(files: Files) -> None:
-    for name in records(files, HANOI):
-        files[name] = bundles.chained(played_again(events_of(files, name), usage=sp.Usage(prompt=1, reply=1)))
-
-
-@unprovable("and the prices")
-def a_lower_price(files: Files) -> None:
-    edit_json(files, "manifest.json", lambda plan: plan["prices"]["paid"].update(input=[[0, 0.001]]))
 
 
 @unprovable("With which versions")
@@ -450,11 +415,7 @@ def test_what_no_check_can_prove_is_in_every_report(honest, tmp_path, words, lie
 
 
 def test_an_end_by_a_host_is_remarked_where_a_host_may_end(honest, tmp_path):
-    def stop(files: Files) -> None:
-        stopped_at_its_best(files)
-        edit_json(files, "submission.json", lambda facts: facts.update(submission_type="custom", suite=None))
-
-    checked = check(bundle_with(honest, stop, tmp_path), tmp_path)
+    checked = check(bundle_with(honest, of_a_custom_run(STOPPED), tmp_path), tmp_path)
     assert checked.verified
     remarks = [finding.text for finding in checked.findings if finding.kind == "end"]
     assert remarks == ["The host ended the episode (host: max_turns), not the game, a budget or the player."]

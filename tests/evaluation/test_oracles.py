@@ -5,20 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis.distributions import clopper_pearson, t_power, tango, wilson
+from smartplay_tools.evaluation.analysis.distributions import t_power, tango
 from smartplay_tools.evaluation.analysis.intervals import Method, mean_estimate
 
-proportion = pytest.importorskip("statsmodels.stats.proportion")
 power = pytest.importorskip("statsmodels.stats.power")
 resampling = pytest.importorskip("evalstats.core.resampling")
 pytestmark = pytest.mark.slow  # importing them takes a second
-
-
-@pytest.mark.parametrize(("successes", "n"), [(0, 20), (3, 7), (20, 20), (99, 100), (5_000, 10_000)])
-def test_intervals_of_shares(successes, n):
-    for ours, theirs in ((wilson, "wilson"), (clopper_pearson, "beta")):
-        expected = proportion.proportion_confint(successes, n, method=theirs)
-        assert ours(successes, n, 0.95) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(("effect", "n"), [(0.1, 10), (0.5, 20), (1, 5), (0.2, 200)])

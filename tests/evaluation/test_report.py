@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,8 @@ from smartplay_tools.evaluation.pages.report.episode_reading import columns
 from smartplay_tools.evaluation.pages.report.episodes import check, excerpt
 from smartplay_tools.evaluation.pages.report.page import render_runs, write_report
 from smartplay_tools.evaluation.pages.report.sources import find_runs
-from smartplay_tools.games import GameSpec
-from smartplay_tools.games.base import TextGame
+from smartplay_tools.games import get_spec
+from smartplay_tools.games.hanoi import Hanoi
 from smartplay_tools.records import Record, recorded_pictures
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
@@ -33,12 +34,9 @@ from tests.evaluation.report_runs import (
     HANOI,
     HOSTILE,
     RPS,
-    act,
-    converse,
     hostile,
     known_for_now,
     record,
-    reply,
 )
 
 NODE = shutil.which("node")
@@ -408,47 +406,18 @@ def test_results_that_were_cut_are_drawn_all_the_same(tmp_path):
     assert len(drawing["changes"]) == 31
 
 
-class Ladder(TextGame):
-    """Climb ten rungs: a game that is not part of the benchmark."""
-
-    actions = ("Up", "Down")
-    manual = "Climb."
-
-    def __init__(self, **options: Any) -> None:
-        self._rung = 0
-        super().__init__(longest_observation=9, characters="Rung 0123456789", **options)
-
-    def _reset(self) -> str:
-        self._rung = 0
-        return "Rung 0"
-
-    def _step(self, action: int) -> tuple[str, float, bool, bool]:
-        self._rung = max(0, self._rung + (1 - 2 * action))
-        self.score = self._rung
-        return f"Rung {self._rung}", 0.0, self._rung == 10, False
-
-    def _state(self) -> Any:
-        return self._rung
+class Written(Hanoi):
+    """A game that is not part of the benchmark, and draws itself in characters."""
 
     def drawing(self) -> dict[str, Any]:
-        return {"text": "\n".join("<o>" if rung == self._rung else "|-|" for rung in range(10, -1, -1))}
+        return {"text": "|-|\n" * self.score + "<o>"}
 
 
 def test_a_game_of_somebody_else_s_is_drawn_in_characters(tmp_path, monkeypatch):
-    spec = GameSpec(
-        id="Ladder-v0",
-        family="ladder",
-        entry_point=f"{__name__}:Ladder",
-        history=2,
-        rollout=5,
-        trials=1,
-        challenges={},
-    )
-    known_for_now(monkeypatch, spec)
-    path = converse(tmp_path / "ladder.jsonl", "Ladder-v0", [reply(act("1"))] * 5)
-    drawing = page_of(path).episode("ladder")["drawing"]
+    known_for_now(monkeypatch, replace(get_spec(HANOI), id="Written-v0", entry_point=f"{__name__}:Written"))
+    drawing = page_of(record(tmp_path / "written.jsonl", "Written-v0")).episode("written")["drawing"]
     assert drawing["kind"] == "text"
-    assert drawing["changes"][2]["text"].splitlines()[8] == "<o>"
+    assert drawing["changes"][-1]["text"] == "|-|\n|-|\n|-|\n<o>"
 
 
 # The drawings' data.
@@ -513,11 +482,3 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(tmp_path, name, out, remedy)
     (tmp_path / "foreign.jsonl").write_text('{"event": "start", "game": "Chess-v0"}\n')
     with pytest.raises(sp.SmartPlayError, match=remedy):
         write_report(tmp_path / name, tmp_path / out)
-
-
-@pytest.mark.slow
-def test_a_run_of_100_short_episodes_stays_under_10_megabytes(tmp_path):
-    games = [HANOI, BANDIT, RPS, "MessengerL1-v0", "MessengerL2-v0"]
-    sp.evaluate(games, ["rule", "random"], out=tmp_path / "run", trials=10, executor="inline")
-    page = write_report(tmp_path / "run", tmp_path / "p.html")
-    assert page.stat().st_size < 10_000_000

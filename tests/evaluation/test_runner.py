@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, trial_seed
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
+from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.records.prices import Price
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered, Waiting
 
@@ -50,9 +51,6 @@ def test_a_trial_has_the_same_seed_in_every_cell_and_another_one_in_another_run(
 def test_the_papers_suite_has_the_papers_games_and_trials(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match="no suite 'papers'"):
         sp.evaluate(suite="papers", out=tmp_path)
-    from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
-    from smartplay_tools.evaluation.suites import suite_games
-
     plan = plan_episodes(make_cells(suite_games("paper", []), ["rule"], [sp.Budget()]))
     trials = {game: sum(e.cell.game == game for e in plan.episodes) for game in suite_games("paper", [])}
     assert list(trials.values()) == [20, 20, 10, 100, 100, 10, 20]
@@ -288,6 +286,9 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
     assert results(tmp_path / "merged") == results(tmp_path / "whole")
     again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
     assert len(again.folder.timings()) == 6
+    merge([tmp_path / "1"], tmp_path / "half")  # which is played to its end
+    sp.evaluate(GAMES, out=tmp_path / "half", **arguments)
+    assert results(tmp_path / "half") == results(tmp_path / "whole")
 
 
 def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
@@ -298,15 +299,6 @@ def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
 
     for small, large in zip(keys([HANOI], ["rule"], 4), keys(GAMES, ["random", "rule"], 7), strict=True):
         assert small <= large
-
-
-def test_a_merge_without_all_shards_can_be_played_to_its_end(tmp_path):
-    arguments = {"players": ["random"], "trials": 3, "executor": "inline"}
-    sp.evaluate(GAMES, out=tmp_path / "whole", **arguments)
-    sp.evaluate(GAMES, out=tmp_path / "1", shard=(1, 2), **arguments)
-    merge([tmp_path / "1"], tmp_path / "merged")
-    sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
-    assert results(tmp_path / "merged") == results(tmp_path / "whole")
 
 
 def test_a_part_is_merged_once_and_with_parts_of_the_same_prices_only(tmp_path):

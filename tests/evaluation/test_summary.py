@@ -49,10 +49,6 @@ def test_completion_is_a_figure_of_games_with_an_objective():
     assert with_objective == {"hanoi", "messenger", "minecraft"}
 
 
-def test_a_setting_without_a_human_score_has_no_normalised_score():
-    assert cell_summary(play_rows("Hanoi4Disk-v0", trials=2)).normalized_score is None
-
-
 def test_the_order_of_rows_changes_no_figure():
     rows = play_rows(RPS, "random", trials=6)
     assert summarize(rows[::-1]).cells == summarize(rows).cells

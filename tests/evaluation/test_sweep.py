@@ -70,13 +70,6 @@ def test_a_sweep_of_nothing_is_refused(tmp_path):
         sweep([], ["rule"], out=tmp_path)
 
 
-def test_windows_that_cannot_hold_the_head_are_named_before_anything_is_played(tmp_path):
-    with pytest.raises(sp.InvalidArgumentError, match=r"prompt_tokens=40.*prompt_tokens=60") as caught:
-        sweep([BANDIT], ["rule"], vary={"prompt_tokens": [40, 60, 1000]}, out=tmp_path / "run", executor="inline")
-    assert "prompt_tokens=1000" not in str(caught.value)
-    assert not (tmp_path / "run").exists()
-
-
 # Playing it.
 
 
@@ -144,18 +137,6 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     assert poor.rows == []
     assert poor.summary == []
     assert {path.name for path in poor.write()} == {"table.csv", "table.parquet", "summary.csv"}
-
-
-@pytest.mark.slow
-def test_shards_that_were_merged_are_a_sweep(played, tmp_path):
-    asked = {"vary": {"history": [1, 50], "slack": [0, 0.5]}, "trials": 4, "executor": "inline"}
-    parts = [tmp_path / "part1", tmp_path / "part2"]
-    for number, part in enumerate(parts, start=1):
-        sweep([BANDIT], ["rule", "random"], shard=(number, 2), out=part, **asked)
-    merged = CliRunner().invoke(app, ["merge", *map(str, parts), "--out", str(tmp_path / "whole")])
-    assert merged.exit_code == 0, merged.output
-    whole = sweep([BANDIT], ["rule", "random"], out=tmp_path / "whole", **asked)
-    assert whole.summary == played.summary
 
 
 # The command.

@@ -15,16 +15,15 @@ import time
 import urllib.error
 import urllib.request
 from functools import partial
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from tests.evaluation.asking import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
@@ -49,14 +48,7 @@ def site(runs):
 
 
 def get(url: str, **headers: str) -> tuple[int, Any, str]:
-    """Return status, headers and text of an answer; redirections are not followed."""
-    parts = urlsplit(url)
-    connection = HTTPConnection(parts.hostname, parts.port, timeout=60)
-    connection.request("GET", parts.path + (f"?{parts.query}" if parts.query else ""), headers=headers)
-    answer = connection.getresponse()
-    text = answer.read().decode()
-    connection.close()
-    return answer.status, answer.headers, text
+    return ask(url, headers=headers)
 
 
 def test_runs_and_episodes(site):
@@ -146,6 +138,18 @@ def test_a_token_in_the_address_becomes_a_cookie(runs):
         assert get(site + "/", Cookie=cookie.partition(";")[0])[0] == 200
 
 
+def begin_again(folder: Path) -> tuple[str, list[str], Path]:
+    """Leave the begin of a run's first episode, as while it is played; return its key, its lines and the record."""
+    key = json.loads((folder / "manifest.json").read_text())["episodes"][0]["key"]
+    finished, record = folder / "episodes" / f"{key}.jsonl", folder / "running" / f"{key}.1.jsonl"
+    whole = finished.read_text().splitlines(keepends=True)
+    finished.unlink()
+    rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text("".join(rows[1:]))
+    record.write_text("".join(whole[:12]))
+    return key, whole, record
+
+
 def test_what_goes_on_is_streamed(runs, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(runs / "one", folder)
@@ -154,13 +158,7 @@ def test_what_goes_on_is_streamed(runs, tmp_path):
             assert stream.headers["content-type"].startswith("text/event-stream")
             first = json.loads(stream.readline().removeprefix(b"data: "))
             assert (first[0]["finished"], first[0]["playing"]) == (4, [])
-            # A record that is being written: an episode without its end.
-            key = json.loads((folder / "manifest.json").read_text())["episodes"][0]["key"]
-            whole = (folder / "episodes" / f"{key}.jsonl").read_text().splitlines(keepends=True)
-            (folder / "episodes" / f"{key}.jsonl").unlink()
-            rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
-            (folder / "results.jsonl").write_text("".join(rows[1:]))
-            (folder / "running" / f"{key}.1.jsonl").write_text("".join(whole[:12]))
+            key, *_ = begin_again(folder)
             lines = (line for line in stream if line.startswith(b"data: "))
             now = next(event for line in lines if (event := json.loads(line[6:]))[0]["playing"])
         (one,) = now[0]["playing"]
@@ -303,14 +301,8 @@ def test_an_episode_s_page_knows_its_list_and_its_neighbours(site):
 
 
 def test_new_turns_are_answered_when_the_record_has_grown(runs, tmp_path):
-    folder = tmp_path / "run"
-    shutil.copytree(runs / "one", folder)
-    key = json.loads((folder / "manifest.json").read_text())["episodes"][0]["key"]
-    whole = (folder / "episodes" / f"{key}.jsonl").read_text().splitlines(keepends=True)
-    (folder / "episodes" / f"{key}.jsonl").unlink()
-    (folder / "results.jsonl").write_text("")
-    record = folder / "running" / f"{key}.1.jsonl"
-    record.write_text("".join(whole[:12]))
+    shutil.copytree(runs / "one", folder := tmp_path / "run")
+    key, whole, record = begin_again(folder)
     with view.ViewServer(site_runs.find_runs([folder])) as server:
         address = f"{server.url}api/episode/run/running/{key}.1"
         first = json.loads(get(address)[2])

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from http.client import HTTPConnection
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 from typer.testing import CliRunner
@@ -20,6 +18,7 @@ from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames
 from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell
 from smartplay_tools.web.site.challenge import Challenge
+from tests.evaluation.asking import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
@@ -31,20 +30,15 @@ class Page:
     """What the script of the page does: it reads the key, asks what is to be shown, and sends answers."""
 
     def __init__(self, url: str, game: str) -> None:
-        self._parts = urlsplit(url)
         self.origin = url.rstrip("/")
         self.number = 0
         self.key = re.search(r'data-key="([^"]+)"', self.request("GET", f"/play/{game}")[1])[1]  # type: ignore[index]
         self.api = f"/api/play/{game}"
 
     def request(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, str]:
-        connection = HTTPConnection(self._parts.hostname or "", self._parts.port, timeout=60)
         data = body if isinstance(body, bytes) else None if body is None else json.dumps(body).encode()
-        connection.request(method, path, body=data, headers=headers)
-        answer = connection.getresponse()
-        text = answer.read().decode()
-        connection.close()
-        return answer.status, text
+        status, _, text = ask(self.origin + path, data, method=method, headers=headers)
+        return status, text
 
     def post(self, path: str, body: Any, **headers: str) -> tuple[int, str]:
         return self.request("POST", path, body, **{"X-SmartPlay-Key": self.key, "Origin": self.origin, **headers})
