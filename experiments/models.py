@@ -51,7 +51,7 @@ CALLS = 20
 """An episode ends after as many calls, which bounds what one costs on a processor."""
 CAP = 700
 """The smallest cap on prompts, in tokens, under which strategies play."""
-QWEN, TAUGHT, UNTAUGHT = "qwen2.5-coder-1.5b", "smollm2-135m-player", "smollm2-135m"
+MODELS = QWEN, TAUGHT, UNTAUGHT = "qwen2.5-coder-1.5b", "smollm2-135m-player", "smollm2-135m"
 HANDS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 GAMES = {
     HANDS: "Rock Paper Scissors",
@@ -168,7 +168,7 @@ def write_records(out: Path, path: Path, count: int = 3) -> None:
 
 
 def _is_model(folder: Path) -> bool:
-    return folder.parts[-3] in (QWEN, TAUGHT, UNTAUGHT)
+    return folder.parts[-3] in MODELS
 
 
 Cells = Mapping[tuple[str, str, str, str], list[Row]]
@@ -181,14 +181,20 @@ def cells_of(rows: Sequence[Row]) -> Cells:
 
 
 def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> str:
-    """The mean score of every model at every game in every way, with its interval and the number of worlds."""
-    lines = []
+    """The mean score of players at the games of the models in every way, with its interval and the number of worlds."""
+    lines, games = [], {game for worlds, player, game, _ in cells if worlds == "fresh" and player in MODELS}
     for player in players:
         for game, name in GAMES.items():
             own = [cells.get(("fresh", player, game, way), []) for way in ways]
-            if any(own):
+            if any(own) and game in games:
                 lines.append([player, name, *map(_score, own)])
     return markdown_table(["player", "game", *ways], lines)
+
+
+def played(cells: Cells) -> list[str]:
+    """Return the ways that a model has played in other worlds than the pilot's."""
+    ways = {way for worlds, player, _, way in cells if worlds == "fresh" and player in MODELS}
+    return [way for way in WAYS if way in ways]
 
 
 def _score(rows: Sequence[Row]) -> str:
@@ -198,7 +204,7 @@ def _score(rows: Sequence[Row]) -> str:
 def ends_table(cells: Cells) -> str:
     """What the calls of every model came to, and how its episodes ended, over all ways and worlds."""
     lines = []
-    for player in (QWEN, TAUGHT, UNTAUGHT):
+    for player in MODELS:
         for game, name in GAMES.items():
             rows = [row for (_, *place), own in cells.items() if place[:2] == [player, game] for row in own]
             if rows:
@@ -274,17 +280,16 @@ def questions_table(cells: Cells) -> str:
 @figure
 def dots(cells: Cells) -> Figure:
     """Draw the score of every way, a panel for each of the games that were played in all of them."""
-    drawn, axes = panels(2, size=(4.6, 4.0))
-    counts = set()
+    drawn, axes = panels(2, size=(4.6, 2.8))
+    ways, counts = list(reversed(played(cells))), set()
     for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
-        for look, player in enumerate((QWEN, TAUGHT)):
-            for place, way in enumerate(reversed(WAYS)):
-                rows = cells.get(("fresh", player, game, way), [])
-                if rows:
+        for look, player in enumerate(MODELS):
+            for place, way in enumerate(ways):
+                if rows := cells.get(("fresh", player, game, way), []):
                     counts.add(len(rows))
-                    draw_dots(panel, [mean_score(rows)], [place + spread(look, 2)], Series.number(look), player)
-        panel.set(title=GAMES[game], xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(WAYS)))
-        panel.set_yticklabels(list(reversed(WAYS)) if panel is axes[0] else [])
+                    draw_dots(panel, [mean_score(rows)], [place + spread(look, 3)], Series.number(look), player)
+        panel.set(title=GAMES[game], xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
+        panel.set_yticklabels(ways if panel is axes[0] else [])
     legend_below(drawn, note=sample_note(counts))
     return drawn
 
@@ -293,7 +298,7 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
     return {
-        "models": scores_table(cells, (QWEN, TAUGHT, UNTAUGHT), tuple(WAYS)),
+        "models": scores_table(cells, MODELS, played(cells)),
         "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
         "models-power": power_table(cells),
