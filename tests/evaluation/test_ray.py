@@ -34,7 +34,7 @@ class KilledOnce(FirstMoves):
             os.kill(os.getpid(), signal.SIGKILL)
 
 if __name__ == "__main__":
-    out, cap = Path(sys.argv[1]).with_name(sys.argv[2]), int(sys.argv[3]) or None
+    out, cap = Path(sys.argv[1]), int(sys.argv[2]) or None
     options = {"marks": str(out.parent)}
     run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor="ray", workers=2, run_tokens=cap,
                       player_options=options, budgets=sp.Budget(reply_tokens=100))
@@ -42,25 +42,23 @@ if __name__ == "__main__":
 """
 
 
-def printed(tmp_path: Path, script: str, *words: str) -> list[str]:
-    """Run a script as a program, and return the lines that it printed."""
-    (tmp_path / "script.py").write_text(script)
-    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
-    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "run"), *words]
+def run(tmp_path: Path, name: str, cap: int = 0) -> str:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT % (BANDIT, HANOI))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])}
+    command = [sys.executable, str(script), str(tmp_path / name), str(cap)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
-    return done.stdout.strip().splitlines()
+    return done.stdout.strip().splitlines()[-1]
 
 
 def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
-    script = SCRIPT % (BANDIT, HANOI)
-    assert printed(tmp_path, script, "run", "0")[-1] == "True 8 ['interrupted'] False"
+    assert run(tmp_path, "run") == "True 8 ['interrupted'] False"
     assert (tmp_path / "killed").exists()
     rows = RunFolder(tmp_path / "run").rows()
     assert len({row["key"] for row in rows}) == 8
     # With the mark there nobody is killed: the same run, undisturbed, has the same bytes.
-    assert printed(tmp_path, script, "undisturbed", "0")[-1] == "True 8 [] False"
+    assert run(tmp_path, "undisturbed") == "True 8 [] False"
     first, second = (tmp_path / name / "results.jsonl" for name in ("run", "undisturbed"))
     assert first.read_bytes() == second.read_bytes()
     # The replies that had arrived went on to the machine that runs the command; the episode continued behind them.
@@ -72,7 +70,7 @@ def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
 
 def test_a_cap_holds_on_a_cluster(tmp_path):
     (tmp_path / "killed").touch()
-    assert printed(tmp_path, SCRIPT % (BANDIT, HANOI), "run", "100000")[-1].endswith("True")
+    assert run(tmp_path, "run", cap=100_000).endswith("True")
     assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
 
 
@@ -136,7 +134,14 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("where", ["named", "here"])
 def test_a_failed_episode_is_tried_again_in_a_cluster_that_is_named_or_started_here(tmp_path, where):
-    *lost, last = printed(tmp_path, RETRIED_ELSEWHERE % (HANOI, HANOI), where)
+    script = tmp_path / "script.py"
+    script.write_text(RETRIED_ELSEWHERE % (HANOI, HANOI))
+    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
+    command = [sys.executable, str(script), str(tmp_path / "run"), where]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 0, done.stderr
+    *lost, last = done.stdout.strip().splitlines()
     assert last == "True ['player_error', 'player_error'] False"
     if where == "named":
         assert "of 9 episodes that are finished are kept; the same command continues the run." in lost[-1]
@@ -193,8 +198,14 @@ if __name__ == "__main__":
 
 
 def test_a_node_is_lost_and_another_joins_during_a_run(tmp_path):
-    (*_, last) = printed(tmp_path, NODES_CHANGE % BANDIT)
-    assert last == "True 8 True", "every episode is finished; the new node has played"
+    script = tmp_path / "script.py"
+    script.write_text(NODES_CHANGE % BANDIT)
+    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
+    command = [sys.executable, str(script), str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().splitlines()[-1] == "True 8 True", "every episode is finished; the new node has played"
     folder = RunFolder(tmp_path / "run")
     assert len({row["key"] for row in folder.rows()}) == 8
     # The episode of the lost node went on elsewhere behind its replies, none of which was asked for again.
