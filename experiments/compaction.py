@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
 )
 from smartplay_tools.evaluation.analysis.intervals import USUAL, Bounds, MeanEstimate, Method, mean_estimate
-from smartplay_tools.evaluation.analysis.pairs import Measure, difference_sample, pairs, sample, score
+from smartplay_tools.evaluation.analysis.pairs import Measure, paired_difference, sample, score
 from smartplay_tools.evaluation.analysis.remembering import ANSWERS, SURVIVED, tokens_of
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
@@ -225,8 +225,7 @@ def estimate(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None
 def less_dropping(cells: Cells, place: tuple[str, int, int, str], method: Method = USUAL) -> MeanEstimate | None:
     """Estimate by how much a way scores more than dropping on the same worlds."""
     stage, cap, _, _ = place
-    own = difference_sample(pairs(cells[place], cells[stage, cap, cap, DROPPING]), score)
-    return mean_estimate(own.values, own.bounds, method) if own.values else None
+    return paired_difference(cells[place], cells[stage, cap, cap, DROPPING], score, method)
 
 
 def scores_table(cells: Cells, cap: int) -> str:
@@ -297,8 +296,7 @@ def manual_table(cells: Cells) -> str:
         line = [label(cells, SMALL, way, longest)]
         for game in ("RPS", "MESSENGER"):
             pinned, loose = (cells[f"{game}{suffix}", SMALL, longest, way] for suffix in ("", CAN_BE_LOST))
-            own = difference_sample(pairs(loose, pinned), score)
-            less = mean_estimate(own.values, own.bounds)
+            less = paired_difference(loose, pinned, score)
             line += [share(estimate(loose, manual_share, SHARE)), interval(less, "+")]
         lines.append(line)
     headings = [f"{game}: {what}" for game in ("RPS", "MESSENGER") for what in ("manual in view (%)", "less pinned")]

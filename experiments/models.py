@@ -9,7 +9,8 @@
 It needs the extras `local`, `popgym`, `evaluation` and `langchain`. Qwen2.5-Coder-1.5B-Instruct plays as it was
 published, with replies drawn at temperature 0.7, because at temperature 0 it repeats a call without end. SmolLM2-135M
 plays at temperature 0, as it was published and with the adapter of this package. Two processes play, each with one
-thread, so that a reply depends on its prompt and its seed alone.
+thread. What the engine has kept of another episode can decide between two close replies, so rows that are played again
+can differ; records hold what was replied.
 """
 
 from __future__ import annotations
@@ -35,11 +36,12 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     spread,
 )
-from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, mean_estimate
-from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, score
+from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method
+from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row, grouped
 from smartplay_tools.types import MISTAKES
 
@@ -49,6 +51,8 @@ if TYPE_CHECKING:
 SEED, PILOT_SEED = 27_112_026, 11
 CALLS = 20
 """An episode ends after as many calls, which bounds what one costs on a processor."""
+LAST = 10
+"""Of how many last acts a table says whether they were all the same."""
 CAP = 700
 """The smallest cap on prompts, in tokens, under which strategies play."""
 MODELS = QWEN, TAUGHT, UNTAUGHT = "qwen2.5-coder-1.5b", "smollm2-135m-player", "smollm2-135m"
@@ -145,9 +149,12 @@ def play_controls(out: Path) -> None:
 def rows_of(out: Path) -> Iterator[Row]:
     """Yield the rows of everything that was played, with what their tables need."""
     for folder in folders(out):
-        worlds, player, game, way = folder.path.relative_to(out).parts
+        worlds, player, _, way = folder.path.relative_to(out).parts
         for row in folder.rows():
-            yield {**row, "player": player, "way": way, "worlds": worlds, "game": game}
+            calls = Record.read(folder.transcript(row["key"])).calls
+            acts = [call["arguments"] for call in calls if call["name"] == "act"]
+            last = len(set(acts[-LAST:])) if len(acts) >= LAST else None
+            yield {**row, "player": player, "way": way, "worlds": worlds, "last_acts": last}
 
 
 def folders(out: Path) -> Iterator[RunFolder]:
@@ -160,15 +167,12 @@ def write_records(out: Path, path: Path, count: int = 3) -> None:
     """Write the records of the first worlds of every cell of a model into one archive."""
     with tarfile.open(path, "w:xz", preset=9) as archive:
         for folder in folders(out):
-            for row in sorted(folder.rows(), key=lambda row: row["trial"])[:count] if _is_model(folder.path) else ():
+            is_model = folder.path.parts[-3] in MODELS
+            for row in sorted(folder.rows(), key=lambda row: row["trial"])[:count] if is_model else ():
                 content = folder.transcript(row["key"]).read_bytes()
                 about = tarfile.TarInfo(f"{folder.path.relative_to(out)}/{row['trial']}.jsonl")
                 about.size = len(content)
                 archive.addfile(about, BytesIO(content))
-
-
-def _is_model(folder: Path) -> bool:
-    return folder.parts[-3] in MODELS
 
 
 Cells = Mapping[tuple[str, str, str, str], list[Row]]
@@ -216,6 +220,20 @@ def ends_table(cells: Cells) -> str:
     return markdown_table(headings, lines)
 
 
+def locked_table(cells: Cells) -> str:
+    """In how many episodes, of those with as many acts, the last acts of a model were all the same."""
+    lines = []
+    for worlds in ("pilot", "fresh"):
+        for player in MODELS:
+            for game, name in GAMES.items():
+                own = [cells.get((worlds, player, game, way), []) for way in played(cells)]
+                last = [[row["last_acts"] for row in rows if row["last_acts"]] for rows in own]
+                if any(last):
+                    counts = (f"{each.count(1)} of {len(each)}" if each else "" for each in last)
+                    lines.append([worlds, player, name, *counts])
+    return markdown_table(["worlds", "player", "game", *played(cells)], lines)
+
+
 DETECTED = {HANDS: 4.0, BANDIT: 2.0}
 """The differences that questions ask for, in points."""
 
@@ -248,20 +266,19 @@ QUESTIONS: tuple[Question, ...] = (
     (QWEN, HANDS, DROPPING, WIDEST),
     (QWEN, HANDS, TOLD, DROPPING),
 )
-"""Chosen after the pilot and before the worlds of `SEED` were played."""
+"""Written down after the pilot, before the models that they ask about had played the worlds of `SEED`."""
 
 
 def difference(cells: Cells, worlds: str, asked: Question, method: Method = USUAL) -> MeanEstimate | None:
     """Estimate by how much a model scores more in one way than in the other, on the same worlds."""
     player, game, way, other = asked
-    paired = pairs(cells.get((worlds, player, game, way), []), cells.get((worlds, player, game, other), []))
-    own = difference_sample(paired, score)
-    return mean_estimate(own.values, own.bounds, method) if own.values else None
+    rows, reference = (cells.get((worlds, player, game, each), []) for each in (way, other))
+    return paired_difference(rows, reference, score, method)
 
 
 def questions_table(cells: Cells) -> str:
     """Every question with its answer; the intervals hold together."""
-    lines, together = [], bonferroni(max(1, len(QUESTIONS)))
+    lines, together = [], bonferroni(len(QUESTIONS))
     for asked in QUESTIONS:
         each = difference(cells, "fresh", asked, together)
         if each is None:
@@ -279,7 +296,7 @@ def questions_table(cells: Cells) -> str:
 
 @figure
 def dots(cells: Cells) -> Figure:
-    """Draw the score of every way, a panel for each of the games that were played in all of them."""
+    """Draw the scores of the models in every way, a panel for each of the two games of the questions."""
     drawn, axes = panels(2, size=(4.6, 2.8))
     ways, counts = list(reversed(played(cells))), set()
     for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
@@ -301,6 +318,7 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
         "models": scores_table(cells, MODELS, played(cells)),
         "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
+        "models-locked": locked_table(cells),
         "models-power": power_table(cells),
         "models-questions": questions_table(cells),
     }

@@ -1,13 +1,15 @@
-"""An HTTP server on this machine that answers what a function says."""
+"""An HTTP server on this machine that answers what a function says, and requests without a client library."""
 
 from __future__ import annotations
 
 import json
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
+from urllib.parse import urlsplit
 
 Answer = Callable[[str, Any], tuple[int, str, bytes]]
 """Gets the path and the JSON body of a request; returns the status, the content type and the body of the answer."""
@@ -55,3 +57,14 @@ def _handler(answer: Answer) -> type[BaseHTTPRequestHandler]:
         def log_message(self, *_: Any) -> None: ...
 
     return Handler
+
+
+def ask(url: str, body: Any = None, *, method: str = "GET", headers: Mapping[str, Any] = {}) -> tuple[int, Any, str]:
+    """Return status, headers and text of an answer to a body, sent in chunks if it is of parts; redirections stay."""
+    parts = urlsplit(url)
+    connection = HTTPConnection(parts.hostname or "", parts.port, timeout=60)
+    connection.request(method, parts.path + (f"?{parts.query}" if parts.query else ""), body, headers)
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    connection.close()
+    return answer.status, answer.headers, text

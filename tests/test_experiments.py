@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,19 @@ def test_every_table_in_the_pages_is_that_of_the_published_rows(experiments):
 
 def test_published_rows_are_small_enough_for_a_repository(experiments):
     assert sum(each.path.stat().st_size for each in experiments.values() if each.path.exists()) < 3_000_000
+
+
+def test_published_records_of_models_replay_without_the_model(tmp_path, experiments):
+    with tarfile.open(experiments["models"].path.with_name("records.tar.xz")) as archive:
+        archive.extractall(tmp_path, filter="data")
+    rows = experiments["models"].rows()
+    scores = {tuple(row[name] for name in ("worlds", "player", "game", "way", "trial")): row["score"] for row in rows}
+    records = list(tmp_path.rglob("*.jsonl"))
+    assert len(records) > 50
+    for record in records:
+        replayed = sp.replay(record)
+        assert replayed.identical, record
+        assert replayed.result.score == scores[(*record.relative_to(tmp_path).parts[:4], int(record.stem))]
 
 
 def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path):

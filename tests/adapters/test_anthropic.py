@@ -117,6 +117,10 @@ def test_words_that_are_none_are_left_out_beside_thinking_and_have_a_stand_in_el
     assert [message["content"] for message in sent] == [[{"type": "text", "text": "..."}], [THOUGHT, SO]]
 
 
+def test_a_reply_without_a_cap_of_the_budget_has_the_players_own():
+    assert request(sp.Prompt([], ()))["max_tokens"] == 4096
+
+
 def test_an_answer_of_the_client_and_its_json_are_the_same():
     answer = {
         "id": "m",

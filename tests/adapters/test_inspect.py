@@ -308,6 +308,14 @@ def test_a_players_model_reports_the_usage_of_its_player(tmp_path):
     assert third.prompt > second.prompt
 
 
+def test_usage_is_the_providers_with_its_cache():
+    usage = ModelUsage(
+        input_tokens=5, output_tokens=7, input_tokens_cache_read=100, input_tokens_cache_write=20, reasoning_tokens=3
+    )
+    reply = ModelOutput(model="m", choices=output(SAY_ROCK).choices, usage=usage)
+    assert from_output(reply).usage == sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3)
+
+
 @pytest.mark.parametrize(("reason", "cut"), [("max_tokens", 1), ("model_length", 1), ("stop", 0)])
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
     output = ModelOutput.from_content("m", "I thi", stop_reason=reason)

@@ -15,7 +15,7 @@ import httpx2
 import smartplay_openai as so
 
 from smartplay_tools.context.tokens import TokenCounter
-from tests.evaluation import asking
+from tests import loopback
 
 CALL = {"id": "c1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
 RESULT = {"role": "tool", "tool_call_id": "c1", "content": "Done."}
@@ -59,7 +59,8 @@ def endpoint():
 def ask(endpoint, path, body=None, method="POST", headers=None):
     """Send a request without a client library; return the status and the body."""
     text = body if isinstance(body, str | None) else json.dumps(body)
-    status, _, answer = asking.ask(endpoint.url.rstrip("/") + path, text, method=method, headers=headers or {})
+    status, _, answer = loopback.ask(endpoint.url.rstrip("/") + path, text, method=method, headers=headers or {})
+    assert answer.isascii()
     return status, answer
 
 

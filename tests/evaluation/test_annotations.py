@@ -11,8 +11,8 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.exports.atif import trajectory
 from smartplay_tools.evaluation.run_folder.folder import LONGEST, notes_file, read_notes, write_note
 from smartplay_tools.records import Record
-from tests.evaluation.asking import ask
 from tests.evaluation.test_view import get, unpacked
+from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")

@@ -18,7 +18,7 @@ from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames
 from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell
 from smartplay_tools.web.site.challenge import Challenge
-from tests.evaluation.asking import ask
+from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import Bounds, MeanEstimate, Sample, mean_estimate
+from smartplay_tools.evaluation.analysis.intervals import USUAL, Bounds, MeanEstimate, Method, Sample, mean_estimate
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row, grouped, mean_score, scoring_of, unit_of
@@ -181,10 +181,12 @@ def differences(rows: Iterable[Row], reference: Iterable[Row], measure: Measure)
     return difference_sample(pairs(rows, reference), measure).values
 
 
-def paired_difference(rows: Iterable[Row], reference: Iterable[Row], measure: Measure) -> MeanEstimate | None:
+def paired_difference(
+    rows: Iterable[Row], reference: Iterable[Row], measure: Measure, method: Method = USUAL
+) -> MeanEstimate | None:
     """Estimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
     differing = difference_sample(pairs(rows, reference), measure)
-    return mean_estimate(differing.values, differing.bounds) if differing.values else None
+    return mean_estimate(differing.values, differing.bounds, method) if differing.values else None
 
 
 OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
