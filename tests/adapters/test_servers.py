@@ -25,7 +25,7 @@ import smartplay_tools as sp
 pytest.importorskip("uvicorn")
 
 from smartplay_tools.web import EpisodeStore, Server, bodies, server as web_server
-from tests.evaluation.asking import ask
+from tests.loopback import ask
 
 GAME = "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
