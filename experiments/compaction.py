@@ -78,8 +78,10 @@ STAGES = (
     Stage("CountRecall, two decks", "popgym-CountRecallMedium-v0", READER, LARGE),
     Stage("RPS", HANDS, RULE, LARGE),
     Stage("RPS, manual can be lost", HANDS, RULE, LARGE, "tool"),
+    Stage("MESSENGER", MESSENGER, RULE, LARGE),
+    Stage("MESSENGER, manual can be lost", MESSENGER, RULE, LARGE, "tool"),
 )
-"""In the order of the tables' columns. An episode of MESSENGER, and one deck of cards, fit into the larger cap."""
+"""In the order of the tables' columns. One deck of cards fits into the larger cap."""
 
 
 @dataclass(frozen=True)
