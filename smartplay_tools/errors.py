@@ -55,7 +55,11 @@ class DamageError(InvalidArgumentError):
     """A file of a run is damaged, or cannot be read; the message names it."""
 
 
-class DamageWarning(UserWarning):
+class SmartPlayWarning(UserWarning):
+    """What a user should know of and what is no error; the command line says it as a sentence."""
+
+
+class DamageWarning(SmartPlayWarning):
     """A damaged part of a run was left out, and the rest was read; the message names the part."""
 
 

@@ -23,7 +23,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from smartplay_tools.errors import FULL, DamageWarning, InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import FULL, DamageWarning, InvalidArgumentError, SmartPlayError, SmartPlayWarning
 from smartplay_tools.registry import resolve
 
 TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
@@ -223,23 +223,23 @@ class _Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; a bug keeps its traceback. What is damaged and left out makes the exit code 1."""
-        told: list[str] = []
+        told: dict[str, type[Warning]] = {}
 
         def tell(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-            if not issubclass(category, DamageWarning):
+            if not issubclass(category, SmartPlayWarning):
                 usual(message, category, *where, **more)
             elif str(message) not in told:
-                told.append(str(message))
+                told[str(message)] = category
                 typer.echo(f"smartplay-tools: {message}", err=True)
 
         try:
             if ("--out", "") in pairwise(ctx.args):  # it would be this folder
                 raise InvalidArgumentError("--out is empty, as a variable is that is not set; name a file or a folder.")
             with warnings.catch_warnings():
-                warnings.simplefilter("always", DamageWarning)
+                warnings.simplefilter("always", SmartPlayWarning)
                 usual, warnings.showwarning = warnings.showwarning, tell
                 result = super().invoke(ctx)
-            if told:
+            if any(issubclass(category, DamageWarning) for category in told.values()):
                 raise typer.Exit(1)
             return result
         except SmartPlayError as error:

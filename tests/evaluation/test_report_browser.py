@@ -343,15 +343,20 @@ def test_from_the_run_to_an_episode_and_back_by_keyboard_alone(show, tmp_path):
     assert not page.get_by_role("dialog", name="Keys").is_visible()
 
 
-def test_episodes_can_be_found_and_sorted(show, tmp_path):
+def test_episodes_can_be_found_and_sorted(show, tmp_path, monkeypatch):
+    monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.LISTED_AT_ONCE", 1)
     for name, game in (("a", HANOI), ("b", BANDIT), ("c", RPS)):
         record(tmp_path / "run" / f"{name}.jsonl", game)
     page = show(tmp_path / "run")
     rows = page.locator("#episodes tbody tr:visible")
+    assert page.locator("#count").text_content() == "3 episodes, the first 1 listed"
     page.get_by_role("searchbox", name="Find").fill("bandit roll")
     assert rows.count() == 1
     assert page.locator("#count").text_content() == "1 episode"
     page.get_by_role("searchbox", name="Find").fill("")
+    assert rows.count() == 1
+    page.get_by_role("button", name="list all").click()
+    assert rows.count() == 3
     page.get_by_role("button", name="steps").click()
     assert rows.locator("th").all_text_contents()[-1] == HANOI
     page.get_by_role("button", name="steps").click()

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.errors import DamageWarning
+from smartplay_tools.errors import DamageWarning, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.players import Broken
 from tests.evaluation.report_runs import known_for_now, record
@@ -46,12 +46,11 @@ def held(runs, asked: str | None) -> list[str]:
     return [source.key for shown in chosen for source in shown.sources.episodes]
 
 
-def test_a_page_of_too_many_episodes_asks_which(run, tmp_path):
+def test_a_page_of_too_many_episodes_holds_the_first_trials_and_says_so(run, tmp_path):
     done = CliRunner().invoke(app, ["report", str(run), "--out", str(tmp_path / "page.html")])
-    assert done.exit_code == 2
-    assert "A page of 6 episodes" in done.output
-    assert "choose with --episodes" in done.output
-    assert not (tmp_path / "page.html").exists()
+    assert done.exit_code == 0
+    assert "holds 5 of 6 episodes, the first trials" in done.output
+    assert "This page holds 5 of 6 episodes" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert len(held([run], "all")) == 6
 
 
@@ -61,12 +60,19 @@ def test_a_page_says_nothing_of_each_episode_that_it_does_not_show(run):
     assert [episode.key for episode in RunFolder(run).manifest().episodes if episode.key in page] == [shown]
 
 
-def test_records_that_are_too_large_ask_too(run, monkeypatch):
+def test_records_that_are_too_large_are_too_many(run, monkeypatch):
     monkeypatch.setattr(choice, "MOST_EPISODES", 6)
     assert len(held([run], None)) == 6
-    monkeypatch.setattr(choice, "MOST_BYTES", 1_000)
-    with pytest.raises(sp.InvalidArgumentError, match="MB of records"):
-        held([run], None)
+    monkeypatch.setattr(choice, "MOST_BYTES", 1)
+    with pytest.warns(SmartPlayWarning, match="holds 1 of 6"):
+        assert len(held([run], None)) == 1
+
+
+def test_too_many_episodes_of_several_runs_are_held_as_pairs(run, tmp_path):
+    shutil.copytree(run, tmp_path / "again")
+    with pytest.warns(SmartPlayWarning, match="holds 4 of 12"):
+        first, second, third, fourth = held([run, tmp_path / "again"], None)
+    assert (first[1:], second[1:]) == (third[1:], fourth[1:])
 
 
 def test_a_number_takes_the_first_trials_of_every_game(run):

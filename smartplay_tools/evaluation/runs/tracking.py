@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress
 from smartplay_tools.records.rows import Row, grouped
@@ -95,7 +95,8 @@ class Tracking:
             getattr(self._tracker, method)(*figures, **how)
         except Exception as error:  # whatever a client does without its server
             self._tracker = None
-            warnings.warn(f"The tracker gets nothing more of this run, which continues: {error}", stacklevel=2)
+            why = f"The tracker gets nothing more of this run, which continues: {error}"
+            warnings.warn(why, SmartPlayWarning, stacklevel=2)
 
 
 def _name(row: Row) -> str:

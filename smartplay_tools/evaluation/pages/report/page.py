@@ -104,6 +104,9 @@ STYLES = ("page.css", "compare.css")
 LISTED = ("key", "run", "game", "player", "seed", "status")
 """The facts about an episode that the page needs before it is unpacked."""
 
+LISTED_AT_ONCE = 200
+"""The most episodes that the list shows before a reader asks for all: a browser takes long to lay out a thousand."""
+
 
 def write_report(
     run: str | Path | Sequence[str | Path],
@@ -118,11 +121,12 @@ def write_report(
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
     Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
-    number, "mistakes", "failed", keys with commas or "all"; a run of more than a thousand needs it. An existing file
-    is replaced: a page can be made again, a record cannot. Games of installed packages, which records name, are
-    imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes, where
-    there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`. With
-    `tariffs` (`smartplay_tools.evaluation.costs.tariffs.tariffs_of`) a table says what the episodes cost under each.
+    number, "mistakes", "failed", keys with commas or "all"; not given, a page of a very large run holds the first
+    trials, with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
+    packages, which records name, are imported for the drawings and figures only with `plugins`. Records are read by up
+    to `workers` processes, where there are so many that it saves time; a script that asks for several needs `if
+    __name__ == "__main__":`. With `tariffs` (`smartplay_tools.evaluation.costs.tariffs.tariffs_of`) a table says what
+    the episodes cost under each.
     """
     file = _html_file(out)
     page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers, tariffs=tariffs)
@@ -260,6 +264,7 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in (*page.damaged, *unplayed(page.rows))],
         "chosen": _chosen(runs),
+        "at_once": LISTED_AT_ONCE,
         "waiting": sum(run.sources.waiting for run in runs),
         "style": style,
         "scripts": scripts,

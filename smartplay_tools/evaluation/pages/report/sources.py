@@ -10,13 +10,15 @@ The tables of the page are always those of the whole run; the choice decides whi
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayWarning, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, grouped
@@ -132,8 +134,8 @@ def _run(folder: RunFolder) -> Sources:
 MOST_EPISODES = 1_000
 """The most episodes of a page if none were chosen."""
 
-MOST_BYTES = 2_000_000_000
-"""The most bytes of their records; a page has about a fiftieth of that."""
+MOST_BYTES = 40_000_000
+"""The most bytes of their records: such a page is written in some ten seconds, and is 3 MB large."""
 
 HOW = "a number (the first trials of every game and player), mistakes, failed, the keys of episodes with commas, or all"
 """What `episodes` may be."""
@@ -142,11 +144,9 @@ HOW = "a number (the first trials of every game and player), mistakes, failed, t
 def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
     """Return the runs with the sources that the page holds; those that it leaves out keep their rows for the tables.
 
-    `asked` is one of `HOW`. None is all, and an `InvalidArgumentError` if these are too many.
+    `asked` is one of `HOW`. None is all, or the first trials with a `SmartPlayWarning` if all are too many.
     """
-    if asked is None:
-        _check_size(runs)
-        return list(runs)
+    asked = asked or _opens_well(runs)
     if asked == "all":
         return list(runs)
     chosen = [_choice(run, asked, len(runs)) for run in runs]
@@ -155,23 +155,34 @@ def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
     return [_only(run, keys) for run, keys in zip(runs, chosen, strict=True)]
 
 
-def _check_size(runs: Sequence[ShownRun]) -> None:
-    sources = [source for run in runs for source in run.sources.episodes]
-    size = sum(source.transcript.lstat().st_size for source in sources)
-    if len(sources) > MOST_EPISODES or size > MOST_BYTES:
-        raise InvalidArgumentError(
-            f"A page of {len(sources):,} episodes ({size / 1e6:,.0f} MB of records) would be slow to open; choose "
-            f"with --episodes which of them it holds: {HOW}. Its tables are of all episodes in any case."
-        )
+def _opens_well(runs: Sequence[ShownRun]) -> str:
+    """Return "all", or how many of the first episodes make a page that opens well."""
+    held = size = 0
+    for number, episodes in enumerate(zip_longest(*map(_by_trial, runs))):
+        there = [source.transcript for source in episodes if source]
+        size += sum(record.lstat().st_size for record in there)
+        if held and (held + len(there) > MOST_EPISODES or size > MOST_BYTES):
+            count = sum(len(run.sources.episodes) for run in runs)
+            why = (
+                f"The page holds {held:,} of {count:,} episodes, the first trials of every game and player, because "
+                f"more would be slow to open. --episodes chooses others: {HOW}. Its tables are of all episodes."
+            )
+            warnings.warn(why, SmartPlayWarning, stacklevel=2)
+            return str(number * len(runs))
+        held += len(there)
+    return "all"
+
+
+def _by_trial(run: ShownRun) -> list[Source]:
+    """Return the episodes of a run by their trials, so that the first episodes of several runs are pairs."""
+    return sorted(run.sources.episodes, key=lambda source: source.facts.get("trial") or 0)
 
 
 def _choice(run: ShownRun, asked: str, runs: int) -> set[str]:
     """Return the keys of the chosen episodes of one run."""
     sources = run.sources.episodes
     if asked.isascii() and asked.isdigit():
-        # The first trials of all cells, so that the episodes of several runs are still pairs.
-        by_trial = sorted(sources, key=lambda source: source.facts.get("trial") or 0)
-        return {source.key for source in by_trial[: int(asked) // runs]}
+        return {source.key for source in _by_trial(run)[: int(asked) // runs]}
     if asked in KINDS:
         return {source.key for source in sources if KINDS[asked](source)}
     wanted = {name.strip() for name in asked.split(",")}

@@ -95,6 +95,10 @@ function connect() {
   });
   $("find").addEventListener("input", filterEpisodes);
   $("status").addEventListener("change", filterEpisodes);
+  $("list-all").addEventListener("click", () => {
+    document.querySelector("#episodes tbody").dataset.atOnce = Infinity;
+    filterEpisodes();
+  });
   for (const button of document.querySelectorAll("#episodes th button"))
     button.addEventListener("click", () => sortEpisodes(button));
 }
@@ -174,13 +178,16 @@ function onKey(event) {
 function filterEpisodes() {
   const words = $("find").value.toLowerCase().split(/\s+/).filter(Boolean);
   const status = $("status").value;
+  const atOnce = Number(document.querySelector("#episodes tbody").dataset.atOnce);
   let count = 0;
   for (const row of document.querySelectorAll("#episodes tbody tr")) {
     const text = row.textContent.toLowerCase();
-    row.hidden = !(words.every((word) => text.includes(word)) && (!status || row.dataset.status === status));
-    count += row.hidden ? 0 : 1;
+    const isFound = words.every((word) => text.includes(word)) && (!status || row.dataset.status === status);
+    count += isFound ? 1 : 0;
+    row.hidden = !isFound || count > atOnce;
   }
-  $("count").textContent = plural(count, "episode");
+  $("list-all").hidden = count <= atOnce;
+  $("count").textContent = plural(count, "episode") + (count > atOnce ? `, the first ${atOnce} listed` : "");
 }
 
 function sortEpisodes(button) {
@@ -197,6 +204,7 @@ function sortEpisodes(button) {
   const body = document.querySelector("#episodes tbody");
   const rows = [...body.rows].sort((one, other) => (down ? -1 : 1) * compare(value(one), value(other)));
   body.append(...rows);
+  filterEpisodes();
 }
 
 start().catch((error) => {
