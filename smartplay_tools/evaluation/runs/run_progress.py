@@ -1,8 +1,9 @@
 """A run while it is played: its status file, its display, its methods in a notebook, and the signals that stop it.
 
-One thread takes a snapshot every second, writes the status file and shows the snapshot. `status.json` is for programs
-that read the folder, `results` in another terminal and the site among them. It is not part of the results: it has a
-clock in it, it is deleted when the run stops, and nothing is lost if it is deleted earlier.
+One thread takes a snapshot every second (of hundreds of episodes at once, every five), writes the status file and shows
+the snapshot. `status.json` is for programs that read the folder, `results` in another terminal and the site among them.
+It is not part of the results: it has a clock in it, it is deleted when the run stops, and nothing is lost if it is
+deleted earlier.
 
 A notebook shows a run or a sweep as data frames, replays and tables. `pages.notebook` makes all of them and is imported
 at first use, so playing a run loads neither pages nor statistics.
@@ -15,6 +16,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from types import FrameType
@@ -32,7 +34,10 @@ if TYPE_CHECKING:
 
 
 PERIOD = 1.0
-"""Seconds between two snapshots."""
+"""The least seconds between two snapshots."""
+
+SHARE, LONGEST_PERIOD = 20, 5.0
+"""A snapshot of hundreds of growing records takes long, so the next one waits so many times as long, up to a bound."""
 
 OnSnapshot: TypeAlias = Callable[[RunSnapshot], None]
 Display: TypeAlias = Callable[[], AbstractContextManager[OnSnapshot]]
@@ -53,9 +58,11 @@ def following(folder: RunWriter, show: OnSnapshot) -> Iterator[None]:
             folder.write_status(snapshot.figures())
 
     def follow() -> None:
-        tick()
-        while not over.wait(PERIOD):
+        pause = 0.0
+        while not over.wait(pause):
+            began = time.monotonic()
             tick()
+            pause = max(PERIOD, min(SHARE * (time.monotonic() - began), LONGEST_PERIOD))
 
     thread = threading.Thread(target=follow, name="smartplay-tools progress", daemon=True)
     thread.start()
