@@ -104,9 +104,10 @@ STAGES = (
     Stage(TAUGHT, (BANDIT,), ASKED, 16),
     Stage(TAUGHT, (HANDS,), ASKED, 24),
     Stage(QWEN, (HANDS,), ASKED, 8),
-    Stage(QWEN, FEW, CAPS, 8),
-    Stage(TAUGHT, FEW, CAPS, 8),
+    Stage(QWEN, (HANDS,), OTHERS, 4),
+    Stage(QWEN, FEW, CAPS, 3),
     Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
+    Stage(TAUGHT, FEW, CAPS, 4),
 )
 """In the order in which they are played."""
 
@@ -195,10 +196,11 @@ def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> s
     return markdown_table(["player", "game", *ways], lines)
 
 
-def played(cells: Cells) -> list[str]:
-    """Return the ways that a model has played in other worlds than the pilot's."""
-    ways = {way for worlds, player, _, way in cells if worlds == "fresh" and player in MODELS}
-    return [way for way in WAYS if way in ways]
+def ways_table(cells: Cells) -> str:
+    """The same for every way, at the games that were played in all of them; the first row is there to compare with."""
+    places = ((QWEN, HANDS), (TAUGHT, HANDS), (TAUGHT, BANDIT))
+    lines = [[way, *(_score(cells.get(("fresh", *place, way), [])) for place in places)] for way in (DROPPING, *OTHERS)]
+    return markdown_table(["way", *(f"{player}, {GAMES[game]}" for player, game in places)], lines)
 
 
 def _score(rows: Sequence[Row]) -> str:
@@ -226,12 +228,12 @@ def locked_table(cells: Cells) -> str:
     for worlds in ("pilot", "fresh"):
         for player in MODELS:
             for game, name in GAMES.items():
-                own = [cells.get((worlds, player, game, way), []) for way in played(cells)]
+                own = [cells.get((worlds, player, game, way), []) for way in ASKED]
                 last = [[row["last_acts"] for row in rows if row["last_acts"]] for rows in own]
                 if any(last):
                     counts = (f"{each.count(1)} of {len(each)}" if each else "" for each in last)
                     lines.append([worlds, player, name, *counts])
-    return markdown_table(["worlds", "player", "game", *played(cells)], lines)
+    return markdown_table(["worlds", "player", "game", *ASKED], lines)
 
 
 DETECTED = {HANDS: 4.0, BANDIT: 2.0}
@@ -297,8 +299,8 @@ def questions_table(cells: Cells) -> str:
 @figure
 def dots(cells: Cells) -> Figure:
     """Draw the scores of the models in every way, a panel for each of the two games of the questions."""
-    drawn, axes = panels(2, size=(4.6, 2.8))
-    ways, counts = list(reversed(played(cells))), set()
+    drawn, axes = panels(2, size=(4.6, 4.0))
+    ways, counts = list(reversed(WAYS)), set()
     for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
         for look, player in enumerate(MODELS):
             for place, way in enumerate(ways):
@@ -315,7 +317,8 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
     return {
-        "models": scores_table(cells, MODELS, played(cells)),
+        "models": scores_table(cells, MODELS, ASKED),
+        "models-ways": ways_table(cells),
         "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
         "models-locked": locked_table(cells),

@@ -117,7 +117,10 @@ def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[s
 
 
 HEAD_AFTER = 0.1
-"""Seconds after which the head of a stream is sent. An error that comes before it has a status."""
+"""Seconds for which an answer is awaited before the head of a stream is sent, or the client is watched for leaving.
+
+An error that comes before the head of a stream has a status.
+"""
 
 SILENCE = 5.0
 """Seconds after which a stream has a sign of life; load balancers close connections that are silent for 60 s."""
@@ -138,11 +141,10 @@ async def respond(
     The head of a stream does not wait for the answer.
     """
     answer = asyncio.create_task(answering)
-    if body.get("stream"):
-        await asyncio.wait({answer}, timeout=HEAD_AFTER)
-        if not answer.done() or answer.exception() is None:
-            return _Stream(answer, form, body, headers)
-    else:
+    await asyncio.wait({answer}, timeout=HEAD_AFTER)
+    if body.get("stream") and (not answer.done() or answer.exception() is None):
+        return _Stream(answer, form, body, headers)
+    if not answer.done():
         gone = asyncio.create_task(_disconnect(request))
         try:
             await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
