@@ -206,10 +206,12 @@ def hostile_start(
     return kind(episode, head=head, foreign_tools=[scripts.NOTE], **options)
 
 
-def hostile_conversation(chance: random.Random, counts: Counter[str], form: str | None = None) -> None:
+def hostile_conversation(
+    chance: random.Random, counts: Counter[str], form: str | None = None, player: sp.Player | None = None
+) -> None:
     """Play a hostile conversation or agent session; judge every prompt, then replay the record.
 
-    With a `form` the game is Crafter, and that is what its observations are.
+    With a `form` the game is Crafter, and that is what its observations are. A `player` replies in place of chance.
     """
     game, form = ("Crafter-v0", form) if form is not None else (None, "text")
     events: list[Any] = []
@@ -228,18 +230,19 @@ def hostile_conversation(chance: random.Random, counts: Counter[str], form: str 
         ]
         sent.append({**scripts.view_as_json(conversation.view), "tools": tools, "max_tokens": prompt.max_tokens})
         check_pictures(prompt, counts)
+        said = None if player is None else dict(player.reply(prompt).message)
         deface(prompt.messages)
         deface(conversation.view.messages)
         refuse_odd_replies(chance, conversation)
         if prompt.purpose == "summary":
             answer = {"role": "assistant", **copy.deepcopy(chance.choice(scripts.ANSWERS))}
             if chance.random() < 0.5:
-                answer = hostile_reply(chance)
+                answer = said or hostile_reply(chance)
             assert not conversation.receive(answer)
             deface([answer])
             counts["summaries"] += 1
             continue
-        reply = hostile_reply(chance, is_lively=is_lively, offered={tool.name for tool in prompt.tools})
+        reply = said or hostile_reply(chance, is_lively=is_lively, offered={tool.name for tool in prompt.tools})
         conversation.receive(reply)
         if isinstance(conversation, sp.AgentSession):
             scripts.act_as_host(chance, conversation)
@@ -311,15 +314,17 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--prompts", type=int, default=1_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--player", help="Have this one reply, such as local:smollm2-135m-player; for few --prompts.")
     parser.add_argument("--observation", choices=["text", "picture", "both"], help="Play Crafter with these.")
     asked = parser.parse_args()
+    player = None if asked.player is None else sp.get_player(asked.player, seed=asked.seed)
     counts: Counter[str] = Counter()
     number = 0
     while counts["calls"] < asked.calls or counts["prompts"] < asked.prompts:
         number += 1
         chance = random.Random(f"{asked.seed} {number}")
         talks = number % 2 if counts["calls"] < asked.calls else True
-        talk = functools.partial(hostile_conversation, form=asked.observation)
+        talk = functools.partial(hostile_conversation, form=asked.observation, player=player)
         play = talk if counts["prompts"] < asked.prompts and talks else hostile_calls
         try:
             play(chance, counts)
