@@ -104,8 +104,8 @@ STAGES = (
     Stage(TAUGHT, (BANDIT,), ASKED, 16),
     Stage(TAUGHT, (HANDS,), ASKED, 24),
     Stage(QWEN, (HANDS,), ASKED, 8),
-    Stage(QWEN, (HANDS,), OTHERS, 4),
-    Stage(QWEN, FEW, CAPS, 3),
+    Stage(QWEN, (HANDS,), OTHERS[:-1], 4),  # a summary by this model takes ten minutes an episode
+    Stage(QWEN, FEW, CAPS, 4),
     Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
     Stage(TAUGHT, FEW, CAPS, 4),
 )

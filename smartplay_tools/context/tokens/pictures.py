@@ -1,18 +1,20 @@
-"""Rules by which providers count the tokens of a picture, each with the page and the day on which it was read.
+"""Rules by which providers count the tokens of a picture: here the ways to count, in `pictures.toml` the providers.
 
 A rule is a part of the tokenizer: `o200k_base+claude-28` counts words with o200k_base and pictures by `claude-28`, and
-records have that name. Providers change their rules and do not always publish them whole, so a rule here is never
-changed: another one gets another name.
+records have that name.
 """
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import date
 from fractions import Fraction
 from functools import partial
+from importlib import resources
+from typing import Any
 
 __all__ = ["RULES", "PictureRule"]
 
@@ -77,114 +79,23 @@ def _always(width: int, height: int, *, tokens: int) -> int:
     return tokens
 
 
-_READ_ON = date(2026, 11, 24)
-_CLAUDE = "https://platform.claude.com/docs/en/build-with-claude/vision"
-_OPENAI = "https://platform.openai.com/docs/guides/images-vision"
-_GEMINI = "https://ai.google.dev/gemini-api/docs/image-understanding"
-_GEMINI_3 = "https://ai.google.dev/gemini-api/docs/media-resolution"
-_COUNTED = "https://community.openai.com/t/introducing-gpt-5-4-mini-and-nano-our-most-capable-small-models-yet/1377015"
-_MEASURED = "https://huggingface.co/datasets/JOHNISKING/image-token-cost"
+_WAYS: Mapping[str, Callable[..., int]] = {
+    "claude": _claude,
+    "openai_patches": _openai_patches,
+    "openai_tiles": _openai_tiles,
+    "gemini_tiles": _gemini_tiles,
+    "always": _always,
+}
 
-_RULES = (
-    PictureRule(
-        "claude-28",
-        "Claude, up to 1,568 pixels and tokens",
-        partial(_claude, edge=1_568, most=1_568),
-        {(200, 200): 64, (1_000, 1_000): 1_296, (1_092, 1_092): 1_521},
-        _CLAUDE,
-        _READ_ON,
-    ),
-    PictureRule(
-        "claude-28-high",
-        "Claude, high resolution: up to 2,576 pixels and 4,784 tokens",
-        partial(_claude, edge=2_576, most=4_784),
-        {(200, 200): 64, (1_000, 1_000): 1_296, (1_928, 1_928): 4_761},
-        _CLAUDE,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x1.2",
-        "GPT-5 mini as it is billed, and later models where a picture has up to 1,536 patches",
-        partial(_openai_patches, factor="1.2"),
-        {(256, 256): 77, (512, 512): 308, (768, 1_024): 922, (1_280, 720): 1_104, (1_024, 1_024): 1_229},
-        _COUNTED,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x1.2-2500",
-        "GPT-5.4 and later, high detail: up to 2,500 patches",
-        partial(_openai_patches, factor="1.2", most=2_500),
-        {(768, 768): 692, (1_920, 1_080): 2_448, (2_560, 1_440): 2_931, (3_840, 2_160): 2_931, (4_032, 3_024): 2_942},
-        _MEASURED,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x1.5",
-        "GPT-5 nano as it is billed",
-        partial(_openai_patches, factor="1.5"),
-        {(1_600, 1_600): 2_282},
-        _COUNTED,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x1.62",
-        "GPT-4.1 mini, and others of a factor of 1.62",
-        partial(_openai_patches, factor="1.62"),
-        {(1_024, 1_024): 1_659, (1_800, 2_400): 2_353},
-        _OPENAI,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x1.72",
-        "o4-mini",
-        partial(_openai_patches, factor="1.72"),
-        {(1_024, 1_024): 1_762, (1_800, 2_400): 2_498},
-        _OPENAI,
-        _READ_ON,
-    ),
-    PictureRule(
-        "openai-32x2.46",
-        "GPT-4.1 nano, and others of a factor of 2.46",
-        partial(_openai_patches, factor="2.46"),
-        {(1_024, 1_024): 2_520, (1_800, 2_400): 3_572},
-        _OPENAI,
-        _READ_ON,
-    ),
-    *(
-        PictureRule(
-            name,
-            f"{models}, high detail",
-            partial(_openai_tiles, base=base, tile=2 * base),
-            {(1_024, 1_024): 9 * base, (2_048, 4_096): 13 * base},
-            _OPENAI,
-            _READ_ON,
-        )
-        for name, models, base in (
-            ("openai-tiles", "GPT-4o and GPT-4.1", 85),
-            ("openai-tiles-70", "GPT-5", 70),
-            ("openai-tiles-75", "o1 and o3", 75),
-        )
-    ),
-    PictureRule(
-        "gemini-258",
-        "Gemini 2",
-        _gemini_tiles,
-        {(384, 384): 258, (960, 540): 1_548},
-        _GEMINI,
-        _READ_ON,
-    ),
-    *(
-        PictureRule(
-            f"gemini3-{resolution}",
-            f"Gemini 3, media resolution {resolution}",
-            partial(_always, tokens=tokens),
-            {(252, 252): tokens, (3_840, 2_160): tokens},
-            _GEMINI_3,
-            _READ_ON,
-        )
-        for resolution, tokens in (("low", 280), ("medium", 560), ("high", 1_120), ("ultra-high", 2_240))
-    ),
-)
 
-RULES: Mapping[str, PictureRule] = {rule.name: rule for rule in _RULES}
+def _rule(
+    name: str, *, title: str, way: str, examples: Any, source: str, read_on: date, numbers: Any = None
+) -> PictureRule:
+    sizes = {(width, height): tokens for width, height, tokens in examples}
+    return PictureRule(name, title, partial(_WAYS[way], **numbers or {}), sizes, source, read_on)
+
+
+_TABLE = tomllib.loads(resources.files(__package__).joinpath("pictures.toml").read_text(encoding="utf-8"))
+
+RULES: Mapping[str, PictureRule] = {name: _rule(name, **fields) for name, fields in _TABLE.items()}
 """Every rule by its name."""
