@@ -7,7 +7,8 @@ is not in it. Colours are whole numbers, so the same rays give the same picture 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import tomllib
+from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,69 +21,9 @@ SCALE = 12
 DIMMEST = 96
 """The brightness, of 256, of things at the farthest visible distance."""
 
-_Colour = tuple[int, int, int]
-
-BLOCKS: Mapping[str, _Colour] = {
-    "air": (135, 190, 250),
-    "bedrock": (60, 60, 60),
-    "stone": (125, 125, 125),
-    "gravel": (150, 140, 135),
-    "dirt": (134, 96, 67),
-    "grass block": (110, 170, 70),
-    "podzol": (105, 75, 35),
-    "mycelium": (125, 110, 125),
-    "clay": (160, 166, 179),
-    "sand": (220, 210, 160),
-    "sandstone": (200, 185, 130),
-    "snow block": (240, 250, 250),
-    "ice": (160, 190, 255),
-    "packed ice": (130, 165, 235),
-    "moss stone": (95, 125, 95),
-    "oak wood": (100, 80, 50),
-    "birch wood": (215, 215, 205),
-    "dark oak wood": (60, 45, 25),
-    "spruce wood": (75, 55, 35),
-    "jungle wood": (85, 70, 25),
-    "acacia wood": (105, 100, 90),
-    "oak leaves": (60, 120, 35),
-    "birch leaves": (105, 140, 75),
-    "dark oak leaves": (45, 95, 30),
-    "spruce leaves": (55, 90, 60),
-    "jungle leaves": (45, 140, 20),
-    "acacia leaves": (125, 150, 40),
-    "mushroom block": (200, 60, 50),
-    "cactus": (20, 115, 35),
-    "melon": (150, 160, 35),
-    "water": (50, 80, 200),
-    "snow": (225, 240, 245),
-    "tall grass": (130, 195, 85),
-    "fern": (90, 150, 75),
-    "dead bush": (145, 105, 45),
-    "dandelion": (250, 230, 50),
-    "poppy": (230, 40, 30),
-    "blue orchid": (40, 175, 250),
-    "brown mushroom": (165, 125, 95),
-    "red mushroom": (235, 75, 75),
-    "lily pad": (30, 130, 50),
-    "vines": (70, 130, 30),
-}
-"""The colour of a block at hand, by its name in corrected texts."""
-
-ANIMALS: Mapping[str, _Colour] = {
-    "chicken": (255, 250, 235),
-    "cow": (85, 60, 45),
-    "pig": (240, 165, 160),
-    "sheep": (230, 225, 215),
-    "horse": (170, 115, 60),
-    "rabbit": (190, 160, 125),
-    "wolf": (190, 185, 180),
-    "ocelot": (245, 205, 90),
-    "llama": (205, 180, 145),
-    "mooshroom": (165, 15, 20),
-    "squid": (35, 60, 90),
-    "polarbear": (248, 246, 240),
-}
-"""The colour of an animal, by its name."""
+_COLOURS = tomllib.loads(resources.files(__package__).joinpath("colours.toml").read_text(encoding="utf-8"))
+BLOCKS, ANIMALS = _COLOURS["blocks"], _COLOURS["animals"]
+"""The colours of blocks at hand and of animals, by their names in corrected texts."""
 
 
 def draw(seen: Observation) -> NDArray[np.uint8]:

@@ -1,7 +1,7 @@
 """Rules for Minecraft navigation: keep a heading, turn at obstacles, and walk towards signs of the goal biome.
 
 The knowledge about biomes is what players know, such as that cacti grow in deserts and vines in jungles. It is a table
-of words, which are compared with those of the messages.
+of words (`minecraft.toml`), which are compared with those of the messages.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib import resources
 
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types.messages import Message
@@ -27,31 +29,11 @@ THING = re.compile(
     flags=re.MULTILINE,
 )
 
-CLUES: Mapping[str, Mapping[str, float]] = {
-    # The weight of a sight for the goal, or against it.
-    "plains": {
-        "tall grass": 1,
-        "grass": 1,
-        "dandelion": 2,
-        "poppy": 2,
-        "flower": 2,
-        "horse": 20,
-        "snow": 3,
-        "packed ice": 8,
-        "polarbear": 20,
-        "wood": -1,
-        "leaves": -1,
-        "fern": -3,
-        "acacia": -6,
-    },
-    "forest": {"oak": 1, "birch": 2, "wood": 0.5, "leaves": 0.5, "jungle": -2, "spruce": -2, "acacia": -2, "vines": -2},
-    "ocean": {"water": 1, "gravel": 1, "squid": 4, "sand": 0.4, "lily pad": -9, "clay": -3, "dead bush": -2},
-    "beach": {"sand": 1, "water": 0.5, "cactus": -9, "dead bush": -9, "sandstone": -2, "lily pad": -9, "clay": -3},
-    "taiga": {"spruce": 1, "fern": 1, "moss stone": 5, "wolf": 4, "jungle": -2},
-    "ice spikes": {"packed ice": 4, "snow block": 2, "snow": 0.3, "ice": 0.3},
-    "jungle": {"jungle": 2, "vines": 1, "melon": 5, "ocelot": 5, "lily pad": -9, "cocoa": 5},
-    "desert": {"sand": 0.6, "cactus": 6, "dead bush": 4, "sandstone": 2, "water": -0.5},
-}
+CLUES: Mapping[str, Mapping[str, float]] = tomllib.loads(
+    resources.files(__package__).joinpath("minecraft.toml").read_text(encoding="utf-8")
+)
+"""The weight of a sight for each goal, or against it."""
+
 ENOUGH = 4
 """Evidence that makes a sight worth a detour."""
 

@@ -8,66 +8,15 @@ of trees and flowers, and the corrected texts name the kind.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
-from types import MappingProxyType
+from importlib import resources
 
 from smartplay_tools.games.minecraft.observation import TextMode, displayed
 from smartplay_tools.games.minecraft.text import LONGEST_NAME
 
-_TREES = {"": "oak", "jungle": "jungle", "pine_": "spruce", "acacia_": "acacia", "aspen_": "birch"}
-_FLOWERS = {
-    "dandelion_yellow": "dandelion",
-    "dandelion_white": "oxeye daisy",
-    "rose": "poppy",
-    "tulip": "orange tulip",
-    "tulip_black": "black tulip",
-    "viola": "allium",
-    "geranium": "blue orchid",
-    "chrysanthemum_green": "green chrysanthemum",
-}
-
-_KINDS: Mapping[str, str] = MappingProxyType(
-    {
-        "air": "air",
-        **{f"default:{tree}tree": f"{kind} wood" for tree, kind in _TREES.items()},
-        **{f"default:{tree}leaves": f"{kind} leaves" for tree, kind in _TREES.items()},
-        "default:pine_needles": "spruce leaves",
-        "default:bush_stem": "oak wood",
-        "default:bush_leaves": "oak leaves",
-        "default:acacia_bush_stem": "acacia wood",
-        "default:acacia_bush_leaves": "acacia leaves",
-        "default:pine_bush_stem": "spruce wood",
-        "default:pine_bush_needles": "spruce leaves",
-        **{f"flowers:{flower}": kind for flower, kind in _FLOWERS.items()},
-        "flowers:mushroom_brown": "brown mushroom",
-        "flowers:mushroom_red": "red mushroom",
-        "flowers:waterlily": "lily pad",
-        "flowers:waterlily_waving": "lily pad",
-        "default:dirt_with_grass": "grass block",
-        "default:dirt_with_snow": "snowy grass block",
-        "default:dirt_with_coniferous_litter": "podzol",
-        "default:snow": "snow",
-        "default:snowblock": "snow block",
-        "default:ice": "ice",
-        "default:cave_ice": "packed ice",
-        "default:water_source": "water",
-        "default:water_flowing": "water",
-        "default:river_water_source": "water",
-        "default:river_water_flowing": "water",
-        "default:lava_source": "lava",
-        "default:lava_flowing": "lava",
-        "default:mossycobble": "moss stone",
-        "default:stone_with_coal": "coal ore",
-        "default:stone_with_iron": "iron ore",
-        "default:stone_with_gold": "gold ore",
-        "default:stone_with_diamond": "diamond ore",
-        "default:dry_shrub": "dead bush",
-        "default:papyrus": "sugar canes",
-        "default:junglegrass": "tall grass",
-        **{f"default:grass_{height}": "tall grass" for height in range(1, 6)},
-        **{f"default:fern_{height}": "fern" for height in range(1, 4)},
-        "default:sand_with_kelp": "sand",
-    }
+_KINDS: Mapping[str, str] = tomllib.loads(
+    resources.files(__package__).joinpath("nodes.toml").read_text(encoding="utf-8")
 )
 """Node to name in corrected texts. Other nodes are called by their title."""
 
