@@ -348,14 +348,6 @@ def test_the_doctor_says_which_minedojo_plays(interpreter):
     assert check.detail.endswith(" (minedojo 0.1)")
 
 
-@pytest.mark.slow
-def test_the_doctor_says_what_to_do_without_it(monkeypatch):
-    monkeypatch.delenv(INTERPRETER, raising=False)
-    (check,) = (check for check in check_engines() if check.engine == "minedojo")
-    assert not check.works
-    assert "smartplay-tools minedojo install --venv DIR" in check.detail
-
-
 # Installing the environment.
 
 
