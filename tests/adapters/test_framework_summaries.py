@@ -231,18 +231,6 @@ def test_callbacks_of_langchain_tell_a_summary_by_its_tag():
     assert Watching.purposes == stub.purposes
 
 
-@in_each_kind_of_host
-def test_a_failure_in_a_summary_ends_the_episode_as_any_failure_does(host):
-    episode, events = fresh(BUDGET)
-    down = Provider(lambda purpose, number: purpose == "summary")
-    with down as stub, pytest.raises(Exception, match="down"), episode:
-        HOSTS[host](episode, stub)
-    assert (episode.result.end_reason, episode.result.summaries) == ("player_error", 0)
-    assert sp.replay(events).identical
-    with sp.resume(events, transcript=[], session=True) as resumed:
-        assert resumed.conversation.prompt().purpose == "summary"
-
-
 @in_every_host
 def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host):
     """The first request for a summary fails once, and so does the prompt to play after it."""
