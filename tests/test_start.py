@@ -57,10 +57,6 @@ def command(*arguments: str) -> str:
 
 
 class TestWhatIsNotImported:
-    @pytest.mark.slow
-    def test_by_the_package(self):
-        assert loaded("import smartplay_tools") == set()
-
     def test_by_the_settings(self):
         assert loaded("import smartplay_tools as sp; sp.GAMES['Crafter-v0'].count_actions()") == set()
 
@@ -97,23 +93,12 @@ class TestGymnasium:
         [
             "import smartplay_tools, gymnasium",
             pytest.param("import gymnasium, smartplay_tools", marks=pytest.mark.slow),
-            pytest.param("import smartplay_tools.games.hanoi as _, gymnasium", marks=pytest.mark.slow),
-            pytest.param(
-                "import smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=7).close(); import gymnasium",
-                marks=pytest.mark.slow,
-            ),
         ],
     )
     def test_knows_the_settings_whichever_is_imported_first(self, code):
         show = "print(gymnasium.make('smartplay/Hanoi3Disk-v0').spec.max_episode_steps, gymnasium.__loader__)"
         done = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True)
         assert done.stdout.startswith("30 <_frozen_importlib_external.SourceFileLoader")
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize("before", ["", "import smartplay_tools; "])
-    def test_can_be_told_in_the_name_which_package_to_import(self, before):
-        script = f"{before}import gymnasium; gymnasium.make('smartplay_tools:smartplay/Hanoi3Disk-v0')"
-        subprocess.run([sys.executable, "-c", script], check=True)
 
     @pytest.mark.slow
     def test_knows_a_setting_that_was_registered_before(self):
@@ -180,13 +165,6 @@ class TestCommands:
             assert commands[name].help.partition("\n")[0] == entry.summary, name
 
     @pytest.mark.slow
-    def test_the_help_lists_every_command(self):
-        done = subprocess.run(
-            [sys.executable, "-m", "smartplay_tools", "--help"], capture_output=True, text=True, check=True
-        )
-        assert all(f" {name} " in done.stdout for name in cli.COMMANDS)
-
-    @pytest.mark.slow
     def test_without_any_extra_a_command_works_or_says_which_extra_it_needs(self, tmp_path):
         done = subprocess.run(
             [sys.executable, core_alone.__file__, tmp_path], capture_output=True, text=True, check=True
@@ -245,11 +223,3 @@ class TestCommands:
             monkeypatch.setattr(sys, "prefix", str(tmp_path))
         monkeypatch.syspath_prepend(tmp_path)
         assert install_command("view").removeprefix(f"{sys.executable} ") == command
-
-    @pytest.mark.slow
-    def test_the_list_of_games_is_what_it_was(self):
-        done = subprocess.run(
-            [sys.executable, "-m", "smartplay_tools", "games", "--json"], capture_output=True, text=True, check=True
-        )
-        rows = {row["id"]: row["actions"] for row in json.loads(done.stdout)}
-        assert rows == {name: len(spec.load().actions) for name, spec in sp.GAMES.items()}
