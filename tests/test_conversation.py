@@ -6,10 +6,12 @@ import asyncio
 import copy
 import dataclasses
 import pickle
+import random
 
 import pytest
 
 import smartplay_tools as sp
+from tests import checker, scripts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 
@@ -66,6 +68,25 @@ class TestEnds:
         with sp.Episode(RPS, seed=0, budget=sp.Budget(stalled_turns=None)) as episode:
             result = sp.play(episode, sp.ScriptedPlayer([calling(("observe", ""))] * 1_000))
         assert (result.end_reason, result.tool_calls) == ("tool_calls", 4 * 50 + 16)
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_turns_in_a_row_that_bring_nothing_are_those_of_the_definition(self, seed):
+        chance, events, counts = random.Random(seed), [], []
+        looks = [("observe", ""), ("read_manual", ""), ("note", ""), ("act", "not JSON"), ("dance", "{}")]
+        budget = sp.Budget(notes_tokens=12, stalled_turns=None)
+        with sp.Episode(RPS, seed=0, budget=budget, tokenizer=scripts.Words(), transcript=events) as episode:
+            conversation = sp.Conversation(episode, foreign_tools=[scripts.NOTE])
+            while conversation.prompt() is not None:
+                calls = chance.choices(
+                    [*looks * 4, *scripts.NOTES, ("act", '{"action": "1"}')], k=chance.choice([1, 2])
+                )
+                conversation.receive(calling(*calls))
+                for call in conversation.latest_turn.calls:
+                    if call.name == "note":
+                        conversation.add({"role": "tool", "tool_call_id": call.id, "content": "noted"})
+                counts.append(episode.ledger.stalls.in_a_row)
+        assert counts == checker.stalled(scripts.as_json(events))
+        assert sp.replay(events, tokenizer=scripts.Words()).identical
 
     def test_the_last_result_says_that_stalled_turns_have_ended_the_episode(self):
         with sp.Episode(RPS, seed=0, context="host", budget=sp.Budget(stalled_turns=2)) as episode:

@@ -32,16 +32,6 @@ def acting(action: str = "Rock", call_id: str = "c") -> dict:
 class TestIds:
     """The core alone keeps call ids unique."""
 
-    def test_a_good_id_is_kept_and_any_other_becomes_nine_letters_and_digits(self):
-        conversation = sp.Conversation(sp.Episode(RPS, seed=1))
-        conversation.receive(calling(("call_0", "observe", ""), ("call_0", "observe", ""), ("", "observe", "")))
-        first, second, third = (call.id for call in conversation.latest_turn.calls)
-        assert first == "call_0"
-        for given in (second, third):
-            assert given.isalnum()
-            assert len(given) == 9
-        assert second != third
-
     def test_an_id_that_looks_like_a_given_one_is_not_given_again(self):
         conversation = sp.Conversation(sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=None)))
         conversation.receive(calling(("", "observe", "")))

@@ -18,7 +18,7 @@ from tests.test_conversation import calling
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 
 
-BUDGET = sp.Budget(memory_tokens=60, tool_calls=None, stalled_turns=None)
+BUDGET = sp.Budget(memory_tokens=27, tool_calls=None, stalled_turns=None)
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def files():
 
 def test_whatever_is_called_the_answer_is_that_of_the_definition(files):
     """Conversations at random are judged as well, but meet few of the commands' errors."""
-    chance, judge, kinds = random.Random(3), Files(60, scripts.Words().count), set()
+    chance, judge, kinds = random.Random(3), Files(27, scripts.Words().count), set()
     for _ in range(800):
         _, sent = scripts.memory_call(chance)
         result, (text, kind) = files.episode.call("memory", sent), judge.call(json.loads(sent))

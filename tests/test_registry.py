@@ -170,11 +170,6 @@ def test_a_declaration_that_does_not_hold_is_told_in_one_sentence(install, value
     assert complaint in str(raised.value)
 
 
-@pytest.mark.parametrize("spec", sp.GAMES.values(), ids=lambda spec: spec.id)
-def test_a_setting_travels_to_other_processes(spec):
-    assert pickle.loads(pickle.dumps(spec)) == spec
-
-
 def test_a_setting_may_name_its_class_by_the_class_itself():
     spec = dataclasses.replace(HANOI, entry_point=HANOI.load())
     assert pickle.loads(pickle.dumps(spec)).load() is HANOI.load()

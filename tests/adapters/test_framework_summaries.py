@@ -311,30 +311,6 @@ def test_what_a_middleware_adds_to_a_request_is_added_once(inside):
     as_asked(events, stub)
 
 
-def test_an_episode_goes_on_from_a_record_that_ends_with_a_summary():
-    """The process ended after the reply was recorded and before the prompt to play."""
-    episode, events = fresh(BUDGET)
-    saver, inner = InMemorySaver(), Reminder("Think of the smallest disk.")
-    with Provider(lambda purpose, number: purpose == "play" and number == stops[0]) as stub, Provider() as whole:
-        stops = [-1]
-        with episode:
-            agent = create_agent(client(whole), middleware=[SmartPlayMiddleware(episode), inner])
-            agent.invoke({"messages": []}, THREAD)
-        stops = [whole.purposes.index("summary")]
-        interrupted, events = fresh(BUDGET)
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(interrupted), inner], checkpointer=saver)
-        with pytest.raises(Exception, match="down"):
-            agent.invoke({"messages": []}, THREAD)
-        (taken,) = [at for at, event in enumerate(events) if event.get("purpose") == "summary" and "reply" in event]
-        record: list[Any] = []
-        with sp.resume(events[: taken + 1], transcript=record, session=True) as resumed:
-            middleware = [SmartPlayMiddleware(resumed.conversation), inner]
-            create_agent(client(stub), middleware=middleware, checkpointer=saver).invoke(None, THREAD)
-    assert resumed.episode.result == episode.result
-    assert stub.bodies == whole.bodies
-    assert sp.replay(record).identical
-
-
 @pytest.mark.parametrize("choice", ["none", {"type": "none"}])
 def test_the_choice_is_spelled_as_the_models_provider_spells_it(choice):
     """LangChain's client of Anthropic reads the word as the name of a tool, and passes an object on."""
