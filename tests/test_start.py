@@ -101,16 +101,6 @@ class TestGymnasium:
         assert done.stdout.startswith("30 <_frozen_importlib_external.SourceFileLoader")
 
     @pytest.mark.slow
-    def test_knows_a_setting_that_was_registered_before(self):
-        script = (
-            "import dataclasses, smartplay_tools as sp\n"
-            "sp.register(dataclasses.replace(sp.GAMES['Hanoi3Disk-v0'], id='Tower-v0', rollout=7))\n"
-            "import gymnasium; print(gymnasium.make('smartplay/Tower-v0').spec.max_episode_steps)"
-        )
-        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-        assert done.stdout == "7\n"
-
-    @pytest.mark.slow
     def test_that_was_looked_for_before_it_was_imported_knows_the_settings(self):
         """Programs ask `find_spec` whether an optional package is installed."""
         script = (

@@ -82,6 +82,14 @@ class TestMasking:
 
 
 class TestNotes:
+    def test_they_stay_when_older_turns_leave(self):
+        conversation = begin(**room(200, notes_tokens=10))
+        conversation.receive(calling(noting("He likes Rock.")))
+        for _ in range(12):
+            conversation.receive(acting())
+        assert "He likes Rock." in str(conversation.prompt().messages)
+        assert conversation.view.dropped_turns > 3
+
     @pytest.mark.parametrize("arguments", ['{"text": 5}', '{"text": null}', "{}", '{"notes": "x"}', '{"text": "x"', ""])
     def test_notes_that_are_no_text_are_malformed(self, arguments):
         conversation = begin(notes_tokens=5)
@@ -153,6 +161,12 @@ class TestSummaries:
             resumed.conversation.receive(saying("He likes Rock."))
             assert resumed.conversation.prompt().purpose == "play"
         assert sp.replay(again, tokenizer=WORDS).identical
+
+    def test_one_stands_behind_the_first_turns_that_stay(self):
+        conversation = summarised(first_turns=2, **room(300))
+        conversation.receive(saying("He likes Rock."))
+        roles = [one["role"] for one in conversation.prompt().messages]
+        assert roles[2:7] == ["assistant", "tool", "assistant", "tool", "user"]
 
     @pytest.mark.parametrize(
         ("text", "cut", "empty"),

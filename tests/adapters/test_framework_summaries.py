@@ -26,8 +26,7 @@ from agents import (
 from langchain.agents import create_agent
 from langchain.agents.middleware import ModelRetryMiddleware, dynamic_prompt
 from langchain_core.callbacks import BaseCallbackHandler
-from langchain_core.messages import BaseMessage, HumanMessage
-from langgraph.checkpoint.memory import InMemorySaver
+from langchain_core.messages import BaseMessage
 from langgraph.graph import MessagesState
 from langgraph.types import RetryPolicy
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient
@@ -263,17 +262,6 @@ def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run(h
     assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
     assert stub.purposes[-1] == "summary"
     as_asked(events, stub)
-
-
-def test_words_after_an_episode_that_ended_with_a_summary_are_no_error():
-    episode, _ = fresh(BUDGET.model_copy(update={"episode_tokens": spent_at_the_first_summary() + 5}))
-    with Provider() as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)], checkpointer=InMemorySaver())
-        agent.invoke({"messages": []}, THREAD)
-        assert stub.purposes[-1] == "summary"
-        asked = len(stub.bodies)
-        agent.invoke({"messages": [HumanMessage("Once more!")]}, THREAD)
-        assert len(stub.bodies) == asked
 
 
 def counting() -> Callable[..., str]:
