@@ -80,6 +80,13 @@ class TestMasking:
             seen.append(conversation.view.dropped_turns)
         assert seen == dropped
 
+    def test_the_newest_observation_takes_its_room_though_later_turns_have_none(self):
+        conversation = begin(**room(120, history=None))
+        for message in (acting(), acting(), saying("word " * 10), saying("word " * 10)):
+            conversation.receive(message)
+        assert conversation.prompt() is not None
+        assert (conversation.view.selection.pinned, conversation.view.selection.first) == ((1,), 3)
+
 
 class TestNotes:
     def test_they_stay_when_older_turns_leave(self):
@@ -161,6 +168,15 @@ class TestSummaries:
             resumed.conversation.receive(saying("He likes Rock."))
             assert resumed.conversation.prompt().purpose == "play"
         assert sp.replay(again, tokenizer=WORDS).identical
+
+    def test_an_empty_one_leaves_the_earlier_one_and_is_not_asked_for_again(self):
+        conversation = summarised()
+        conversation.receive(saying("He likes Rock."))
+        while conversation.prompt().purpose == "play":
+            conversation.receive(acting(say="Rock it is."))
+        conversation.receive(saying(" \n"))
+        assert conversation.prompt().purpose == "play"
+        assert "He likes Rock." in conversation.prompt().messages[2]["content"]
 
     def test_one_stands_behind_the_first_turns_that_stay(self):
         conversation = summarised(first_turns=2, **room(300))

@@ -78,16 +78,6 @@ def test_it_looks_at_the_border_as_the_words_do():
 
 
 @pytest.mark.slow
-def test_it_plays_a_whole_episode_and_unlocks_what_rule_unlocks():
-    budget = sp.Budget(history=5, tool_calls=60)
-    scores = {}
-    for player, form in (("rule", "text"), (PIXELS, "picture"), (PIXELS, "both")):
-        with sp.Episode("Crafter-v0", seed=7, observation=form, budget=budget) as episode:
-            scores[player, form] = sp.play(episode, sp.get_player(player)).score
-    assert len(set(scores.values())) == 1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("size", [126, 300])
 def test_pictures_of_another_size_are_refused_in_a_sentence(size):
     with sp.Episode("Crafter-v0", seed=7, observation="picture", picture_size=size) as episode:
