@@ -305,6 +305,9 @@ def deface(messages: list[Any]) -> None:
             call["function"]["arguments"] = "word " * 500
         for item in message.get("provider_items") or ():
             item["summary"] = "word " * 500
+        if isinstance(message["content"], list):
+            for part in message["content"]:
+                part["text"] = part["sha256"] = "word " * 500
         message["content"] = "word " * 500
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import inspect
 import json
-import threading
 
 import pytest
 
@@ -196,13 +195,6 @@ def test_first_act_refuses_the_other_actions_of_a_message():
 class TestIdempotency:
     """A transport may repeat a call, which must not be played twice."""
 
-    def test_the_same_key_and_call_give_the_recorded_result(self, episode):
-        first = episode.call("act", '{"action": "Rock"}', "http-1")
-        again = episode.call("act", {"action": "Rock"}, "http-1")
-        assert again.text == first.text
-        assert again.data["replayed"] is True
-        assert (episode.stats.steps, episode.stats.tool_calls, episode.stats.turns) == (1, 1, 1)
-
     def test_the_last_call_can_be_sent_again_after_the_end(self):
         with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=1)) as episode:
             first = episode.call("act", {"action": "1"}, "a")
@@ -296,16 +288,6 @@ def test_the_functions_are_plain_annotated_documented_callables(episode):
     assert act(action="9").startswith("Error: ")
     assert observe().startswith("You chose Rock")
     assert read_manual() == episode.game.manual
-
-
-def test_calls_from_many_threads_are_played_one_by_one():
-    with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=None)) as episode:
-        threads = [threading.Thread(target=episode.call, args=("act", {"action": "1"})) for _ in range(40)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert episode.stats.steps == 40
 
 
 def test_acall_is_first_in_first_out():

@@ -115,9 +115,3 @@ def test_a_record_of_any_of_them_replays_adds_up_and_names_them(asked):
     assert (result.summaries > 0) == ("summary_tokens" in asked)
     assert result.recalls == sum("recalled" in event.get("data", ()) for event in events)
     scripts.check_record(scripts.as_json(events))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("budget", WINDOW[-2:], ids=lambda budget: budget.describe())
-def test_the_strategies_of_the_window_keep_it_in_two_processes(budget):
-    check_strategy(budget, episodes=30)

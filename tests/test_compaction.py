@@ -22,7 +22,6 @@ from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay, resume, sent_prompts
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
-from smartplay_tools.testing import check_strategy
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.test_continuing import interrupt
 
@@ -781,26 +780,6 @@ def test_a_class_needs_one_of_two_methods():
     sp.register_strategy("neither", type("Neither", (), {}))
     with pytest.raises(InvalidArgumentError, match="needs one of two methods"):
         begin(same, strategy="neither")
-
-
-@pytest.mark.slow  # it starts processes
-def test_the_check_holds_compactors_to_the_contract(tmp_path):
-    file = tmp_path / "kept.py"
-    file.write_text(
-        "import itertools\nCOUNT = itertools.count()\n\n"
-        "class Newest:\n    def compact(self, history, room):\n"
-        "        if len(history) < 6:\n            return history\n"
-        "        reply = yield [{'role': 'user', 'content': 'What matters?'}]\n"
-        "        return [{'role': 'user', 'content': 'Known: ' + (reply['content'] or '-')}, *self.newest(history)]\n\n"
-        "    def newest(self, history):\n"
-        "        at = max(at for at, message in enumerate(history) if message['role'] == 'assistant')\n"
-        "        return history[at:]\n\n"
-        "class Unstable:\n    def compact(self, history, room):\n"
-        "        return [{'role': 'user', 'content': f'{hash(\"x\")}'}, *history[1:]]\n"
-    )
-    check_strategy(f"{file}:Newest", episodes=6)
-    with pytest.raises(AssertionError, match="differently"):
-        check_strategy(f"{file}:Unstable", episodes=2)
 
 
 def test_asynchronous_conversations_call_it_in_a_thread():

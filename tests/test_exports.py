@@ -13,7 +13,6 @@ from smartplay_tools.cli import app
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.evaluation.run_folder.folder import trial_seed
-from smartplay_tools.games.messenger.rules import roles_of
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
 
@@ -328,29 +327,6 @@ def test_a_card_of_the_train_split_says_so_and_does_not_warn(tmp_path):
     card = (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
     assert "its split `train`, in which every name has 2 or more roles" in card
     assert "always the" not in card
-
-
-def mean_of_names(split: str) -> float:
-    """The mean score of walking to the name that is the message, or then the goal, in the games of the test split."""
-    names = {role: {n for n, own in roles_of("test").items() if own == {role}} for role in ("message", "goal")}
-    scores = []
-    for seed in range(30):
-        with sp.Episode("MessengerL1-v0", seed=seed, manual="none", split=split) as episode:
-            text = episode.call("observe").text
-            while not episode.done:
-                wanted = names["goal" if "already have" in text else "message"]
-                ways = [line.split()[-1] for line in text.splitlines() if line.startswith("- ")]
-                named = [line.split()[1] for line in text.splitlines() if line.startswith("- ")]
-                way = next((way for name, way in zip(named, ways, strict=True) if name in wanted), "north")
-                text = episode.call("act", {"action": f"Move {way.capitalize()}"}).text
-            scores.append(episode.result.score)
-    return sum(scores) / len(scores)
-
-
-def test_a_player_that_knows_only_names_scores_on_the_test_split_alone():
-    """What the warning of the card says, played: no manual is read, and the names decide."""
-    assert mean_of_names("test") == 1.0
-    assert mean_of_names("train") < 0
 
 
 @pytest.mark.parametrize("form_of_rows", ["sft", "sft-chains", "sft-episodes"])

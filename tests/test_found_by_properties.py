@@ -12,13 +12,9 @@ from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
+from tests.test_edges import calling
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
-
-
-def reply(*calls: tuple[str, str, str]) -> dict[str, Any]:
-    listed = [{"id": i, "type": "function", "function": {"name": n, "arguments": a}} for i, n, a in calls]
-    return {"role": "assistant", "content": None, **({"tool_calls": listed} if listed else {})}
 
 
 def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slack_1() -> None:
@@ -43,7 +39,7 @@ def test_results_of_foreign_calls_with_one_id_answer_them_in_order_and_rebuild(t
     with sp.Episode(GAME, seed=0, transcript=path, tokenizer="approximate") as episode:
         conversation = sp.Conversation(episode, foreign_tools=[scripts.NOTE])
         conversation.prompt()
-        conversation.receive(reply(("a", "observe", ""), ("a", "note", "1"), ("a", "note", "2")))
+        conversation.receive(calling(("a", "observe", ""), ("a", "note", "1"), ("a", "note", "2")))
         for text in ("first", "second"):
             conversation.add({"role": "tool", "tool_call_id": "a", "content": text})
         conversation.prompt()
@@ -57,9 +53,9 @@ def test_nothing_is_recorded_after_the_end(tmp_path: Path) -> None:
     with sp.Episode(GAME, seed=0, budget=sp.Budget(tool_calls=1), transcript=path, tokenizer="approximate") as episode:
         conversation = sp.Conversation(episode)
         conversation.prompt()
-        conversation.receive(reply(("a", "observe", "")))
+        conversation.receive(calling(("a", "observe", "")))
         conversation.add({"role": "user", "content": "Thank you."})
-        assert conversation.receive(reply(("b", "act", '{"action": "1"}')))[0].is_error
+        assert conversation.receive(calling(("b", "act", '{"action": "1"}')))[0].is_error
         assert episode.call("observe").is_error
     assert json.loads(path.read_text().splitlines()[-1])["event"] == "end"
     assert sp.replay(path).identical

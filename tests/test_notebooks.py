@@ -20,10 +20,6 @@ def cells(path, kind):
     return [cell for cell in notebook["cells"] if cell["cell_type"] == kind]
 
 
-def test_there_is_a_notebook():
-    assert NOTEBOOKS
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_holds_no_output(path):
     assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells(path, "code"))

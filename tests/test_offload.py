@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.players.prompt_reading import Reading
 from tests import scripts
-from tests.test_conversation import acting, calling
+from tests.test_conversation import calling
 
 RPS, CRAFTER = "RockPaperScissorBasic-v0", "Crafter-v0"
 WORDS = scripts.Words()
@@ -20,43 +20,6 @@ def begin(events=None, game=RPS, **budget):
     return sp.Conversation(
         sp.Episode(game, seed=1, transcript=events, tokenizer=WORDS, budget=sp.Budget(**asked)), player="script"
     )
-
-
-def read(conversation, page):
-    (result,) = conversation.receive(calling(("read_result", json.dumps({"page": page}))))
-    return result
-
-
-def whole(game=RPS):
-    with sp.Episode(game, seed=1) as episode:
-        return episode.call("act", {"action": "1"}).text
-
-
-def without_line(text):
-    return text.rpartition("\n[")[0]
-
-
-def test_pages_together_are_the_observation():
-    conversation = begin(result_tokens=17)
-    (result,) = conversation.receive(acting())
-    pages, number = [result.text], 2
-    while "more tokens: read_result" in pages[-1]:
-        pages.append(read(conversation, f"r1.{number}").text)
-        number += 1
-    assert len(pages) > 2
-    assert "".join([*map(without_line, pages[:-1]), pages[-1]]) == whole()
-    assert all(WORDS.count(page) <= 17 for page in pages)
-    assert conversation.episode.stats.pages == len(pages) - 1
-
-
-@pytest.mark.parametrize("page", ["r2.1", "r1.9", "r0.1", "r1", "r01.2", " r1.2", "r1.2 ", "", "1.2", "r" + "9" * 5000])
-def test_a_page_that_does_not_exist_is_a_mistake(page):
-    conversation = begin(result_tokens=40)
-    conversation.receive(acting())
-    result = read(conversation, page)
-    assert result.is_error
-    stats = conversation.episode.stats
-    assert (stats.malformed_calls, stats.pages, stats.steps) == (1, 0, 1)
 
 
 @pytest.mark.parametrize("budget", [{"result_tokens": None}, {"result_tokens": "auto"}])

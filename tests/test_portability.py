@@ -10,7 +10,6 @@ import importlib
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -81,39 +80,6 @@ def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path)
         f"The engine {engine!r} needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."
         for engine in ("luanti", "minedojo")
     ]
-
-
-HOLD = """
-import sys
-from pathlib import Path
-from smartplay_tools.evaluation.runs.run_writer import only_writer
-
-with only_writer(Path(sys.argv[2])):
-    print("held", flush=True)
-    sys.stdin.readline()
-"""
-
-
-@pytest.mark.slow
-def test_the_lock_of_a_run_says_who_holds_it_and_ends_with_its_process(tmp_path):
-    command = [sys.executable, "-c", HOLD, "sweep", str(tmp_path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
-        assert holder.stdout is not None
-        holder.stdout.readline()
-        with (
-            pytest.raises(sp.InvalidArgumentError, match=rf"\(-c sweep, process {holder.pid} on .+\); wait for it"),
-            only_writer(tmp_path),
-        ):
-            pass
-        holder.kill()
-    deadline = time.monotonic() + 10
-    while True:
-        try:
-            with only_writer(tmp_path):
-                return
-        except sp.InvalidArgumentError:
-            assert time.monotonic() < deadline, "the lock outlived its process"
-            time.sleep(0.05)
 
 
 def test_the_lock_s_holder_names_a_command_and_none_of_its_arguments(tmp_path, monkeypatch):

@@ -257,9 +257,9 @@ def test_every_file_for_other_programs_has_a_schema():
 
 
 def test_pre_commit_reads_its_configuration():
-    command = [sys.executable, "-m", "pre_commit", "validate-config", str(ROOT / ".pre-commit-config.yaml")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stdout
+    from pre_commit.clientlib import load_config  # it takes long to import
+
+    assert load_config(ROOT / ".pre-commit-config.yaml")["repos"]
 
 
 def test_the_workflow_calls_what_a_contributor_calls_and_tests_what_the_package_claims():

@@ -12,60 +12,11 @@ from smartplay_tools.types import Budget, EpisodeResult
 from tests.test_conversation import calling
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
-NOTHING = "Nothing that has left your view matches."
 
 
 def begin(events=None, game=RPS, **budget):
     asked = {"recall_tokens": 400, "history": 1, "stalled_turns": None, **budget}
     return sp.Conversation(sp.Episode(game, seed=1, transcript=events, budget=sp.Budget(**asked)))
-
-
-def recalling(query):
-    return "recall", json.dumps({"query": query})
-
-
-def asked(conversation, query):
-    (result,) = conversation.receive(calling(recalling(query)))
-    return result.text
-
-
-def steps_in(text):
-    return [int(line.split()[1].strip(",")) for line in text.splitlines() if line.startswith("Step ")]
-
-
-@pytest.fixture
-def later():
-    """A conversation whose next prompt shows the observations 5 and 6 of six."""
-    conversation = begin()
-    for hand in ("Rock", "Paper", " Scissor ", 1, "Paper.", "Rock"):
-        conversation.receive(calling(("act", json.dumps({"action": hand}))))
-    return conversation
-
-
-@pytest.mark.parametrize(
-    ("query", "steps"),
-    [
-        ("3", [3]),
-        ("2-4", [2, 3, 4]),
-        (" 1 - 999999 ", [1, 2, 3, 4]),
-        ("4-2", []),
-        ("5-6", []),
-        ("0", []),
-        ("lizard", []),
-        ("", []),
-        ("Step-4", [4, 3, 2, 1]),
-        ("SCISSOR after", [3]),
-    ],
-)
-def test_steps_come_in_their_order_and_words_by_what_they_say(later, query, steps):
-    text = asked(later, query)
-    assert steps_in(text)[: len(steps) or 1] == steps
-    assert (text == NOTHING) == (not steps)
-
-
-def test_a_document_says_how_it_came_about(later):
-    assert asked(later, "3-4").startswith('Step 3, after act("Scissor"):\nYou chose Scissor')
-    assert 'Step 4, after act("1"):' in asked(later, "4")
 
 
 @pytest.mark.parametrize("arguments", ['{"query": 5}', "{}", '{"query": "1", "more": "2"}', "[]", ""])

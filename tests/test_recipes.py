@@ -61,17 +61,6 @@ command("eval", "--games", GAME, "--players", "rule", "--trials", "1", "--prompt
 assert "landmark 7" in command("results", "run", "--all")
 """
 
-BOTH_PIN = """
-import smartplay_tools as sp
-
-try:
-    sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=700, landmark=7, notes_tokens=30))
-except sp.InvalidArgumentError as error:
-    assert str(error) == "notes_tokens and landmark both pin a turn, and one strategy alone can; leave one of them out."
-else:
-    raise AssertionError("one of the two was silently left out")
-"""
-
 PLAY_ECHO = """
 import smartplay_tools as sp
 
@@ -136,7 +125,7 @@ def test_a_strategy_is_added_by_the_three_documented_steps(tmp_path):
     (folder / "landmarks.py").write_text(LANDMARKS, encoding="utf-8")
     place = '"landmark": "smartplay_tools.context.strategies.landmarks:Landmarks",\n        '
     add(folder / "__init__.py", '"strategy": f"', place)
-    run(tmp_path, PLAY_LANDMARKS + BOTH_PIN)
+    run(tmp_path, PLAY_LANDMARKS)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
-import subprocess
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -171,37 +170,8 @@ def test_a_declaration_that_does_not_hold_is_told_in_one_sentence(install, value
     assert complaint in str(raised.value)
 
 
-@pytest.mark.parametrize("spec", sp.GAMES.values(), ids=lambda spec: spec.id)
-def test_a_setting_travels_to_other_processes(spec):
-    assert pickle.loads(pickle.dumps(spec)) == spec
-
-
 def test_a_setting_may_name_its_class_by_the_class_itself():
     spec = dataclasses.replace(HANOI, entry_point=HANOI.load())
     assert pickle.loads(pickle.dumps(spec)).load() is HANOI.load()
     with sp.Episode(spec, seed=1) as episode:
         assert sp.play(episode, sp.get_player("rule")).completed
-
-
-SCRIPT = """
-import dataclasses, multiprocessing
-import smartplay_tools as sp
-
-sp.register(dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 4}))
-
-def score(seed):
-    with sp.Episode("Tower-v0", seed=seed) as episode:
-        return sp.play(episode, sp.get_player("rule")).score
-
-if __name__ == "__main__":
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        print(pool.map(score, range(2)))
-"""
-
-
-@pytest.mark.slow
-def test_what_a_script_registers_its_worker_processes_know(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT, encoding="utf-8")
-    shown = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=60)
-    assert shown.stdout == "[4.0, 4.0]\n"

@@ -16,7 +16,6 @@ from tests import scripts
 from tests.test_conversation import acting, calling, saying
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
-MARKER = "[observation left the history window]"
 WORDS = scripts.Words()
 
 
@@ -47,15 +46,6 @@ def summarised(events: list[Any] | None = None, **budget: Any) -> sp.Conversatio
 
 
 class TestMasking:
-    def test_a_turn_that_is_too_old_stays_without_its_observations(self):
-        conversation = begin(history=1, beyond_history="mask")
-        for number in range(4):
-            conversation.receive(acting(say=f"Round {number}."))
-        _, _, *turns = conversation.prompt().messages
-        assert [one["content"] for one in turns[::2]] == ["Round 0.", "Round 1.", "Round 2.", "Round 3."]
-        assert [one["content"] == MARKER for one in turns[1::2]] == [True, True, False, False]
-        assert (conversation.view.dropped_turns, conversation.view.shown_steps) == (0, 2)
-
     def test_with_slack_masking_moves_in_blocks_so_that_the_beginning_stays(self):
         conversation = begin(history=4, beyond_history="mask", slack=0.5)
         oldest = []
@@ -64,6 +54,14 @@ class TestMasking:
             conversation.prompt()
             oldest.append(conversation.view.selection.oldest)
         assert oldest == [0, 0, 0, 0, 3, 3, 3, 6, 6]
+
+    def test_with_slack_old_words_leave_in_blocks(self):
+        conversation, kept = begin(history=None, own_words=3, slack=0.5), []
+        for number in range(9):
+            conversation.receive(acting(say=f"{number}"))
+            replies = [one["content"] for one in conversation.prompt().messages if one["role"] == "assistant"]
+            kept.append(sum(words is not None for words in replies))
+        assert kept == [1, 2, 3, 3, 4, 3, 4, 3, 4]
 
     @pytest.mark.parametrize(
         ("budget", "dropped"),
@@ -89,43 +87,15 @@ class TestMasking:
         assert conversation.prompt() is not None
         assert (conversation.view.selection.pinned, conversation.view.selection.first) == ((1,), 3)
 
-    def test_without_a_history_there_is_nothing_to_mask(self):
-        with pytest.raises(sp.InvalidArgumentError, match="masks nothing"):
-            begin(history=None, beyond_history="mask")
-
 
 class TestNotes:
     def test_they_stay_when_older_turns_leave(self):
         conversation = begin(**room(200, notes_tokens=10))
-        assert [tool.name for tool in conversation.prompt().tools] == ["observe", "act", "read_manual", "take_notes"]
-        (result,) = conversation.receive(calling(noting("He likes Rock.")))
-        assert result.text == "Noted: 4 of 10 tokens."
+        conversation.receive(calling(noting("He likes Rock.")))
         for _ in range(12):
             conversation.receive(acting())
         assert "He likes Rock." in str(conversation.prompt().messages)
         assert conversation.view.dropped_turns > 3
-        assert conversation.episode.stats.tool_calls == 13
-
-    def test_notes_over_the_cap_are_refused_and_the_earlier_ones_stand(self):
-        conversation = begin(notes_tokens=3)
-        conversation.receive(calling(noting("one two")))
-        (result,) = conversation.receive(calling(noting("one two three four")))
-        assert result.is_error
-        assert result.text == "Error: These notes have 4 tokens, more than 3. The earlier notes stand."
-        conversation.prompt()
-        assert conversation.latest_turn.notes == 0
-        stats = conversation.episode.stats
-        assert (stats.refused_notes, stats.malformed_calls, stats.steps) == (1, 0, 0)
-
-    @pytest.mark.parametrize("blank", ["", " ", "\n\t"])
-    def test_blank_notes_clear(self, blank):
-        conversation = begin(**room(200, notes_tokens=5))
-        conversation.receive(calling(noting("He likes Rock.")))
-        (result,) = conversation.receive(calling(noting(blank)))
-        assert not result.is_error
-        for _ in range(9):
-            conversation.receive(acting())
-        assert "He likes Rock." not in str(conversation.prompt().messages)
 
     @pytest.mark.parametrize("arguments", ['{"text": 5}', '{"text": null}', "{}", '{"notes": "x"}', '{"text": "x"', ""])
     def test_notes_that_are_no_text_are_malformed(self, arguments):
@@ -137,14 +107,20 @@ class TestNotes:
         assert conversation.latest_turn.notes is None
 
     @pytest.mark.parametrize(
-        ("text", "kept", "counted"),
-        [("one two", "kept", (0, 0)), ("word " * 9, None, (1, 0)), (" ", "cleared", (0, 0)), (5, None, (0, 1))],
+        ("text", "kept", "counted", "answer"),
+        [
+            ("one two three", "kept", (0, 0), "Noted: 3 of 3 tokens."),
+            ("word " * 9, None, (1, 0), "Error: These notes have 9 tokens, more than 3. The earlier notes stand."),
+            (" ", "cleared", (0, 0), "Noted: 0 of 3 tokens."),
+            (5, None, (0, 1), "Error: `text` must be a string"),
+        ],
         ids=["accepted", "over the cap", "blank", "no text"],
     )
-    def test_what_became_of_them_is_on_record_and_counted(self, text, kept, counted):
+    def test_what_became_of_them_is_on_record_and_counted(self, text, kept, counted, answer):
         events: list[Any] = []
         conversation = begin(events, notes_tokens=3)
-        conversation.receive(calling(noting(text)))
+        (said,) = conversation.receive(calling(noting(text)))
+        assert said.text.startswith(answer)
         conversation.episode.close()
         (call,) = [event for event in events if event["event"] == "call"]
         assert call["data"].get("notes") == kept
@@ -173,29 +149,6 @@ class TestSummaries:
         assert 0 < stats.tokens.summary_prompt < stats.tokens.prompt
         assert stats.tokens.summary_reply == 3 + 2 + 4
 
-    def test_one_that_is_too_long_is_cut_with_a_notice_and_counted(self):
-        events: list[Any] = []
-        conversation = summarised(events)
-        conversation.receive(saying("word " * 30))
-        shown = conversation.prompt().messages[2]["content"]
-        assert shown.endswith("tokens cut]")
-        assert WORDS.count(shown) <= WORDS.count("Your summary of what has left your view:\n") + 12
-        assert conversation.episode.stats.cut_summaries == 1
-        assert next(event["message"] for event in events if event["event"] == "summary")["content"] == "word " * 30
-
-    @pytest.mark.parametrize("nothing", ["", None, " \n" * 40])
-    def test_an_empty_one_leaves_the_earlier_one_and_is_not_asked_for_again(self, nothing):
-        conversation = summarised()
-        conversation.receive(saying("He likes Rock."))
-        asked = 0
-        while asked < 1:
-            prompt = conversation.prompt()
-            conversation.receive(saying(nothing) if prompt.purpose == "summary" else acting(say="Rock it is."))
-            asked += prompt.purpose == "summary"
-        assert conversation.prompt().purpose == "play"
-        assert "He likes Rock." in conversation.prompt().messages[2]["content"]
-        assert conversation.episode.stats.empty_summaries == 1
-
     def test_a_provider_that_fails_in_the_middle_ends_the_episode_and_it_can_be_resumed(self):
         class Failing(sp.ScriptedPlayer):
             def reply(self, prompt: sp.Prompt) -> sp.Reply:
@@ -215,6 +168,21 @@ class TestSummaries:
             resumed.conversation.receive(saying("He likes Rock."))
             assert resumed.conversation.prompt().purpose == "play"
         assert sp.replay(again, tokenizer=WORDS).identical
+
+    def test_an_empty_one_leaves_the_earlier_one_and_is_not_asked_for_again(self):
+        conversation = summarised()
+        conversation.receive(saying("He likes Rock."))
+        while conversation.prompt().purpose == "play":
+            conversation.receive(acting(say="Rock it is."))
+        conversation.receive(saying(" \n"))
+        assert conversation.prompt().purpose == "play"
+        assert "He likes Rock." in conversation.prompt().messages[2]["content"]
+
+    def test_one_stands_behind_the_first_turns_that_stay(self):
+        conversation = summarised(first_turns=2, **room(300))
+        conversation.receive(saying("He likes Rock."))
+        roles = [one["role"] for one in conversation.prompt().messages]
+        assert roles[2:7] == ["assistant", "tool", "assistant", "tool", "user"]
 
     @pytest.mark.parametrize(
         ("text", "cut", "empty"),
@@ -309,7 +277,17 @@ def test_at_their_defaults_nothing_is_written_of_them():
     with sp.Episode(RPS, seed=1, transcript=events) as episode:
         sp.play(episode, sp.get_player("rule"))
     text = str(events)
-    assert not any(name in text for name in ("beyond_history", "notes", "summar", "purpose", "oldest"))
+    assert not any(name in text for name in ("beyond_history", "notes", "summar", "purpose", "oldest", "own_words"))
+    assert not any("words" in event for event in events)
+
+
+@pytest.mark.parametrize(
+    ("budget", "sentence"),
+    [({"beyond_history": "mask"}, "masks nothing"), ({"first_turns": 1}, "first_turns has nothing to keep")],
+)
+def test_where_nothing_leaves_what_would_keep_something_is_refused(budget, sentence):
+    with pytest.raises(sp.InvalidArgumentError, match=sentence):
+        begin(history=None, **budget)
 
 
 def test_every_field_that_asks_for_a_strategy_has_its_class():

@@ -42,26 +42,6 @@ def test_the_record_is_that_of_play(tmp_path, budget, player):
     assert sp.replay(record).identical
 
 
-def test_many_are_stepped_together():
-    """One forward pass for all that wait: which ones are stepped beside an environment changes nothing in it."""
-    seeds = range(5)
-    envs = {seed: sp.TextEnv(GAME, budget=BUDGET, reward="score") for seed in seeds}
-    teachers = {seed: sp.get_player("rule") for seed in seeds}
-    waiting = {seed: (env.reset(seed), START) for seed, env in envs.items()}
-    scores = dict.fromkeys(seeds, 0.0)
-    while waiting:
-        replies = {seed: policy(envs[seed], teachers[seed], *asked) for seed, asked in waiting.items()}
-        for seed, reply in replies.items():
-            messages, reward, done, facts = envs[seed].step(reply)
-            scores[seed] += reward
-            waiting[seed] = (messages, facts)
-            if done:
-                del waiting[seed]
-    for seed in seeds:
-        with sp.Episode(GAME, seed=seed, budget=BUDGET) as episode:
-            assert sp.play(episode, sp.get_player("rule")).score == scores[seed]
-
-
 def test_a_text_is_a_reply_without_a_call():
     env = sp.TextEnv("Hanoi3Disk-v0")
     env.reset(seed=1)

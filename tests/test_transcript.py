@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import random
 import sys
@@ -24,11 +23,11 @@ GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "
 TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)
 
 
-@pytest.fixture(params=GAMES)
-def path(request, tmp_path):
+@pytest.fixture
+def path(tmp_path):
     """A transcript."""
     path = tmp_path / "episode.jsonl"
-    with sp.Episode(request.param, seed=11, budget=TIGHT, transcript=path) as episode:
+    with sp.Episode(GAMES[2], seed=11, budget=TIGHT, transcript=path) as episode:
         sp.play(episode, sp.get_player("rule"))
     return path
 
@@ -52,19 +51,6 @@ def test_a_record_that_was_tampered_with_is_found_out(path, event, change, sente
     replayed = sp.replay(path)
     assert not replayed.identical
     assert any(sentence in difference for difference in replayed.differences)
-
-
-def test_a_torn_last_line_costs_that_line_only(path):
-    whole = sp.read_transcript(path)
-    text = path.read_text()
-    for cut in (5, len(text) // 3, len(text) // 2):
-        path.write_text(text[:-cut])
-        events = sp.read_transcript(path)
-        assert events == whole[: len(events)]
-        replayed = sp.replay(path)
-        assert not replayed.differences
-        assert not replayed.complete
-        assert not replayed.identical
 
 
 def line_by_line(written: bytes) -> list[dict] | None:
@@ -212,16 +198,6 @@ def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
     other = transcript("toolu_2", {"action": "1"}, sp.Usage(prompt=3))
     assert comparable(one) == comparable(other)
     assert comparable(one) != comparable(transcript("call_1", '{"action":"2"}', None))
-
-
-def test_a_setting_with_another_rollout_replays_and_says_so(tmp_path):
-    path = tmp_path / "short.jsonl"
-    spec = dataclasses.replace(sp.GAMES[GAMES[0]], rollout=5)
-    with sp.Episode(spec, seed=1, transcript=path) as episode:
-        result = sp.play(episode, sp.get_player("random"))
-    assert (result.end_reason, result.steps) == ("rollout", 5)
-    assert result.deviations["rollout"] == {"paper": 50, "played": 5}
-    assert sp.replay(path).identical
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limit")

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,7 +22,6 @@ from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records import sent_prompts
 from smartplay_tools.transcript import TranscriptWriter
-from smartplay_tools.types.messages import text_of
 from tests import scripts
 
 ROOT = Path(__file__).parents[1]
@@ -102,41 +96,6 @@ def test_a_record_of_an_unknown_version_is_told_as_such(of_v9, read):
         TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1, v2"
     ):
         read(of_v9)
-
-
-PROGRAM = """
-import json, sys
-import smartplay_tools as sp
-
-assert sp.replay(sys.argv[1]).identical
-with sp.Episode("Hanoi3Disk-v0", seed=1, budget=sp.Budget(prompt_tokens=900), transcript=sys.argv[2]) as episode:
-    print(sp.play(episode, sp.get_player("rule")).model_dump_json())
-assert sp.replay(sys.argv[2]).identical
-"""
-
-
-@pytest.mark.slow
-def test_a_new_version_is_a_file_and_a_constant(tmp_path):
-    """In a copy with another version, players play it, and an earlier record replays with its own words."""
-    old, new = tmp_path / "old.jsonl", tmp_path / "new.jsonl"
-    with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=900), transcript=old) as episode:
-        played = sp.play(episode, sp.get_player("rule"))
-    copy = shutil.copytree(ROOT / "smartplay_tools", tmp_path / "smartplay_tools")  # with what is compiled
-    folder = copy / "context" / "prompts"
-    text = (folder / "v1.toml").read_text(encoding="utf-8")
-    (folder / "v99.toml").write_text(re.sub(r"(?<=[a-z])\.", "!", text), encoding="utf-8")
-    code = (folder / "wording.py").read_text(encoding="utf-8")
-    (folder / "wording.py").write_text(code.replace(f'VERSION = "{VERSION}"', 'VERSION = "v99"'), encoding="utf-8")
-    program = [sys.executable, "-c", PROGRAM, str(old), str(new)]
-    done = subprocess.run(program, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True)
-    assert done.returncode == 0, done.stderr.decode()
-    assert json.loads(done.stdout)["score"] == played.score
-    before, after = sp.read_transcript(old), sp.read_transcript(new)
-    assert after[0]["config"]["prompts"] == "v99"
-    assert [text_of(m) for m in after[1]["messages"]] == [
-        re.sub(r"(?<=[a-z])\.", "!", text_of(m)) for m in before[1]["messages"]
-    ]
-    assert after[-2]["text"].endswith("The game is over!")
 
 
 def test_a_reply_is_not_marked_for_a_cache_and_the_message_before_it_is():

@@ -30,7 +30,7 @@ from smartplay_tools.types.messages import text_of
 from tests.adapters.as_recorded import as_recorded
 from tests.adapters.conformance import WAY, act, calling, fresh, move
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_agents import ReadingModel, read, step
+from tests.adapters.scripted_agents import ReadingModel, step
 
 pytestmark = pytest.mark.slow
 
@@ -70,24 +70,6 @@ async def test_the_agents_other_tools_can_be_hidden_and_are_not_run(beside):
     assert {tuple(tool.name for tool in call.tools) for call in inner.calls} == {("observe", "act", "read_manual")}
     assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
     assert sp.replay(events).identical
-
-
-async def test_the_hosts_words_and_tools_are_counted_and_shown():
-    @function_tool
-    def search(query: str) -> str:
-        """Search the web."""
-        return f"Nothing about {query}."
-
-    episode, events = fresh()
-    script = [calling(("search", {"query": "towers"}), act("A->C")), *[calling(say="Done.")] * 3]
-    with episode:
-        inner, _ = await run(episode, script, (search,), "Be quick.", instructions="Sir!")
-    first, second = (read(call.input) for call in inner.calls[:2])
-    assert first[2:] == [{"role": "system", "content": "Sir!"}, {"role": "user", "content": "Be quick."}]
-    assert sorted(message["content"] for message in second[-2:])[0] == "Nothing about towers."
-    assert [message["role"] for message in second[-3:]] == ["assistant", "tool", "tool"]
-    (head,) = [event for event in events if event["event"] == "head"]
-    assert head["tools"][-1]["name"] == "search"
 
 
 # --- Through the client, with a server that says what a script says -----------------------------------------------
@@ -286,19 +268,6 @@ async def test_a_call_that_a_guardrail_rejected_has_the_guardrails_words_as_its_
     seen = [text_of(message) for message in stub.received[1].messages if message["role"] == "tool"]
     assert [text == words for text in seen] == [not ok for ok in played]
     assert (episode.result.steps, episode.result.refused_calls) == (sum(played), len(played) - sum(played))
-    as_recorded(events, stub)
-
-
-async def test_a_rejected_call_before_the_winning_one_is_on_record():
-    episode, events = fresh()
-    script = [*map(calling, map(act, WAY[:-1])), calling(act("C->A"), act(WAY[-1]))]
-    async with models(script, episode) as ([model], stub):
-        for tool in model.tools:
-            tool.tool_input_guardrails = [without("C->A")]
-        with episode:
-            await play(model)
-    result = episode.result
-    assert (result.completed, result.end_reason, result.refused_calls, result.steps) == (True, "terminated", 1, 7)
     as_recorded(events, stub)
 
 

@@ -11,7 +11,6 @@ from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, to
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.players.conversion import function_call
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
 from tests.adapters.marks import anthropic_marks
@@ -95,15 +94,6 @@ def test_what_utf_8_or_json_cannot_hold_is_recorded_and_rewritten_in_requests_al
     assert words["text"] == "\ufffd"
     assert call["input"] == ({"action": "\ufffd"} if action == "\ud83d" else {"arguments": function["arguments"]})
     assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
-
-
-@pytest.mark.parametrize("arguments", ['{"\\ud83d": "1"}', '{"action": ' + "[" * 500 + "]" * 500 + "}"])
-def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(arguments):
-    odd = {"role": "assistant", "content": None, "tool_calls": [function_call("a", "act", arguments)]}
-    stub = AnthropicStub([odd, calling(act("A->C"))])
-    assert play(stub, sp.Budget(tool_calls=2)).end_reason == "tool_calls"
-    (call,) = stub.bodies[1]["messages"][1]["content"]
-    assert call["input"] == ({"\ufffd": "1"} if "ud83d" in arguments else {"arguments": arguments})
 
 
 THOUGHT = {"type": "thinking", "thinking": "Hm.", "signature": "s"}

@@ -142,7 +142,7 @@ class Odd:
 
 @rows([row for row in HERE if row.is_exact])
 def test_with_nothing_to_do_it_returns_the_same_messages(row):
-    result, _ = play(row.name + row.idle, Odd(), stalled_turns=None, tool_calls=60)
+    result, _ = play(row.name + row.idle, Odd(), stalled_turns=None, tool_calls=30)
     assert result.end_reason == "tool_calls"
     assert result.rewrites == 0
     assert result.questions == 0

@@ -26,8 +26,7 @@ from agents import (
 from langchain.agents import create_agent
 from langchain.agents.middleware import ModelRetryMiddleware, dynamic_prompt
 from langchain_core.callbacks import BaseCallbackHandler
-from langchain_core.messages import BaseMessage, HumanMessage
-from langgraph.checkpoint.memory import InMemorySaver
+from langchain_core.messages import BaseMessage
 from langgraph.graph import MessagesState
 from langgraph.types import RetryPolicy
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient
@@ -231,18 +230,6 @@ def test_callbacks_of_langchain_tell_a_summary_by_its_tag():
     assert Watching.purposes == stub.purposes
 
 
-@in_each_kind_of_host
-def test_a_failure_in_a_summary_ends_the_episode_as_any_failure_does(host):
-    episode, events = fresh(BUDGET)
-    down = Provider(lambda purpose, number: purpose == "summary")
-    with down as stub, pytest.raises(Exception, match="down"), episode:
-        HOSTS[host](episode, stub)
-    assert (episode.result.end_reason, episode.result.summaries) == ("player_error", 0)
-    assert sp.replay(events).identical
-    with sp.resume(events, transcript=[], session=True) as resumed:
-        assert resumed.conversation.prompt().purpose == "summary"
-
-
 @in_every_host
 def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host):
     """The first request for a summary fails once, and so does the prompt to play after it."""
@@ -275,17 +262,6 @@ def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run(h
     assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
     assert stub.purposes[-1] == "summary"
     as_asked(events, stub)
-
-
-def test_words_after_an_episode_that_ended_with_a_summary_are_no_error():
-    episode, _ = fresh(BUDGET.model_copy(update={"episode_tokens": spent_at_the_first_summary() + 5}))
-    with Provider() as stub, episode:
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(episode)], checkpointer=InMemorySaver())
-        agent.invoke({"messages": []}, THREAD)
-        assert stub.purposes[-1] == "summary"
-        asked = len(stub.bodies)
-        agent.invoke({"messages": [HumanMessage("Once more!")]}, THREAD)
-        assert len(stub.bodies) == asked
 
 
 def counting() -> Callable[..., str]:
@@ -321,30 +297,6 @@ def test_what_a_middleware_adds_to_a_request_is_added_once(inside):
     added = [event for event in events if event["event"] == "message" and event["by"] == "host"]
     assert len(added) == TURNS - 1, "one for each prompt to play but the first, whose head has it"
     as_asked(events, stub)
-
-
-def test_an_episode_goes_on_from_a_record_that_ends_with_a_summary():
-    """The process ended after the reply was recorded and before the prompt to play."""
-    episode, events = fresh(BUDGET)
-    saver, inner = InMemorySaver(), Reminder("Think of the smallest disk.")
-    with Provider(lambda purpose, number: purpose == "play" and number == stops[0]) as stub, Provider() as whole:
-        stops = [-1]
-        with episode:
-            agent = create_agent(client(whole), middleware=[SmartPlayMiddleware(episode), inner])
-            agent.invoke({"messages": []}, THREAD)
-        stops = [whole.purposes.index("summary")]
-        interrupted, events = fresh(BUDGET)
-        agent = create_agent(client(stub), middleware=[SmartPlayMiddleware(interrupted), inner], checkpointer=saver)
-        with pytest.raises(Exception, match="down"):
-            agent.invoke({"messages": []}, THREAD)
-        (taken,) = [at for at, event in enumerate(events) if event.get("purpose") == "summary" and "reply" in event]
-        record: list[Any] = []
-        with sp.resume(events[: taken + 1], transcript=record, session=True) as resumed:
-            middleware = [SmartPlayMiddleware(resumed.conversation), inner]
-            create_agent(client(stub), middleware=middleware, checkpointer=saver).invoke(None, THREAD)
-    assert resumed.episode.result == episode.result
-    assert stub.bodies == whole.bodies
-    assert sp.replay(record).identical
 
 
 @pytest.mark.parametrize("choice", ["none", {"type": "none"}])

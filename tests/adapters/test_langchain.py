@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from typing import Any
 
 import pytest
-from langchain.agents import create_agent
 from langchain_core.messages import AIMessage, HumanMessage, SystemMessage, ToolMessage
-from langchain_core.tools import tool
 from langchain_tests.integration_tests import ToolsIntegrationTests
 from langchain_tests.unit_tests import ToolsUnitTests
 from smartplay_langchain import (
     PlayerChatModel,
-    SmartPlayMiddleware,
     SmartPlayToolkit,
     from_langchain,
     to_langchain,
@@ -24,8 +20,6 @@ from smartplay_langchain.caching import messages_for
 
 import smartplay_tools as sp
 from smartplay_tools.players.conversion import function_call
-from tests.adapters.conformance import act, calling, fresh
-from tests.adapters.scripted_langchain import ScriptedModel
 
 pytestmark = pytest.mark.slow
 
@@ -90,36 +84,6 @@ class TestToolkit:
         assert message.status == "success"
         assert message.artifact["state_hash"]
         assert message.artifact["state_hash"] not in message.content
-
-
-def invoke(episode: sp.Episode, model: Any, asynchronously: bool, messages: list[Any] | None = None, **options: Any):
-    middleware = [SmartPlayMiddleware(episode), *options.pop("middleware", [])]
-    agent = create_agent(model, middleware=middleware, **options)
-    if asynchronously:
-        return asyncio.run(agent.ainvoke({"messages": messages or []}))["messages"]
-    return agent.invoke({"messages": messages or []})["messages"]
-
-
-@pytest.mark.parametrize("asynchronously", [False, True])
-class TestMiddleware:
-    def test_the_hosts_words_and_tools_are_counted_and_shown(self, asynchronously):
-        @tool
-        def search(query: str) -> str:
-            """Search the web."""
-            return f"Nothing about {query}."
-
-        episode, events = fresh()
-        with episode:
-            both = calling(("search", {"query": "towers"}), act("A->C"))
-            model = ScriptedModel([both] + [calling(say="Done.")] * 3)
-            invoke(episode, model, asynchronously, [HumanMessage("Be quick.")], tools=[search], system_prompt="Sir!")
-        first, second = model.sent[:2]
-        assert first[0]["content"].endswith("\n\nSir!")
-        assert first[-1] == {"role": "user", "content": "Be quick."}
-        assert [message["role"] for message in second[-3:]] == ["assistant", "tool", "tool"]
-        assert second[-2]["content"] == "Nothing about towers.", "results are in the order of their calls"
-        (head,) = [event for event in events if event["event"] == "head"]
-        assert head["tools"][-1]["name"] == "search"
 
 
 def test_usage_is_taken_over():
@@ -195,13 +159,6 @@ def test_what_utf_8_or_json_cannot_hold_is_rewritten_in_requests_alone():
     assert (call.content, result.content) == ("\ufffd", "\ufffd is not an action.")
     assert call.tool_calls[0]["args"] == {"action": "\ufffd", "times": "inf"}
     assert to_langchain(messages)[0].content == "\ud83d"
-
-
-@pytest.mark.parametrize("arguments", ['{"\\ud83d": "1"}', '{"action": ' + "[" * 500 + "]" * 500 + "}"])
-def test_arguments_with_half_a_character_in_a_name_or_deeply_nested_go_back(arguments):
-    reply: Any = {"role": "assistant", "content": None, "tool_calls": [function_call("a", "act", arguments)]}
-    (sent,) = messages_for(sp.Prompt([reply], ()), PlayerChatModel(player=sp.get_player("rule")), cache=False)
-    assert sent.tool_calls[0]["args"] == json.loads(arguments.replace("\\ud83d", "\\ufffd"))
 
 
 def test_all_system_messages_become_one():

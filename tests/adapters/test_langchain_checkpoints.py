@@ -47,6 +47,7 @@ def around_model(request, handler):
 
 @wrap_tool_call
 def around_tool(request, handler):
+    die("before a call")
     result = handler(request)
     die("after a call")
     return result
@@ -67,7 +68,7 @@ with opened, SqliteSaver.from_conn_string("checkpoints.sqlite") as saver:
 """
 
 
-@pytest.mark.parametrize("where", ["after a reply", "after a call"])
+@pytest.mark.parametrize("where", ["after a reply", "before a call", "after a call"])
 def test_a_new_process_goes_on_from_a_checkpoint_on_disk(where, tmp_path):
     (tmp_path / "agent.py").write_text(AGENT, encoding="utf-8")
 

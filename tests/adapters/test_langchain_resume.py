@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from langchain.agents import create_agent
-from langchain.agents.middleware import HumanInTheLoopMiddleware, dynamic_prompt, wrap_model_call, wrap_tool_call
+from langchain.agents.middleware import HumanInTheLoopMiddleware, dynamic_prompt
 from langchain_core.messages import HumanMessage, ToolMessage
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
@@ -19,10 +19,6 @@ from tests.adapters.scripted_langchain import ScriptedModel, needs_single_approv
 pytestmark = pytest.mark.slow
 
 THREAD = {"configurable": {"thread_id": "1"}}
-
-
-class ProcessEndsError(Exception):
-    """Stands for a process that is killed: nothing of ours is closed."""
 
 
 Record = list[Any]
@@ -69,43 +65,6 @@ def test_an_approval_in_another_process():
         assert "__interrupt__" in state
     episode, state, record = go_on(record, model, saver, approve, human)
     completed(episode, state, record)
-
-
-@pytest.mark.parametrize("where", ["after the reply", "before a tool", "after a tool"])
-def test_a_process_that_ends_at_any_point(where):
-    record, saver = [], InMemorySaver()
-    left = [3]
-
-    def maybe_end(name: str) -> None:
-        left[0] -= name == where
-        if left[0] == 0:
-            raise ProcessEndsError
-
-    @wrap_model_call
-    def around_model(request: Any, handler: Any) -> Any:
-        response = handler(request)
-        maybe_end("after the reply")
-        return response
-
-    @wrap_tool_call
-    def around_tool(request: Any, handler: Any) -> Any:
-        maybe_end("before a tool")
-        result = handler(request)
-        maybe_end("after a tool")
-        return result
-
-    script = iter([calling(act(WAY[0]), act(WAY[1]), act(WAY[2])), *map(calling, map(act, WAY[3:]))])
-    episode = sp.Episode(GAME, seed=SEED, transcript=record)
-    first = ScriptedModel(script)
-    agent = create_agent(
-        first, middleware=[around_model, around_tool, SmartPlayMiddleware(episode)], checkpointer=saver
-    )
-    with pytest.raises(ProcessEndsError):
-        agent.invoke({"messages": [HumanMessage("Play!")]}, THREAD)
-    second = ScriptedModel(script)
-    episode, state, record = go_on(record, second, saver, None)
-    completed(episode, state, record, turns=5)
-    assert len(first.sent) + len(second.sent) == 5, "no reply was paid for twice"
 
 
 def test_the_head_and_the_words_of_the_host_are_those_of_the_record():

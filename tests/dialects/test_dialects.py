@@ -27,7 +27,7 @@ LEFT_OUT = (
     "chain versions provider usage id ids tool_call_id sha256 index input partial_json".split()  # noqa: SIM905
 )
 """Fields in which streams may differ: ids that a server draws, and what a framework adds to parts of its messages."""
-STRICT = ["vLLM", "OpenAI", "Mistral"]
+STRICT = ["OpenAI", "Mistral"]
 QUICK = [
     (way, dialect)
     for way, dialect in PAIRS

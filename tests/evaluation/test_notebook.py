@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import html
 import re
 
@@ -11,7 +10,6 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.games import get_spec
-from tests.evaluation.players import Waiting
 
 pytestmark = pytest.mark.slow
 
@@ -23,28 +21,12 @@ def run(tmp_path_factory):
     return sp.evaluate([HANOI, BANDIT], ["rule"], out=tmp_path_factory.mktemp("run"), trials=2, executor="inline")
 
 
-async def test_a_run_is_played_inside_of_a_running_event_loop(tmp_path):
-    """As in a notebook, whose cells run on one; also with players that run on a loop of their own."""
-    asyncio.get_running_loop()
-    for executor in ("async", "inline"):
-        run = sp.evaluate([BANDIT], {"waiting": Waiting}, out=tmp_path / executor, trials=2, executor=executor)
-        assert run.complete
-
-
 async def test_what_goes_wrong_there_is_raised_where_it_was_called(tmp_path):
     def interrupted(progress):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         sp.evaluate([HANOI], ["rule"], out=tmp_path, trials=1, executor="inline", on_progress=interrupted)
-
-
-def test_a_run_shows_itself_as_tables(run):
-    shown = run._repr_html_()
-    assert "4 of 4 episodes finished" in shown
-    assert shown.count("<table>") == 1
-    assert f">{HANOI}<" in shown
-    assert "<script" not in shown
 
 
 def test_a_sweep_shows_its_windows(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from itertools import product
 
@@ -152,26 +151,6 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     assert len(re.findall(r"^  history 1 +2 .* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
     assert len(re.findall(r"^  history 50 +\d.* full context", shown.stdout, flags=re.MULTILINE)) == 2
     assert (tmp_path / "figures" / "score-against-history.svg").exists()
-
-
-@pytest.mark.slow
-def test_for_machines_the_summary_is_json(tmp_path):
-    command = ["sweep", "--games", HANOI, "--prompt-tokens", "600,none", "--trials", "1", "--executor", "inline",
-               "--json", "--out", str(tmp_path)]  # fmt: skip
-    summary = json.loads(CliRunner().invoke(app, command).stdout)
-    assert [(row["prompt_tokens"], row["full_context"]) for row in summary] == [(600, False), (None, True)]
-    assert (summary[0]["score_difference"], summary[0]["pairs"]) == (0, 1)
-
-
-@pytest.mark.slow
-def test_with_prices_there_is_a_front_of_cost(tmp_path):
-    command = ["sweep", "--games", BANDIT, "--history", "1,50", "--trials", "2", "--price", "rule=2,8",
-               "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
-    shown = CliRunner().invoke(app, command)
-    assert shown.exit_code == 0, shown.output
-    assert "USD" in shown.stdout
-    assert shown.stdout.count("*$") == 2
-    assert (tmp_path / "figures" / "frontier-of-cost.svg").exists()
 
 
 @pytest.mark.parametrize(

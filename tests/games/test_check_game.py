@@ -158,7 +158,6 @@ IN_A_TEXT_GAME = {
     "the number of the process": ([('START = f"', "START = f\"{__import__('os').getpid()} ")], PROCESS),
 }
 
-NAMES = '("Go left", "Go right", "Dig")'
 COUNTS = "self.n = getattr(self, 'n', 0) + 1"
 LINE = 'return f"You are on square {place}.'
 
@@ -179,13 +178,6 @@ IN_A_GYMNASIUM_GAME = {
         [(LINE, f"return place\n        {LINE}")],
         "describe must return a text, not int",
     ),
-    "too few names": ([(NAMES, '("Go left", "Go right")')], "names 2 actions, and its environment has 3"),
-    "one name twice": ([('"Go right", "Dig"', '"Dig", "dig"')], "Two actions have the name 'dig'"),
-    "continuous actions": (
-        [("spaces.Discrete(3)", "spaces.Box(-1, 1, (2,))")],
-        "is not a list of choices: define action_of",
-    ),
-    "too many actions": ([(NAMES, "tuple(map(str, range(300)))")], "300 actions cannot be listed"),
     "no manual": ([('manual = "Find', 'words = "Find')], "has no manual: a game around"),
     "a state that is what was seen": (
         [

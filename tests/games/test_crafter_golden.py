@@ -34,11 +34,6 @@ def test_the_fast_engine_repeats_the_original(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_reference_engine_repeats_the_original() -> None:
-    replay(SEEDS[0], "crafter")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS[1:])
-def test_the_reference_engine_repeats_the_original_for_every_seed(seed: int) -> None:
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_reference_engine_repeats_the_original(seed: int) -> None:
     replay(seed, "crafter")

@@ -67,7 +67,7 @@ def test_what_is_shown_changes_nothing_else(observation: str) -> None:
     game, env = gymnasium.make(ID), gymnasium.make(ID, observation=observation)
     game.reset(seed=6)
     env.reset(seed=6)
-    for action in random_actions(300):
+    for action in random_actions(100):
         _, reward, terminated, truncated, _ = game.step(action)
         assert env.step(action)[1:4] == (reward, terminated, truncated)
         if terminated:

@@ -159,12 +159,12 @@ def starts(task, count=10, **options):
 
 
 def test_a_start_anywhere_is_not_checked_for_the_goal():
-    assert not any(starts(0))
-    assert 0 < sum(starts(0, start="anywhere")) < 10
+    assert not any(starts(0, count=5))
+    assert {*starts(0, start="anywhere")} == {True, False}
 
 
 def test_a_start_in_the_goal_is_won_by_the_first_action():
-    seed = list(starts(0, start="anywhere")).index(True)
+    seed = next(seed for seed, wins in enumerate(starts(0, start="anywhere")) if wins)
     with sp.Episode("MinedojoCreative0-v0", seed=seed, start="anywhere") as episode:
         _, act, _ = episode.functions()
         act("Move North")

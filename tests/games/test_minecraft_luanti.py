@@ -423,15 +423,15 @@ def failure(folders: Path) -> str:
 
 
 def test_a_server_that_does_not_start_is_given_up(program, folders, monkeypatch):
-    monkeypatch.setattr(server, "START_SECONDS", 1.0)
+    monkeypatch.setattr(server, "START_SECONDS", 0.3)
     program("exec sleep 600")
-    assert failure(folders) == "The Luanti server did not start within 1 s and was stopped."
+    assert failure(folders) == "The Luanti server did not start within 0.3 s and was stopped."
 
 
 def test_a_server_that_does_not_answer_is_given_up(program, folders, monkeypatch):
-    monkeypatch.setattr(server, "ANSWER_SECONDS", 1.0)
+    monkeypatch.setattr(server, "ANSWER_SECONDS", 0.3)
     program(f"{READY}; exec sleep 600")
-    assert failure(folders) == "The Luanti server did not answer within 1 s and was stopped."
+    assert failure(folders) == "The Luanti server did not answer within 0.3 s and was stopped."
 
 
 def test_a_server_that_ends_at_once_is_quoted(program, folders):

@@ -154,10 +154,10 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
         for yaw in (-180, -90, 0, 90):
             fan = true_rays(yaw)
             blocks, distances = Fan(fan, RAY_RANGES).hit_blocks(world.blocks, eye)
-            for n in range(0, 290, 3):
+            for n in range(0, 290, 9):
                 block, distance = march(world, eye, fan[n].astype(float), float(RAY_RANGES[n]))
                 differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
-    assert differences <= 2  # of 776: rays that graze an edge within rounding
+    assert differences <= 1  # of 264: rays that graze an edge within rounding
 
 
 def test_far_and_near_blocks_of_a_sparse_world_are_hit_and_layers_of_air_above_it_may_be_named():
@@ -313,14 +313,8 @@ def test_an_animal_ahead_is_seen():
 
 
 def test_animals_stand_in_the_observation():
-    seen = set()
-    for seed in range(8):
-        game = sp.GAMES["MinedojoCreative9-v0"].make()
-        game.reset(seed=seed)
-        for action in range(4):
-            game.step(action)
-            seen |= set(game._seen.ray_entities.tolist())
-    assert seen - {"null"}
+    game = sp.GAMES["MinedojoCreative9-v0"].make()
+    assert any(set(game.reset(seed=seed) and game._seen.ray_entities.tolist()) - {"null"} for seed in range(20))
 
 
 # The task.
@@ -346,7 +340,7 @@ def test_starts_are_outside_the_goal_and_a_walk_away_from_it(task):
 def test_distances_to_a_goal_are_those_of_scipy():
     random = np.random.default_rng(0)
     side = 2 * start._REACH + 1
-    for share in np.geomspace(1e-4, 0.5, 1500):
+    for share in np.geomspace(1e-4, 0.5, 300):
         goal = random.random((side, side)) < share
         if goal.any():
             whole = scipy.ndimage.distance_transform_edt(~goal) * start._SCALE
@@ -390,7 +384,7 @@ def wins(task: int, seeds: range, steps: int, player: str) -> float:
 
 def test_who_knows_the_map_wins():
     """The next one asks this of all goals."""
-    assert wins(8, range(2), 150, "guide") == 1
+    assert wins(8, range(1), 150, "guide") == 1
 
 
 @pytest.mark.slow

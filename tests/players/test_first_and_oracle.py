@@ -7,7 +7,6 @@ import json
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.runner import evaluate
 from smartplay_tools.games import hanoi
 from smartplay_tools.records.replays import replay
 from smartplay_tools.types.messages import calls_of
@@ -105,13 +104,3 @@ def test_an_oracle_that_was_shown_nothing_says_so():
         prompt = sp.Conversation(episode).prompt()
     with pytest.raises(sp.InvalidArgumentError, match="must be attached to a conversation"):
         sp.get_player("oracle").reply(prompt)
-
-
-def test_a_run_with_the_oracle_is_kept_resumed_and_verified(tmp_path):
-    asked = {"players": ["oracle"], "out": tmp_path / "run", "trials": 2, "executor": "inline"}
-    run = evaluate(["Hanoi3Disk-v0"], **asked)
-    assert run.complete
-    assert [row["steps"] for row in run.rows] == [7, 7]
-    assert all("player" in row["deviations"] for row in run.rows)
-    assert evaluate(["Hanoi3Disk-v0"], **asked).rows == run.rows
-    assert all(replay(run.folder.transcript(row["key"])).identical for row in run.rows)

@@ -304,29 +304,6 @@ def test_a_prompt_taller_than_the_terminal_is_paged():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("game", [RPS, CRAFTER])
-def test_a_small_terminal_is_enough(game):
-    """40 columns by 12 lines: prompt, budget, keys and help fit, in pages."""
-    rows, columns = 12, 40
-    words = ["play", game, "--player", "human", "--prompt-tokens", "1500", "--reply-tokens", "300"]
-    with Terminal(*words, rows=rows, columns=columns) as terminal:
-        screens = [terminal.screen()]
-        for typed in ("?", "d", "d", "a", "d", "u", "nothing", "1", "u"):
-            terminal.type(typed)
-            screens.append(terminal.screen())
-        terminal.type("q")
-        terminal.rest()
-        assert terminal.code() == 0
-    assert "? help, q leave" in screens[0]
-    assert "prompt" in screens[0]
-    assert "number or name   play that action" in screens[1]
-    assert "Text after a #" in screens[2] + screens[3]
-    assert "1. " in screens[4]
-    assert all(len(screen.splitlines()) <= rows for screen in screens)
-    assert all(len(line) <= columns for screen in screens for line in screen.splitlines())
-
-
-@pytest.mark.slow
 def test_an_interrupt_gives_the_terminal_back(tmp_path):
     record = tmp_path / "human.jsonl"
     with Terminal("play", RPS, "--player", "human", "--transcript", str(record)) as terminal:

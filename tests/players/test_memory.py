@@ -31,6 +31,7 @@ def actions(events: list[dict]) -> list[str]:
     [
         (True, {"prompt_tokens": 700}),
         (False, {"prompt_tokens": 700, "notes_tokens": 200}),
+        (False, {"prompt_tokens": 1_000, "memory_tokens": 100}),
         (False, {"prompt_tokens": 700, "summary_tokens": 100, "slack": 0.5}),
         (False, {"prompt_tokens": 750, "summary_tokens": 100, "notes_tokens": 200, "slack": 0.5}),
     ],
@@ -66,19 +67,9 @@ def test_it_reads_the_observations_that_a_strategy_writes():
 
     def score(strategy: str | None) -> float:
         budget = {"history": None, "prompt_tokens": 700, "strategy": strategy}
-        return mean(play(RPS, seed, words=False, **budget)[0].score for seed in range(6))
+        return mean(play(RPS, seed, words=False, **budget)[0].score for seed in range(3))
 
     assert score("tells") > score(None) + 3
-
-
-@pytest.mark.slow
-def test_the_bandit_with_notes_loses_less_than_a_third_of_what_it_loses_without():
-    def score(**budget: object) -> float:
-        return mean(play(BANDIT, seed, words=False, history=None, **budget)[0].score for seed in range(12))
-
-    full, plain = score(), score(prompt_tokens=600)
-    assert plain < full
-    assert full - score(prompt_tokens=600, notes_tokens=200) < (full - plain) / 3
 
 
 @pytest.mark.slow

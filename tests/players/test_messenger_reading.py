@@ -48,7 +48,7 @@ def test_every_word_that_it_knows_occurs_in_train_sentences() -> None:
         assert [part for part in re.split(r"\|(?![^(]*\))", pattern) if not re.search(part, train)] == []
 
 
-@pytest.mark.parametrize("split", ["train", "test"])
+@pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.slow), "test"])
 def test_it_reads_each_sentence(split: Split) -> None:
     """Entity, role and movement of single sentences of both splits."""
     read = [(claims(compose([entry.text]))[0], entry) for entry in entries(load(OUR_TEXTS, split))]
@@ -100,12 +100,12 @@ def test_the_likeliest_cast_is_mostly_the_true_one(split: Split) -> None:
     game = sp.GAMES["MessengerL3-v0"].make(split=split)
     truth = {entry.text: entry for entry in entries(load(OUR_TEXTS, split))}
     right = 0
-    for seed in range(100):
+    for seed in range(40):
         observation, _ = game.reset(seed=seed)
         stated = [truth[line] for line in game.manual.split("\n") if line in truth]
         _, likeliest = casts(claims(game.manual), tuple(sorted(SeenEntities.of(observation).things)))[0]
         right += likeliest == true_cast(stated, game.unwrapped._rules_state.movements, game.unwrapped._names)
-    assert right >= 80
+    assert right >= 32
 
 
 def true_cast(entries: list[Entry], movements: tuple[str, ...], names: tuple[str, ...]) -> Cast:

@@ -139,21 +139,6 @@ def test_its_results_are_like_those_of_any_game(installed):
 
 
 @pytest.mark.slow
-def test_names_that_are_nearly_right_are_told(installed):
-    wrong = "smartplay-tools play HigherOrLower-v0 --player binary-serch", "smartplay-tools play HigherOrLowr-v0"
-    (code, player), (other_code, game) = installed.commands(*wrong)
-    assert (code, other_code) == (2, 2)
-    assert "did you mean binary-search?" in player
-    assert "did you mean HigherOrLower-v0?" in game
-
-
-@pytest.mark.slow
-def test_listing_the_games_does_not_import_it(installed):
-    script = "import sys, smartplay_tools as sp; print(list(sp.GAMES)[-1], 'higher_or_lower' in sys.modules)"
-    assert installed.python("-c", script) == "HigherOrLower-v0 False\n"
-
-
-@pytest.mark.slow
 def test_it_holds_what_every_game_promises(installed):
     contract = TESTS / "games" / "test_contract.py"
     shown = installed.python("-m", "pytest", "-q", "-p", "no:cacheprovider", str(contract), "-k", "HigherOrLower")
