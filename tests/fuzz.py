@@ -207,7 +207,7 @@ def hostile_start(
 
 
 def hostile_conversation(
-    chance: random.Random, counts: Counter[str], form: str | None = None, player: sp.Player | None = None
+    chance: random.Random, counts: Counter[str], form: str | None = None, player: Any = None
 ) -> None:
     """Play a hostile conversation or agent session; judge every prompt, then replay the record.
 
@@ -235,9 +235,8 @@ def hostile_conversation(
         deface(conversation.view.messages)
         refuse_odd_replies(chance, conversation)
         if prompt.purpose == "summary":
-            answer = {"role": "assistant", **copy.deepcopy(chance.choice(scripts.ANSWERS))}
-            if chance.random() < 0.5:
-                answer = said or hostile_reply(chance)
+            usual = {"role": "assistant", **copy.deepcopy(chance.choice(scripts.ANSWERS))}
+            answer = said or hostile_reply(chance) if chance.random() < 0.5 else usual
             assert not conversation.receive(answer)
             deface([answer])
             counts["summaries"] += 1
@@ -317,7 +316,7 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--prompts", type=int, default=1_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--player", help="Have this one reply, such as local:smollm2-135m-player; for few --prompts.")
+    parser.add_argument("--player", help="Have this one reply, such as local:smollm2-135m-player.")
     parser.add_argument("--observation", choices=["text", "picture", "both"], help="Play Crafter with these.")
     asked = parser.parse_args()
     player = None if asked.player is None else sp.get_player(asked.player, seed=asked.seed)

@@ -23,7 +23,6 @@ from tests.evaluation.test_view import unpacked
 pytest.importorskip("jinja2")
 report = pytest.importorskip("smartplay_tools.evaluation.pages.report.page")
 sources = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
-choice = pytest.importorskip("smartplay_tools.evaluation.pages.report.sources")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -37,12 +36,12 @@ def run(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _small_limit(monkeypatch):
-    monkeypatch.setattr(choice, "MOST_EPISODES", 5)
+    monkeypatch.setattr(sources, "MOST_EPISODES", 5)
 
 
 def held(runs, asked: str | None) -> list[str]:
     """The keys of the episodes that a page would hold."""
-    chosen = choice.choose(sources.find_runs(runs), asked)
+    chosen = sources.choose(sources.find_runs(runs), asked)
     return [source.key for shown in chosen for source in shown.sources.episodes]
 
 
@@ -61,9 +60,8 @@ def test_a_page_says_nothing_of_each_episode_that_it_does_not_show(run):
 
 
 def test_records_that_are_too_large_are_too_many(run, monkeypatch):
-    monkeypatch.setattr(choice, "MOST_EPISODES", 6)
-    assert len(held([run], None)) == 6
-    monkeypatch.setattr(choice, "MOST_BYTES", 1)
+    monkeypatch.setattr(sources, "MOST_EPISODES", 6)
+    monkeypatch.setattr(sources, "MOST_BYTES", 1)
     with pytest.warns(SmartPlayWarning, match="holds 1 of 6"):
         assert len(held([run], None)) == 1
 
@@ -115,7 +113,7 @@ def random_player(*, seed: int) -> sp.Player:
 def test_episodes_of_several_runs_are_pairs(run, tmp_path):
     budget = sp.Budget(tool_calls=3)
     sp.evaluate([HANOI, BANDIT], ["random"], out=tmp_path / "b", trials=3, budgets=budget, executor="inline")
-    chosen = choice.choose(sources.find_runs([run, tmp_path / "b"]), "4")
+    chosen = sources.choose(sources.find_runs([run, tmp_path / "b"]), "4")
     trials = [[source.facts["trial"] for source in shown.sources.episodes] for shown in chosen]
     assert trials == [[0, 0], [0, 0]]
 
