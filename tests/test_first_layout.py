@@ -82,10 +82,9 @@ def test_a_record_is_replayed_bit_for_bit(files, name):
 def test_a_record_with_pictures_is_replayed(files, name):
     """Its digests are of files, which are no longer made to the byte: replay says so, and finds no difference."""
     path = files / "records" / f"{name}.jsonl"
-    recorded, replayed = Record.read(path), sp.replay(path)
+    replayed = sp.replay(path)
     assert replayed.differences == []
     assert replayed.identical
-    assert replayed.result == recorded.result
     sentence = None if name == "asked-picture" else NOT_COMPARED
     assert replayed.not_compared == sentence
     printed = run("replay", path).output.splitlines()[1:]
@@ -132,7 +131,8 @@ def test_an_interrupted_record_is_continued(copied):
     assert not sp.replay(path).complete
     with sp.resume(path, transcript=copied / "further.jsonl") as resumed:
         result = sp.play(resumed.conversation, sp.get_player("rule"))
-    assert result == Record.read(copied / "records" / "continued.jsonl").result
+    continued = Record.read(copied / "records" / "continued.jsonl").result
+    assert (result.steps, result.score, result.tokens) == (continued.steps, continued.score, continued.tokens)
     assert sp.replay(copied / "further.jsonl").identical
 
 
