@@ -16,6 +16,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.run_writer import only_writer
+from smartplay_tools.types.sums import added
 
 IMPORT_EVERYTHING = """
 import importlib, pkgutil, sys
@@ -112,3 +113,7 @@ def test_what_is_written_has_the_same_bytes_on_every_system():
             if writes and not ("encoding=" in line and "newline=" in line):
                 missing.append(f"{path.name}:{number}")
     assert missing == []
+
+
+def test_costs_and_weights_are_added_up_alike_on_every_python():
+    assert added([0.1] * 10) == 0.9999999999999999  # since Python 3.12 `sum` says 1.0

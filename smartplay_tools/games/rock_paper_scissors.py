@@ -8,6 +8,7 @@ from typing import Any
 
 from smartplay_tools.games.bandit import Chance
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
+from smartplay_tools.types.sums import added
 
 # --- Rules -----------------------------------------------------------------------------------------------------------
 
@@ -24,7 +25,7 @@ class Table:
 
     def expected_reward(self, hand: int) -> float:
         """The mean reward of a round in which `hand` is played."""
-        return sum(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
+        return added(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
 
 
 def shuffle(table: Table, chance: Chance) -> Table:

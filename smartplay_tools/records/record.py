@@ -52,6 +52,7 @@ from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
 from smartplay_tools.types.messages import Message
+from smartplay_tools.types.sums import added
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""
@@ -326,7 +327,7 @@ class Record:
         """The cost of the episode in US dollars: 0 if no provider reported any tokens, None if a price is not known."""
         whole = self._counts.whole
         if self._counts.price is not None:
-            return sum(whole.costs)
+            return added(whole.costs)
         return None if whole.is_unpriced else 0.0
 
     @property

@@ -12,6 +12,7 @@ from smartplay_tools.records.prices import Price
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Usage
+from smartplay_tools.types.sums import added
 
 DIGITS = 12
 """Decimals of a difference in US dollars; further ones are rounding errors."""
@@ -87,7 +88,7 @@ class _Sum:
 
     def spent(self) -> Spent:
         """Return it as a `Spent`."""
-        cost = None if self.is_unpriced else float(sum(self.costs))
+        cost = None if self.is_unpriced else float(added(self.costs))
         return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
 
 

@@ -355,7 +355,6 @@ def test_episodes_can_be_found_and_sorted(show, tmp_path, monkeypatch):
     assert page.locator("#count").text_content() == "1 episode"
     page.get_by_role("searchbox", name="Find").fill("")
     page.get_by_role("button", name="list all").click()
-    assert rows.count() == 3
     page.get_by_role("button", name="steps").click()
     assert rows.locator("th").all_text_contents()[-1] == HANOI
     page.get_by_role("button", name="steps").click()

@@ -16,6 +16,7 @@ from importlib import resources
 
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types.messages import Message
+from smartplay_tools.types.sums import added
 
 HEADINGS = {"north": (0, -1), "east": (1, 0), "south": (0, 1), "west": (-1, 0)}
 """Action word to x and z; clockwise."""
@@ -169,12 +170,12 @@ def _towards_clues(sights: list[MinecraftSight], clues: Mapping[str, float]) -> 
             for thing in sight.things
             if math.dist((thing.x, thing.z), (here.x, here.z)) > ARRIVED
         ]
-        if sum(weight for _, weight in beyond) < ENOUGH:
+        if added(weight for _, weight in beyond) < ENOUGH:
             continue
         speaking = [(thing, weight) for thing, weight in beyond if weight > 0]
-        total = sum(weight for _, weight in speaking)
-        dx = sum(thing.x * weight for thing, weight in speaking) / total - here.x
-        dz = sum(thing.z * weight for thing, weight in speaking) / total - here.z
+        total = added(weight for _, weight in speaking)
+        dx = added(thing.x * weight for thing, weight in speaking) / total - here.x
+        dz = added(thing.z * weight for thing, weight in speaking) / total - here.z
         ways = {"east": dx, "west": -dx, "south": dz, "north": -dz}
         return sorted((way for way in ways if ways[way] > STUCK), key=lambda way: -ways[way])
     return []
@@ -202,4 +203,4 @@ def _is_water_ahead(sight: MinecraftSight) -> bool:
     if sight.y < SEA_LEVEL:
         return False
     water = [thing for thing in sight.things if thing.name in ("water", "ice")]
-    return sum(t.share for t in water) > WATER_SHARE and min(t.distance for t in water) < WATER_NEAR
+    return added(t.share for t in water) > WATER_SHARE and min(t.distance for t in water) < WATER_NEAR

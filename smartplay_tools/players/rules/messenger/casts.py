@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from smartplay_tools.players.rules.messenger.board import MOVEMENTS
 from smartplay_tools.players.rules.messenger.manual import Claim
+from smartplay_tools.types.sums import added
 
 
 class Part(NamedTuple):
@@ -46,7 +47,7 @@ def casts(claims: tuple[Claim, ...], names: tuple[str, ...]) -> tuple[tuple[floa
     about = _by_name(claims, names)
     possible = _without_decoys(about) if len(claims) <= FEW_SENTENCES else _with_decoys(about)
     ordered = sorted(possible, key=lambda weighted: -weighted[0])[:MOST_CASTS]
-    total = sum(weight for weight, _ in ordered)
+    total = added(weight for weight, _ in ordered)
     if not total:
         return ()
     return tuple((weight / total, cast) for weight, cast in ordered if weight >= NEGLIGIBLE * total)
@@ -81,7 +82,7 @@ def _with_decoys(about: Mapping[str, Sequence[Claim]]) -> Iterator[tuple[float, 
             real = Part("enemy", moves[0]), Part("message", moves[1]), Part("goal", moves[2])
             # The false lead has another movement than the enemy.
             leads = [Part(role, movement) for role in ("message", "goal") for movement in moves[1:]]
-            enemy_fit = sum(_pair_fit(about[enemy], (real[0], lead)) for lead in leads) / len(leads)
+            enemy_fit = added(_pair_fit(about[enemy], (real[0], lead)) for lead in leads) / len(leads)
             for decoys in itertools.permutations(range(len(MOVEMENTS)), 2):
                 if decoys[0] == moves[1] or decoys[1] == moves[2]:
                     continue

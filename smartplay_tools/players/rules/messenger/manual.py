@@ -14,6 +14,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from smartplay_tools.types.sums import added
+
 ENTITIES = {
     "airplane": "airplane plane jet aircraft aeroplane flying",
     "mage": "mage wizard sorcerer magician warlock alchemist",
@@ -96,7 +98,7 @@ def _roles(scores: Sequence[Mapping[str, float]]) -> list[str | None]:
     if len(scores) != len(ROLES):
         return [_best(score) for score in scores]
     orders = itertools.permutations(ROLES)
-    best = max(orders, key=lambda order: sum(score[role] for score, role in zip(scores, order, strict=True)))
+    best = max(orders, key=lambda order: added(score[role] for score, role in zip(scores, order, strict=True)))
     return list(best)
 
 
@@ -112,7 +114,7 @@ def _movement(line: str) -> str | None:
 def _scores(line: str, lists: Mapping[str, str]) -> dict[str, float]:
     """Count the words of each list: 1 for a word that occurs, 0.5 for one with a typing mistake."""
     words = re.findall(r"[a-z][a-z-]*", line.lower())
-    return {name: sum(_likeness(word, listed) for word in words) for name, listed in lists.items()}
+    return {name: added(_likeness(word, listed) for word in words) for name, listed in lists.items()}
 
 
 @functools.lru_cache(maxsize=4096)
