@@ -22,7 +22,7 @@ DIMMEST = 96
 """The brightness, of 256, of things at the farthest visible distance."""
 
 _COLOURS = tomllib.loads(resources.files(__package__).joinpath("colours.toml").read_text(encoding="utf-8"))
-BLOCKS, ANIMALS = _COLOURS["blocks"], _COLOURS["animals"]
+BLOCKS, ANIMALS = ({name: tuple(_COLOURS[kind][name]) for name in _COLOURS[kind]} for kind in ("blocks", "animals"))
 """The colours of blocks at hand and of animals, by their names in corrected texts."""
 
 
