@@ -96,7 +96,9 @@ class Stage:
 
 ASKED = (*CAPS, TOLD)
 """The ways of the questions, which are played in more worlds."""
-OTHERS = tuple(way for way in WAYS if way not in ASKED)
+SLOW = ("LangChain, summary",)
+"""An episode takes five minutes, because every prompt asks for a summary."""
+QUICK = tuple(way for way in WAYS if way not in (*ASKED, *SLOW))
 FEW = tuple(game for game in GAMES if game not in (HANDS, BANDIT))
 PILOT = (Stage(TAUGHT, (HANDS, BANDIT), CAPS, 10), Stage(QWEN, (HANDS,), CAPS, 10))
 STAGES = (
@@ -104,10 +106,11 @@ STAGES = (
     Stage(TAUGHT, (BANDIT,), ASKED, 16),
     Stage(TAUGHT, (HANDS,), ASKED, 24),
     Stage(QWEN, (HANDS,), ASKED, 8),
-    Stage(QWEN, (HANDS,), OTHERS[:-1], 4),  # a summary by this model takes ten minutes an episode
+    Stage(QWEN, (HANDS,), QUICK, 4),
     Stage(QWEN, FEW, CAPS, 4),
-    Stage(TAUGHT, (HANDS, BANDIT), OTHERS, 8),
-    Stage(TAUGHT, FEW, CAPS, 4),
+    Stage(TAUGHT, (HANDS, BANDIT), QUICK, 8),
+    Stage(TAUGHT, FEW, CAPS, 5),
+    Stage(TAUGHT, (HANDS,), SLOW, 4),
 )
 """In the order in which they are played."""
 
@@ -141,7 +144,7 @@ def play_controls(out: Path) -> None:
     """Play the same worlds with scripts, whose scores the models' are read against."""
     for game in GAMES:
         scripted = "reader" if sp.GAMES[game].memory else "rule"
-        worlds = max(stage.worlds for stage in STAGES if game in stage.games)
+        worlds = max(8, *(stage.worlds for stage in STAGES if game in stage.games))
         for name in ("random", scripted, f"blind:{out / scripted / game / WIDEST}"):
             given: Any = {"trials": worlds, "seed": SEED, "executor": "inline"}
             _evaluate(out, PlayerConfig(name=name), game, WIDEST, **given)
@@ -199,7 +202,7 @@ def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> s
 def ways_table(cells: Cells) -> str:
     """The same for every way, at the games that were played in all of them; the first row is there to compare with."""
     places = ((QWEN, HANDS), (TAUGHT, HANDS), (TAUGHT, BANDIT))
-    lines = [[way, *(_score(cells.get(("fresh", *place, way), [])) for place in places)] for way in (DROPPING, *OTHERS)]
+    lines = [[way, *(_score(cells.get(("fresh", *place, way), [])) for place in places)] for way in (DROPPING, *QUICK)]
     return markdown_table(["way", *(f"{player}, {GAMES[game]}" for player, game in places)], lines)
 
 
