@@ -292,7 +292,7 @@ def _played(turn: Json, result: Json) -> str:
     [call] = [call for call in turn["messages"][0]["tool_calls"] if call["id"] == result["tool_call_id"]]
     if call["function"]["name"] == "observe":
         return "observe()"
-    return 'act("' + json.loads(call["function"]["arguments"])["action"].strip() + '")'
+    return 'act("' + str(json.loads(call["function"]["arguments"])["action"]).strip() + '")'
 
 
 def check_memory(events: Sequence[Json], n: Count, budget: Json) -> None:
