@@ -303,7 +303,7 @@ def questions_table(cells: Cells) -> str:
 def dots(cells: Cells) -> Figure:
     """Draw the scores of the models in every way, a panel for each of the two games of the questions."""
     drawn, axes = panels(2, size=(4.6, 4.0))
-    ways, counts = list(reversed(WAYS)), set()
+    ways, counts = [way for way in reversed(WAYS) if way not in SLOW], set()
     for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
         for look, player in enumerate(MODELS):
             for place, way in enumerate(ways):
