@@ -255,7 +255,6 @@ def hostile_conversation(
         conversation.receive({"role": "assistant", "content": "The end."})
     episode.close()
     counts["prompts"] += len(sent)
-    counts["episodes"] += 1
     for event in (event for event in events if event["event"] == "call"):
         counts["recalls that found something"] += bool(event["data"].get("recalled"))
         counts["pages"] += "page" in event["data"]
@@ -334,7 +333,7 @@ def main() -> None:
             print(f"case {number} of seed {asked.seed}, {'conversation' if play is talk else 'calls'}")
             raise
     print(f"{counts['calls']:,} calls and {counts['prompts']:,} prompts in {number:,} episodes: 0 violations")
-    for what in sorted(counts.keys() - {"calls", "prompts", "episodes"}):
+    for what in sorted(counts.keys() - {"calls", "prompts"}):
         print(f"  {counts[what]:>9,} {what}")
 
 

@@ -354,6 +354,10 @@ def test_episodes_can_be_found_and_sorted(show, tmp_path, monkeypatch):
     assert rows.count() == 1
     assert page.locator("#count").text_content() == "1 episode"
     page.get_by_role("searchbox", name="Find").fill("")
+    page.evaluate("location.hash = '#episode=c&turn=0'")
+    page.wait_for_function("() => !document.getElementById('player').hidden")
+    page.keyboard.press("Escape")
+    page.wait_for_function("() => document.activeElement.textContent.startsWith('RockPaper')")
     page.get_by_role("button", name="list all").click()
     page.get_by_role("button", name="steps").click()
     assert rows.locator("th").all_text_contents()[-1] == HANOI

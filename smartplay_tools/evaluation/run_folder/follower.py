@@ -42,7 +42,7 @@ from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
 
 STALE_SECONDS = 15.0
-"""A status file that is older was left by a run that was killed: a run writes one every second."""
+"""A status file that is older was left by a run that was killed: a run writes one every second, or every five."""
 
 
 @dataclass(frozen=True)

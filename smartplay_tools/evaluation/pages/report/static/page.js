@@ -45,7 +45,10 @@ async function route() {
   $("player").hidden = true;
   $("run").hidden = false;
   document.title = $("title").textContent;
-  if (wasOpen && last) takeFocus(document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"] a`));
+  if (!wasOpen || !last) return;
+  const row = document.querySelector(`#episodes tr[data-key="${CSS.escape(last)}"]`);
+  if (row) row.hidden = false; // it may be one that the list does not show yet
+  takeFocus(row?.querySelector("a"));
 }
 
 // A figure that is much wider than high has its own row. A narrow one is not enlarged: letters of all have like sizes.
