@@ -255,6 +255,8 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
     playing = BrowserGames([HANOI], tmp_path / "human", budget=budget)
     with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
         page = show(server.url, "play", viewport={"width": width, "height": 900}, color_scheme=scheme)
+        late: list[Any] = []
+        page.route("**/beside", lambda route: late.append(route))
         page.locator("#actions button").nth(1).wait_for()
         page.keyboard.press("m")
         page.wait_for_selector("body[data-number='2']")
@@ -266,6 +268,12 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
             page.wait_for_selector(f"body[data-number='{number - 1}']")
             page.keyboard.press("o")
         page.locator("#over:not([hidden])").wait_for()
+        place = page.locator("#replay").bounding_box()
+        while not late:
+            page.wait_for_timeout(10)
+        late.pop().continue_()
+        page.locator("#beside table").wait_for()
+        assert page.locator("#replay").bounding_box() == place, "what comes late moves nothing from under the pointer"
         page.locator("#replay").click()
         page.wait_for_selector("body[data-ready] #player:not([hidden])")
         assert "/episode/human/episodes/" in page.url

@@ -110,6 +110,7 @@ function showEnd(over) {
   $("result").textContent = `${share}${plural(over.steps, "step")}; the end: ${over.end_reason.replaceAll("_", " ")}.${pictures}`;
   $("replay").setAttribute("href", over.replay);
   $("shown").setAttribute("src", `${over.replay}#turn=1e9&bare`);
+  window.scrollTo(0, 0); // what comes late stands below, and moves nothing that is in sight
   showBeside(over);
 }
 
