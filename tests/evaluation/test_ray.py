@@ -36,17 +36,17 @@ class KilledOnce(FirstMoves):
 if __name__ == "__main__":
     out, cap = Path(sys.argv[1]), int(sys.argv[2]) or None
     options = {"marks": str(out.parent)}
-    run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor="ray", workers=2, run_tokens=cap,
+    run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor=sys.argv[3], workers=2, run_tokens=cap,
                       player_options=options, budgets=sp.Budget(reply_tokens=100))
     print(run.complete, len(run.rows), [row["end_reason"] for row in run.failures], run.cap_reached)
 """
 
 
-def run(tmp_path: Path, name: str, cap: int = 0) -> str:
+def run(tmp_path: Path, name: str, cap: int = 0, executor: str = "ray") -> str:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT % (BANDIT, HANOI))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])}
-    command = [sys.executable, str(script), str(tmp_path / name), str(cap)]
+    command = [sys.executable, str(script), str(tmp_path / name), str(cap), executor]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip().splitlines()[-1]
@@ -57,8 +57,8 @@ def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
     assert (tmp_path / "killed").exists()
     rows = RunFolder(tmp_path / "run").rows()
     assert len({row["key"] for row in rows}) == 8
-    # With the mark there nobody is killed: the same run, undisturbed, has the same bytes.
-    assert run(tmp_path, "undisturbed") == "True 8 [] False"
+    # With the mark there nobody is killed: the same run, undisturbed and on one machine, has the same bytes.
+    assert run(tmp_path, "undisturbed", executor="processes") == "True 8 [] False"
     first, second = (tmp_path / name / "results.jsonl" for name in ("run", "undisturbed"))
     assert first.read_bytes() == second.read_bytes()
     # The replies that had arrived went on to the machine that runs the command; the episode continued behind them.
