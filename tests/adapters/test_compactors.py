@@ -79,7 +79,7 @@ ROWS = [
     Row("memory-bm25", "smartplay_tools", idle=":tokens=100"),
     Row("memory-wordllama", "wordllama", idle=":tokens=100"),
 ]  # fmt: skip
-FAST = ("langchain-summary", "llama-index-summary")
+FAST = ("llama-index-summary",)
 
 
 def is_installed(module: str) -> bool:

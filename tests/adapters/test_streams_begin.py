@@ -155,7 +155,7 @@ def test_a_client_that_leaves_ends_its_request(stream):
         assert player.stopped.wait(10)
 
 
-@pytest.mark.parametrize("stream", [True, False])
+@pytest.mark.parametrize("stream", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "interface", [pytest.param(name, marks=() if name == "chat" else pytest.mark.slow) for name in INTERFACES]
 )

@@ -36,8 +36,8 @@ class KilledOnce(FirstMoves):
 if __name__ == "__main__":
     out, cap = Path(sys.argv[1]), int(sys.argv[2]) or None
     options = {"marks": str(out.parent)}
-    run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor=sys.argv[3], workers=2, run_tokens=cap,
-                      player_options=options, budgets=sp.Budget(reply_tokens=100))
+    run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor=sys.argv[3], workers=2,
+                      run_tokens=cap, player_options=options, budgets=sp.Budget(reply_tokens=100))
     print(run.complete, len(run.rows), [row["end_reason"] for row in run.failures], run.cap_reached)
 """
 

@@ -80,6 +80,7 @@ def test_csv_has_a_line_for_every_episode(rows, tmp_path):
     assert json.loads(read[-1]["versions"]) == rows[-1]["versions"]
 
 
+@pytest.mark.slow
 def test_parquet_has_the_same_in_types(rows, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     path = tmp_path / "run.parquet"

@@ -20,17 +20,17 @@ from tests.games.crafter_edits import (
 
 
 @pytest.mark.parametrize(
-    ("policy", "seed"),
+    ("policy", "seed", "steps"),
     [
-        (craft_and_fight, 4),
+        (craft_and_fight, 4, 50),
         *(
-            pytest.param(policy, seed, marks=pytest.mark.slow)
+            pytest.param(policy, seed, 200, marks=pytest.mark.slow)
             for policy, seed in ((random_play, 1), (sleep_a_lot, 2), (walk_the_border, 3), (meet_something_new, 5))
         ),
     ],
 )
-def test_they_agree(policy: Policy, seed: int) -> None:
-    play([policy], seed, 200)
+def test_they_agree(policy: Policy, seed: int, steps: int) -> None:
+    play([policy], seed, steps)
 
 
 @pytest.mark.slow

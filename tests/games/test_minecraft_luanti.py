@@ -428,12 +428,14 @@ def test_a_server_that_does_not_start_is_given_up(program, folders, monkeypatch)
     assert failure(folders) == "The Luanti server did not start within 0.3 s and was stopped."
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_is_given_up(program, folders, monkeypatch):
     monkeypatch.setattr(server, "ANSWER_SECONDS", 0.3)
     program(f"{READY}; exec sleep 600")
     assert failure(folders) == "The Luanti server did not answer within 0.3 s and was stopped."
 
 
+@pytest.mark.slow
 def test_a_server_that_ends_at_once_is_quoted(program, folders):
     program("echo 'listening'; echo 'ERROR[Main]: no such game' >&2; exit 1")
     assert failure(folders) == "The Luanti server ended: ERROR[Main]: no such game"
@@ -444,6 +446,7 @@ def test_a_mod_that_fails_is_quoted(program, folders):
     assert failure(folders) == "The Luanti server failed: init.lua:1: oops"
 
 
+@pytest.mark.slow
 def test_a_server_that_hangs_is_ended_when_python_is_killed(program, folders):
     program("trap '' TERM HUP INT; while true; do sleep 1; done")
     script = "from smartplay_tools.games.minecraft.luanti.engine import *\nLuantiEngine(text='paper').reset(0, None)"

@@ -99,7 +99,13 @@ def script(folder: Path, lines: str, **answers: object) -> list[str]:
     return [sys.executable, str(path)]
 
 
-@pytest.mark.parametrize(("lines", "sentence"), UNTRUSTWORTHY.values(), ids=UNTRUSTWORTHY)
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        pytest.param(*how, id=name, marks=[pytest.mark.slow] * (name not in ("a program that hangs", "no JSON")))
+        for name, how in UNTRUSTWORTHY.items()
+    ],
+)
 def test_a_worker_that_fails_is_an_error_and_leaves_nothing(lines, sentence, tmp_path, temporary):
     process = WorkerProcess(script(tmp_path, lines))
     assert process.call("reset", seconds=30) == 1
