@@ -7,14 +7,14 @@ any depth, also in fields that this library does not know. The table is `reply_f
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from typing import Any
+
+from smartplay_tools.types.tables import read_table
 
 __all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT"]
 
-_TABLE = tomllib.loads(resources.files(__package__).joinpath("reply_fields.toml").read_text(encoding="utf-8"))
+_TABLE = read_table(__package__, "reply_fields.toml")
 
 NOT_SENT = frozenset(field["name"] for field in _TABLE["field"] if not field.get("sent", True))
 """The fields of a chat completion that requests must not have: citations, speech, the older form of a call."""

@@ -14,6 +14,7 @@ from importlib import resources
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.types.tables import read_table
 
 VERSION = "v2"
 """The version that new episodes have, which every transcript contains."""
@@ -40,12 +41,9 @@ class Wording:
             raise InvalidArgumentError(
                 f"There are no prompts {version!r} in this release; it knows {', '.join(versions())}."
             )
-        import tomllib  # slow to import, and programs that play nothing need no words
-
         texts: dict[str, str] = {}
         for each in versions()[: versions().index(version) + 1]:
-            file = resources.files(__package__).joinpath(f"{each}.toml")
-            texts |= tomllib.loads(file.read_text(encoding="utf-8"))
+            texts |= read_table(__package__, f"{each}.toml")
         return Wording(version, texts)
 
     @staticmethod

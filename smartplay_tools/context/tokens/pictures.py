@@ -7,14 +7,14 @@ records have that name.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import date
 from fractions import Fraction
 from functools import partial
-from importlib import resources
 from typing import Any
+
+from smartplay_tools.types.tables import read_table
 
 __all__ = ["RULES", "PictureRule"]
 
@@ -95,7 +95,7 @@ def _rule(
     return PictureRule(name, title, partial(_WAYS[way], **numbers or {}), sizes, source, read_on)
 
 
-_TABLE = tomllib.loads(resources.files(__package__).joinpath("pictures.toml").read_text(encoding="utf-8"))
-
-RULES: Mapping[str, PictureRule] = {name: _rule(name, **fields) for name, fields in _TABLE.items()}
+RULES: Mapping[str, PictureRule] = {
+    name: _rule(name, **fields) for name, fields in read_table(__package__, "pictures.toml").items()
+}
 """Every rule by its name."""

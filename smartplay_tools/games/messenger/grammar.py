@@ -16,13 +16,12 @@ import functools
 import json
 import random
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from typing import Any
 
 from smartplay_tools.games.messenger.manuals import OUR_TEXTS, ROLES, UNKNOWN, Texts
 from smartplay_tools.games.messenger.rules import ENTITIES, MOVEMENTS, SPLITS, Split
+from smartplay_tools.types.tables import read_table
 
 SEED = 2024
 
@@ -224,7 +223,7 @@ def phrases(table: str, key: str) -> list[str]:
 @functools.cache
 def grammar() -> dict[str, Any]:
     """Return the contents of `grammar.toml`."""
-    return tomllib.loads(resources.files(__package__).joinpath("grammar.toml").read_text(encoding="utf-8"))
+    return read_table(__package__, "grammar.toml")
 
 
 def as_json(texts: Texts) -> str:

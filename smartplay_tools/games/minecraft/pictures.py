@@ -7,13 +7,11 @@ is not in it. Colours are whole numbers, so the same rays give the same picture 
 
 from __future__ import annotations
 
-import tomllib
-from importlib import resources
-
 import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.observation import VIEW, VIEW_RANGE, Observation
+from smartplay_tools.types.tables import read_table
 
 SCALE = 12
 """How many times the pixels are enlarged: a picture has 204 x 204, because models read smaller ones badly."""
@@ -21,7 +19,7 @@ SCALE = 12
 DIMMEST = 96
 """The brightness, of 256, of things at the farthest visible distance."""
 
-_COLOURS = tomllib.loads(resources.files(__package__).joinpath("colours.toml").read_text(encoding="utf-8"))
+_COLOURS = read_table(__package__, "colours.toml")
 BLOCKS, ANIMALS = ({name: tuple(_COLOURS[kind][name]) for name in _COLOURS[kind]} for kind in ("blocks", "animals"))
 """The colours of blocks at hand and of animals, by their names in corrected texts."""
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import resources
 
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types.messages import Message
 from smartplay_tools.types.sums import added
+from smartplay_tools.types.tables import read_table
 
 HEADINGS = {"north": (0, -1), "east": (1, 0), "south": (0, 1), "west": (-1, 0)}
 """Action word to x and z; clockwise."""
@@ -30,9 +29,7 @@ THING = re.compile(
     flags=re.MULTILINE,
 )
 
-CLUES: Mapping[str, Mapping[str, float]] = tomllib.loads(
-    resources.files(__package__).joinpath("minecraft.toml").read_text(encoding="utf-8")
-)
+CLUES: Mapping[str, Mapping[str, float]] = read_table(__package__, "minecraft.toml")
 """The weight of a sight for each goal, or against it."""
 
 ENOUGH = 4

@@ -8,16 +8,13 @@ of trees and flowers, and the corrected texts name the kind.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
-from importlib import resources
 
 from smartplay_tools.games.minecraft.observation import TextMode, displayed
 from smartplay_tools.games.minecraft.text import LONGEST_NAME
+from smartplay_tools.types.tables import read_table
 
-_KINDS: Mapping[str, str] = tomllib.loads(
-    resources.files(__package__).joinpath("nodes.toml").read_text(encoding="utf-8")
-)
+_KINDS: Mapping[str, str] = read_table(__package__, "nodes.toml")
 """Node to name in corrected texts. Other nodes are called by their title."""
 
 
