@@ -7,13 +7,12 @@ on what the player does. Animals do not block the player.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome
+from smartplay_tools.games.minecraft.voxel.climate import BIOMES, SEA_LEVEL, TABLE
 from smartplay_tools.games.minecraft.voxel.noise import hashed, unit
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, SIDE, VoxelWorld
 
@@ -28,43 +27,18 @@ class Species:
     swims: bool = False
 
 
-_CHICKEN, _COW, _PIG = Species("chicken", 0.4, 0.7), Species("cow", 0.9, 1.4), Species("pig", 0.9, 0.9)
-_SHEEP, _HORSE, _RABBIT = Species("sheep", 0.9, 1.3), Species("horse", 1.4, 1.6), Species("rabbit", 0.4, 0.5)
-_WOLF, _OCELOT, _LLAMA = Species("wolf", 0.6, 0.85), Species("ocelot", 0.6, 0.7), Species("llama", 0.9, 1.87)
-_MOOSHROOM, _SQUID = Species("mooshroom", 0.9, 1.4), Species("squid", 0.8, 0.8, swims=True)
-_BEAR = Species("polarbear", 1.3, 1.4)
-
-_FARM = (_SHEEP, _PIG, _CHICKEN, _COW)
-_LIVES_IN: Mapping[Biome, Sequence[Species]] = {
-    Biome.PLAINS: (*_FARM, _HORSE, _SHEEP, _COW, _PIG),
-    Biome.FOREST: (*_FARM, _WOLF),
-    Biome.BIRCH_FOREST: _FARM,
-    Biome.ROOFED_FOREST: _FARM,
-    Biome.TAIGA: (*_FARM, _WOLF, _RABBIT),
-    Biome.COLD_TAIGA: (_WOLF, _RABBIT),
-    Biome.JUNGLE: (*_FARM, _OCELOT, _OCELOT),
-    Biome.SAVANNA: (_SHEEP, _COW, _HORSE, _CHICKEN),
-    Biome.SWAMPLAND: _FARM,
-    Biome.DESERT: (_RABBIT,),
-    Biome.EXTREME_HILLS: (_SHEEP, _LLAMA),
-    Biome.ICE_PLAINS: (_RABBIT, _BEAR),
-    Biome.ICE_SPIKES: (_RABBIT, _BEAR),
-    Biome.MUSHROOM_ISLAND: (_MOOSHROOM,),
-    Biome.OCEAN: (_SQUID,),
-    Biome.DEEP_OCEAN: (_SQUID,),
-    Biome.RIVER: (_SQUID,),
-}
-
-SPECIES: tuple[Species, ...] = tuple(dict.fromkeys(s for several in _LIVES_IN.values() for s in several))
-NAMES = np.array(["null", *(species.name for species in SPECIES)])
+SPECIES = {name: Species(name, **size) for name, size in TABLE["animals"].items()}
+"""Every kind by its name."""
+NAMES = np.array(["null", *SPECIES])
 """Entity names: "null" for no entity, then the species in their order."""
 
 _CHOICES = 8
 _SPECIES_OF = np.full((256, _CHOICES), -1)
-for _biome, _several in _LIVES_IN.items():
-    _SPECIES_OF[_biome] = [SPECIES.index(_several[choice % len(_several)]) for choice in range(_CHOICES)]
-_WIDTH, _HEIGHT = (np.array([getattr(s, name) for s in SPECIES]) for name in ("width", "height"))
-_SWIMS = np.array([s.swims for s in SPECIES])
+for _biome, _facts in BIOMES.items():
+    if _lives := [[*SPECIES].index(name) for name in _facts.get("animals", ())]:
+        _SPECIES_OF[_biome] = np.resize(_lives, _CHOICES)
+_WIDTH, _HEIGHT = (np.array([getattr(s, name) for s in SPECIES.values()]) for name in ("width", "height"))
+_SWIMS = np.array([s.swims for s in SPECIES.values()])
 
 FARTHEST = 64
 """Only animals whose home is this near, along x and z, are computed: they are inside the generated part."""

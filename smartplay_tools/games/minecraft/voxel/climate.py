@@ -7,14 +7,17 @@ so no border is too steep to cross.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.voxel.noise import Axis, Field, Fractal, Noise, enlarge
+from smartplay_tools.types.tables import read_table
 
 SEA_LEVEL = 63
 """The first layer of air above the sea; the highest water is one below."""
@@ -53,6 +56,11 @@ class Biome(IntEnum):
     COLD_TAIGA = 30
     SAVANNA = 35
     ICE_SPIKES = 140
+
+
+TABLE = read_table(__package__, "biomes.toml")
+BIOMES: Mapping[Biome, Mapping[str, Any]] = {Biome[name]: facts for name, facts in TABLE["biomes"].items()}
+"""What the table says of the biomes."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.voxel.blocks import SOLID, Block
-from smartplay_tools.games.minecraft.voxel.climate import Biome
+from smartplay_tools.games.minecraft.voxel.climate import BIOMES, Biome
 
 REACH = 4
 """No shape reaches further from its foot, along x or z."""
@@ -146,21 +146,6 @@ TREES: Mapping[Biome, tuple[float, list[Shape]]] = {
     Biome.MUSHROOM_ISLAND: (0.003, _heights(_mushroom, 5, 6)),
 }
 
-SHRUBS: Mapping[Biome, tuple[float, list[Block]]] = {
-    # The same for plants of one cell.
-    Biome.PLAINS: (0.16, [*[Block.TALL_GRASS] * 12, Block.DANDELION, Block.POPPY]),
-    Biome.FOREST: (0.05, [*[Block.TALL_GRASS] * 6, Block.DANDELION, Block.POPPY]),
-    Biome.BIRCH_FOREST: (0.05, [*[Block.TALL_GRASS] * 6, Block.DANDELION, Block.POPPY]),
-    Biome.ROOFED_FOREST: (0.04, [Block.TALL_GRASS, Block.TALL_GRASS, Block.BROWN_MUSHROOM, Block.RED_MUSHROOM]),
-    Biome.TAIGA: (0.07, [*[Block.FERN] * 6, Block.TALL_GRASS, Block.BROWN_MUSHROOM]),
-    Biome.JUNGLE: (0.14, [*[Block.TALL_GRASS] * 12, *[Block.FERN] * 4, Block.MELON]),
-    Biome.SAVANNA: (0.22, [Block.TALL_GRASS]),
-    Biome.SWAMPLAND: (0.08, [*[Block.TALL_GRASS] * 4, Block.BLUE_ORCHID, Block.BROWN_MUSHROOM]),
-    Biome.DESERT: (0.008, [Block.DEAD_BUSH]),
-    Biome.EXTREME_HILLS: (0.03, [Block.TALL_GRASS]),
-    Biome.MUSHROOM_ISLAND: (0.02, [Block.BROWN_MUSHROOM, Block.RED_MUSHROOM]),
-}
-
 _CHOICES = 256
 """A plant is chosen by 8 bits of its column's hash."""
 
@@ -173,9 +158,10 @@ for _biome, (_density, _shapes) in TREES.items():
     TREE_DENSITY[_biome] = _density
     TREE_CHOICE[_biome] = len(SHAPES) + np.arange(_CHOICES) % len(_shapes)
     SHAPES += _shapes
-for _biome, (_density, _blocks) in SHRUBS.items():
-    SHRUB_DENSITY[_biome] = _density
-    SHRUB_CHOICE[_biome] = np.array(_blocks, np.uint8)[np.arange(_CHOICES) % len(_blocks)]
+for _biome, _facts in BIOMES.items():
+    if _shrubs := [Block[name] for name, count in _facts.get("shrubs", {}).items() for _ in range(count)]:
+        SHRUB_DENSITY[_biome] = _facts["shrub_density"]
+        SHRUB_CHOICE[_biome] = np.resize(_shrubs, _CHOICES)
 
 
 class PlantPart:

@@ -6,7 +6,7 @@ player does. Chunks are made when they come near and overwrite those that are fa
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from smartplay_tools.games.minecraft.voxel import plants
 from smartplay_tools.games.minecraft.voxel.blocks import Block
-from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, terrain
+from smartplay_tools.games.minecraft.voxel.climate import BIOMES, SEA_LEVEL, Biome, terrain
 from smartplay_tools.games.minecraft.voxel.noise import hashed, unit
 
 SIDE = 256
@@ -53,30 +53,16 @@ def _profiles() -> NDArray[np.uint8]:
     return columns
 
 
-_GRASSY = (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, False)
-_SANDY = (Block.SAND, Block.SAND, Block.SAND, False)
-_SURFACE_OF = {
-    # The top block, the block under it, the bed of water, and whether water freezes.
-    Biome.DESERT: (Block.SAND, Block.SANDSTONE, Block.SAND, False),
-    Biome.BEACH: _SANDY,
-    Biome.COLD_BEACH: (Block.SAND, Block.SAND, Block.GRAVEL, True),
-    Biome.STONE_BEACH: (Block.STONE, Block.STONE, Block.STONE, False),
-    Biome.OCEAN: (Block.SAND, Block.GRAVEL, Block.GRAVEL, False),
-    Biome.DEEP_OCEAN: (Block.GRAVEL, Block.GRAVEL, Block.GRAVEL, False),
-    Biome.FROZEN_OCEAN: (Block.SAND, Block.GRAVEL, Block.GRAVEL, True),
-    Biome.RIVER: (Block.GRASS_BLOCK, Block.DIRT, Block.SAND, False),
-    Biome.FROZEN_RIVER: (Block.GRASS_BLOCK, Block.DIRT, Block.SAND, True),
-    Biome.ICE_PLAINS: (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, True),
-    Biome.ICE_SPIKES: (Block.SNOW_BLOCK, Block.DIRT, Block.DIRT, True),
-    Biome.COLD_TAIGA: (Block.GRASS_BLOCK, Block.DIRT, Block.DIRT, True),
-    Biome.TAIGA: (Block.GRASS_BLOCK, Block.DIRT, Block.GRAVEL, False),
-    Biome.SWAMPLAND: (Block.GRASS_BLOCK, Block.DIRT, Block.CLAY, False),
-    Biome.MUSHROOM_ISLAND: (Block.MYCELIUM, Block.DIRT, Block.DIRT, False),
-}
-_SURFACES = [_GRASSY, *dict.fromkeys(_SURFACE_OF.values())]
+def _surface(facts: Mapping[str, Any]) -> tuple[Block, Block, Block, bool]:
+    """The top block, the block under it, the bed of water, and whether water freezes, by what is known of a biome."""
+    top, under, bed = (Block[name] for name in facts.get("ground", ("GRASS_BLOCK", "DIRT", "DIRT")))
+    return top, under, bed, "freezes" in facts
+
+
+_SURFACES = [*dict.fromkeys([_surface({}), *map(_surface, BIOMES.values())])]
 _SURFACE = np.zeros(256, np.intp)
-for _biome, _kind in _SURFACE_OF.items():
-    _SURFACE[_biome] = _SURFACES.index(_kind)
+for _biome, _facts in BIOMES.items():
+    _SURFACE[_biome] = _SURFACES.index(_surface(_facts))
 _PROFILES = _profiles()
 _COVER = np.zeros(256, np.uint8)
 """By biome: what lies where no plant stands."""
