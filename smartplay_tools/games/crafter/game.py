@@ -9,9 +9,8 @@ import gymnasium
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
-from smartplay_tools.games.crafter.fast import FastEngine
+from smartplay_tools.games.crafter.fast import CrafterEngine, FastEngine
 from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
-from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.types.pictures import Picture
 

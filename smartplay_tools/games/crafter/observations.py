@@ -40,8 +40,8 @@ from smartplay_tools.games.crafter.facts import (
     WATER,
     ZOMBIE,
 )
+from smartplay_tools.games.crafter.fast import CrafterEngine
 from smartplay_tools.games.crafter.pictures import BODIES, LAYERS, USUAL, cells_seen, draw
-from smartplay_tools.games.crafter.views import CrafterEngine
 from smartplay_tools.games.crafter.world import DIRECTIONS, cells_around
 
 TEXT, IMAGE, SEMANTIC, SYMBOLIC = OBSERVATIONS = ("text", "image", "semantic", "symbolic")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,43 +55,6 @@ def thing_texture(kind: int, clock: int, heading: int) -> str:
     if kind == ARROW:
         return f"arrow-{_SIDES[heading]}"
     return "plant-ripe" if kind == PLANT and clock > RIPE else NAMES[kind]
-
-
-class CrafterEngine(Protocol):
-    """A world that can be played. Both engines are built as `CrafterEngine(seed, episode, keep_grain=...)`."""
-
-    steps: int
-    """Steps since the world began."""
-
-    @property
-    def health(self) -> int:
-        """The player's health; at 0 it is dead."""
-        ...
-
-    @property
-    def unlocked(self) -> int:
-        """How many achievements have been unlocked."""
-        ...
-
-    def step(self, action: int) -> float:
-        """Play an action; return the reward."""
-        ...
-
-    def sight(self) -> Sight:
-        """The part of the state that the observation text describes."""
-        ...
-
-    def scene(self) -> Scene:
-        """The part of the state that a picture shows."""
-        ...
-
-    def state(self) -> Any:
-        """The whole state except the random stream, as JSON; the same in every engine."""
-        ...
-
-    def fingerprint(self) -> bytes:
-        """The state of the random stream."""
-        ...
 
 
 OUTSIDE = "."
