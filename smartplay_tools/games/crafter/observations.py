@@ -16,30 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import (
-    CARRIED,
-    COAL,
-    COW,
-    DIAMOND,
-    FURNACE,
-    GRASS,
-    IRON,
-    ITEMS,
-    LAVA,
-    MATERIALS,
-    MOST,
-    NAMES,
-    PATH,
-    SAND,
-    SKELETON,
-    STONE,
-    TABLE,
-    TREE,
-    VIEW,
-    VITALS,
-    WATER,
-    ZOMBIE,
-)
+from smartplay_tools.games.crafter.facts import CARRIED, ITEMS, MATERIALS, MOST, NAMES, VIEW, VITALS
 from smartplay_tools.games.crafter.fast import CrafterEngine
 from smartplay_tools.games.crafter.pictures import BODIES, LAYERS, USUAL, cells_seen, draw
 from smartplay_tools.games.crafter.world import DIRECTIONS, cells_around
@@ -55,28 +32,15 @@ _CHOICES = [len(NAMES)] * CELLS + [MOST + 1] * len(CARRIED) + [len(DIRECTIONS), 
 
 # --- Symbolic: the numbers of Craftax-Classic ------------------------------------------------------------------------
 
-BLOCKS = 17
-"""Craftax-Classic's kinds of block: 0 and 6 do not occur, 1 is outside the map, plants are blocks."""
-PLANT_BLOCK, RIPE_BLOCK = 15, 16
-_MATERIAL_BLOCKS = {
-    0: 1,
-    GRASS: 2,
-    WATER: 3,
-    STONE: 4,
-    TREE: 5,
-    PATH: 7,
-    COAL: 8,
-    IRON: 9,
-    DIAMOND: 10,
-    TABLE: 11,
-    FURNACE: 12,
-    SAND: 13,
-    LAVA: 14,
-}
-_BLOCK_OF = np.array([_MATERIAL_BLOCKS[material] for material in range(len(MATERIALS) + 1)])
+_BLOCKS = (
+    *("invalid", "nothing", "grass", "water", "stone", "tree", "wood", "path", "coal", "iron", "diamond"),
+    *("table", "furnace", "sand", "lava", "plant", "plant-ripe"),
+)
+"""Craftax-Classic's kinds of block; invalid and wood do not occur, nothing is outside the map, plants are blocks."""
+_BLOCK_OF = np.array([_BLOCKS.index(name) for name in NAMES[: len(MATERIALS) + 1]])
 """The block of each material; 0 is outside the map."""
-MOBS = (ZOMBIE, COW, SKELETON, NAMES.index("arrow"))
-CHANNELS = BLOCKS + len(MOBS)
+MOBS = ("zombie", "cow", "skeleton", "arrow")
+CHANNELS = len(_BLOCKS) + len(MOBS)
 """The numbers of a cell: which block, and which creature or arrow."""
 AMOUNTS = (np.arange(MOST + 1, dtype=np.float16) / np.float16(10)).astype(np.float32)
 """Amounts as numbers: tenths, rounded to half precision as Craftax-Classic rounds them."""
@@ -111,19 +75,19 @@ def _semantic(engine: CrafterEngine) -> NDArray[np.uint8]:
     return np.concatenate([np.frombuffer(cells, np.uint8), np.array(rest, np.uint8)])
 
 
-_MOB_LAYERS = [[LAYERS.index(body) for body in BODIES if body.startswith(NAMES[kind])] for kind in MOBS]
+_MOB_LAYERS = [[LAYERS.index(body) for body in BODIES if body.startswith(mob)] for mob in MOBS]
 
 
 def _symbolic(engine: CrafterEngine) -> NDArray[np.float32]:
     scene, sight = engine.scene(), engine.sight()
     materials, layers = cells_seen(scene)
     blocks = _BLOCK_OF[materials]
-    blocks[layers == LAYERS.index("plant")] = PLANT_BLOCK
-    blocks[layers == LAYERS.index("plant-ripe")] = RIPE_BLOCK
+    for plant in ("plant", "plant-ripe"):
+        blocks[layers == LAYERS.index(plant)] = _BLOCKS.index(plant)
     cells = np.zeros((*blocks.shape, CHANNELS), np.float32)
-    cells[..., :BLOCKS] = blocks[..., None] == np.arange(BLOCKS)
-    for number, of_mob in enumerate(_MOB_LAYERS):
-        cells[..., BLOCKS + number] = np.isin(layers, of_mob)
+    cells[..., : len(_BLOCKS)] = blocks[..., None] == np.arange(len(_BLOCKS))
+    for number, of_mob in enumerate(_MOB_LAYERS, start=len(_BLOCKS)):
+        cells[..., number] = np.isin(layers, of_mob)
     carried = AMOUNTS[np.array(list(sight.inventory.values()))][CARRIED_ORDER]
     facing = [direction == sight.facing for direction in DIRECTIONS]
     rest = np.array([*facing, scene.daylight, sight.sleeping], np.float32)
