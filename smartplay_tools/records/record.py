@@ -40,7 +40,6 @@ from smartplay_tools.transcript.events import (
     QuestionEvent,
     ResumeEvent,
     RevealEvent,
-    RewriteEvent,
     SentEvent,
     SummaryEvent,
     UsageEvent,
@@ -405,8 +404,6 @@ class Record:
     """The tokens of each reply."""
     summaries = _EventsOf[SummaryEvent]("summary")
     """The replies to prompts for a summary."""
-    rewrites = _EventsOf[RewriteEvent]("rewrite")
-    """What a compactor returned for each prompt to play."""
     questions = _EventsOf[QuestionEvent]("question")
     """The questions of a compactor, with the replies."""
     choices = _EventsOf[ChoiceEvent]("choice")
