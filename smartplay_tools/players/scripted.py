@@ -33,14 +33,6 @@ from smartplay_tools.types import AsyncPlayer, Player, Prompt, Reply, Usage
 from smartplay_tools.types.messages import Message, assistant_message
 
 
-def answers_in_words(prompt: Prompt) -> Reply | None:
-    """Return the answer to a prompt that asks for words: the newest notes that it quotes; None for one to play."""
-    if not prompt.asks_for_summary:
-        return None
-    notes = newest_quoted(Reading(prompt))
-    return Reply({"role": "assistant", "content": "I keep no memory of what leaves." if notes is None else notes})
-
-
 class ScriptedPlayer:
     """Gives replies, or the replies of messages, in order, and stores the prompts that it received in `prompts`."""
 
@@ -59,55 +51,64 @@ class ScriptedPlayer:
         return given if isinstance(given, Reply) else Reply(given, self._usage)
 
 
+class ActingPlayer:
+    """Plays one action at each prompt. Asked for words, it repeats the newest notes that the prompt quotes."""
+
+    name: str
+    observations = ("text", "picture", "both")
+
+    def __init__(self, *, seed: int = 0) -> None:
+        """Every player takes a seed, whether it draws anything or not."""
+
+    def reply(self, prompt: Prompt) -> Reply:
+        """Call the tool for the action or, without tools, answer with its name."""
+        if prompt.asks_for_summary:
+            notes = newest_quoted(Reading(prompt))
+            return Reply(
+                {"role": "assistant", "content": "I keep no memory of what leaves." if notes is None else notes}
+            )
+        action = self.action(prompt)
+        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
+
+    def action(self, prompt: Prompt) -> str:
+        """Return the name of the action to play."""
+        raise NotImplementedError
+
+
 DOING_NOTHING = "Noop"
 """Crafter's manual lists it last, but it is the first action of the game, which is what the original falls back to."""
 
 
-class FirstPlayer:
+class FirstPlayer(ActingPlayer):
     """Plays the game's first action, by name."""
 
     name = "first"
-    observations = ("text", "picture", "both")
 
-    def __init__(self, *, seed: int = 0) -> None:
-        """Every player takes a seed; this one draws nothing."""
-
-    def reply(self, prompt: Prompt) -> Reply:
-        """Play the first action."""
-        if (words := answers_in_words(prompt)) is not None:
-            return words
+    def action(self, prompt: Prompt) -> str:
+        """Return the first action."""
         actions = Reading(prompt).actions
-        action = DOING_NOTHING if DOING_NOTHING in actions else actions[0]
-        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
+        return DOING_NOTHING if DOING_NOTHING in actions else actions[0]
 
 
-class RandomPlayer:
+class RandomPlayer(ActingPlayer):
     """Plays any legal action with equal probability, from its own seeded generator."""
 
     name = "random"
-    observations = ("text", "picture", "both")
 
     def __init__(self, *, seed: int = 0) -> None:
         # String seeds are hashed by a fixed algorithm, and this one gives another stream than the game's.
         self._random = random.Random(f"random player {seed}")
 
-    def reply(self, prompt: Prompt) -> Reply:
-        """Play a legal action."""
-        if (words := answers_in_words(prompt)) is not None:
-            return words
-        action = self._random.choice(Reading(prompt).actions)
-        return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
+    def action(self, prompt: Prompt) -> str:
+        """Return a legal action."""
+        return self._random.choice(Reading(prompt).actions)
 
 
-class OraclePlayer:
+class OraclePlayer(ActingPlayer):
     """Plays `TextGame.optimal_action`."""
 
     name = "oracle"
-    observations = ("text", "picture", "both")
-
-    def __init__(self, *, seed: int = 0) -> None:
-        """Every player takes a seed; this one draws nothing."""
-        self._game: TextGame | None = None
+    _game: TextGame | None = None
 
     def attach(self, conversation: BaseConversation) -> None:
         """Take the game from the conversation's episode; raise `InvalidArgumentError` if no optimum is known for it."""
@@ -118,18 +119,15 @@ class OraclePlayer:
             )
         self._game = conversation.episode.privileged_game()
 
-    def reply(self, prompt: Prompt) -> Reply:
-        """Play the best action."""
-        if (words := answers_in_words(prompt)) is not None:
-            return words
+    def action(self, prompt: Prompt) -> str:
+        """Return the best action."""
         if self._game is None:
             raise InvalidArgumentError(
                 "The oracle needs the game, so it must be attached to a conversation: use `play`, `aplay` or eval."
             )
         action = self._game.optimal_action
         assert action is not None
-        name = self._game.actions[action]
-        return Reply(call("act", action=name) if prompt.tools else {"role": "assistant", "content": name})
+        return self._game.actions[action]
 
 
 class NotedPlayer:
