@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -33,6 +33,7 @@ class Seen:
     action: str | None
     """The action in the arguments, for `act`."""
     text: str
+    """The answer."""
     page: str | None = None
     """The page in the arguments, for `read_result`."""
 
@@ -72,24 +73,24 @@ class Reading:
     def seen(self) -> tuple[Seen, ...]:
         """Every visible call with its answer, oldest first."""
         seen: list[Seen] = []
-        unanswered: list[_Call] = []
+        calls: Sequence[MessageToolCall] = ()
         answers: dict[int, str] = {}
 
         def settle() -> None:
-            seen.extend(Seen(c.tool, c.action, answers[at], c.page) for at, c in enumerate(unanswered) if at in answers)
+            seen.extend(_seen(call, answers[at]) for at, call in enumerate(calls) if at in answers)
             answers.clear()
 
         for message in self.prompt.messages:
             if message["role"] == "assistant":
                 settle()
-                unanswered = [_call(call) for call in calls_of(message)]
+                calls = calls_of(message)
             elif message["role"] == "tool":
                 # Matched by id, or by order if the model repeats ids.
                 call_id = message.get("tool_call_id")
-                named = [at for at, c in enumerate(unanswered) if c.call_id == call_id and at not in answers]
-                waiting = named or [at for at in range(len(unanswered)) if at not in answers]
+                waiting = [at for at in range(len(calls)) if at not in answers]
                 if waiting:
-                    answers[waiting[0]] = _answer(message)
+                    named = (at for at in waiting if calls[at].get("id") == call_id)
+                    answers[next(named, waiting[0])] = _answer(message)
         settle()
         pages = {each.page: each.text for each in seen if each.tool == PAGES_TOOL}
         return tuple(_whole(each, pages) if pages and each.tool in ("act", "observe") else each for each in seen)
@@ -151,15 +152,8 @@ def _numbered(text: str) -> tuple[str, ...]:
     return tuple(name for _, name in numbered[start:])
 
 
-@dataclass(frozen=True, slots=True)
-class _Call:
-    call_id: str | None
-    tool: str
-    action: str | None
-    page: str | None
-
-
-def _call(call: MessageToolCall) -> _Call:
+def _seen(call: MessageToolCall, text: str) -> Seen:
+    """A call with its answer."""
     function = call["function"]
     try:
         arguments = json.loads(function["arguments"])
@@ -167,7 +161,7 @@ def _call(call: MessageToolCall) -> _Call:
     except (ValueError, TypeError, AttributeError, RecursionError):
         action = page = None
     action, page = (value if isinstance(value, str) else None for value in (action, page))
-    return _Call(call.get("id"), function["name"], action, page)
+    return Seen(function["name"], action, text, page)
 
 
 def _whole(seen: Seen, pages: Mapping[str | None, str]) -> Seen:
