@@ -94,17 +94,17 @@ def newest_quoted(reading: Reading) -> str | None:
 
 def notes_cap(reading: Reading) -> int | None:
     """Return how many tokens notes may have, None where there is no tool to take them."""
-    described = [str(tool.parameters) for tool in reading.prompt.tools if tool.name == NOTES_TOOL]
-    match = CAP.search(described[0]) if described else None
-    return int(match[1]) if match else None
+    return _cap_in(next((str(tool.parameters) for tool in reading.prompt.tools if tool.name == NOTES_TOOL), ""))
 
 
 def summary_cap(reading: Reading) -> int | None:
     """Return how many tokens the summary may have that the prompt asks for, None where it asks for none."""
-    last = reading.prompt.messages[-1] if reading.prompt.messages else None
-    if not reading.prompt.asks_for_summary or last is None:
-        return None
-    match = CAP.search(text_of(last))
+    prompt = reading.prompt
+    return _cap_in(text_of(prompt.messages[-1])) if prompt.asks_for_summary and prompt.messages else None
+
+
+def _cap_in(text: str) -> int | None:
+    match = CAP.search(text)
     return int(match[1]) if match else None
 
 
@@ -120,9 +120,8 @@ def noted(message: Message, text: str) -> Message:
 
 def file_cap(reading: Reading) -> int | None:
     """Return how many tokens the memory's file may have, its path not counted; None without a tool for files."""
-    described = [tool.description for tool in reading.prompt.tools if tool.name == MEMORY_TOOL]
-    match = CAP.search(described[0]) if described else None
-    return int(match[1]) - PATH_TOKENS if match else None
+    cap = _cap_in(next((tool.description for tool in reading.prompt.tools if tool.name == MEMORY_TOOL), ""))
+    return None if cap is None else cap - PATH_TOKENS
 
 
 def looked_up(message: Message) -> Message:
