@@ -177,18 +177,13 @@ class RewrittenHistory:
 
     def forms(self, pieces: Iterable[Piece]) -> list[Form]:
         """Return messages as a prompt shows them now."""
-        return list(chain.from_iterable(map(self._forms, pieces)))
+        return list(self.walk(pieces))
 
     def walk(self, pieces: Iterable[Piece]) -> Iterator[Form]:
         """Yield messages as a prompt shows them now one by one."""
-        for piece in pieces:
-            if isinstance(piece, Own):
-                yield self._own(piece)
-            else:
-                yield from map(self.now.__getitem__, piece)
-
-    def _forms(self, piece: Piece) -> Sequence[Form]:
-        return (self._own(piece),) if isinstance(piece, Own) else self.now[piece.start : piece.stop]
+        return chain.from_iterable(
+            (self._own(piece),) if isinstance(piece, Own) else map(self.now.__getitem__, piece) for piece in pieces
+        )
 
     def turns_of(self, numbers: range) -> range:
         """Return the turns that messages in a row belong to."""
