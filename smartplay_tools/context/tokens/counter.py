@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from smartplay_tools.context.prompts.history import history_of
 from smartplay_tools.context.prompts.wording import VERSION
@@ -26,6 +26,7 @@ from smartplay_tools.context.tokens.tokenizers import (
     with_pictures,
 )
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.types import ToolSpec
 from smartplay_tools.types.arguments import as_text, canonical, well_formed
 from smartplay_tools.types.messages import calls_of, text_and_pictures
 
@@ -57,16 +58,7 @@ def _remembered(count: Callable[[str], int]) -> Callable[[str], int]:
     return recall
 
 
-class _Tool(Protocol):
-    @property
-    def name(self) -> str: ...
-    @property
-    def description(self) -> str: ...
-    @property
-    def parameters(self) -> Mapping[str, Any]: ...
-
-
-def _properties(tool: _Tool) -> Mapping[str, Any]:
+def _properties(tool: ToolSpec) -> Mapping[str, Any]:
     properties = tool.parameters.get("properties") if isinstance(tool.parameters, Mapping) else tool.parameters
     if properties is None:
         return {}
@@ -173,7 +165,7 @@ class TokenCounter:
         """Count messages."""
         return sum(map(self.message, messages))
 
-    def tools(self, tools: Iterable[_Tool]) -> int:
+    def tools(self, tools: Iterable[ToolSpec]) -> int:
         """Count tool schemas: 7 a function, 3 for having properties, 3 a property, 12 at the end, and the texts.
 
         Any JSON Schema can be counted. A schema that is not one raises an `InvalidArgumentError`.
@@ -191,7 +183,7 @@ class TokenCounter:
                     count += -3 + sum(3 + self.text(str(item)) for item in enum)
         return count + 12 if any_tool else 0
 
-    def prompt(self, messages: Iterable[Mapping[str, Any]], tools: Iterable[_Tool] = ()) -> int:
+    def prompt(self, messages: Iterable[Mapping[str, Any]], tools: Iterable[ToolSpec] = ()) -> int:
         """Count a whole prompt."""
         return self.messages(messages) + PRIMING + self.tools(tools)
 
