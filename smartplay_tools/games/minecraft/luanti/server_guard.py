@@ -26,39 +26,7 @@ PREFIX = "smartplay-luanti-"
 PATIENCE = 0.5
 """Seconds between two checks of the server and of the process that uses it."""
 
-SETTINGS = """\
-smartplay_answers = {answers}
-fixed_map_seed = {seed}
-port = {port}
-bind_address = 127.0.0.1
-server_announce = false
-max_users = 0
-secure.trusted_mods = smartplay
-dedicated_server_step = 0.005
-num_emerge_threads = 1
-emergequeue_limit_total = 100000
-emergequeue_limit_diskonly = 100000
-emergequeue_limit_generate = 100000
-mg_name = v7
-mg_flags = nocaves,nodungeons,light,decorations,biomes,ores
-mgv7_spflags = nomountains,noridges,nofloatlands,nocaverns
-chunksize = 3
-time_speed = 0
-liquid_update = 1000000000
-server_map_save_interval = 1000000000
-server_unload_unused_data_timeout = 1000000000
-"""
-"""One thread makes the map, so that its order is fixed; liquids do not flow, because they would flow by elapsed time;
-nothing is unloaded or saved; nobody can join."""
-
-WORLD = """\
-gameid = minetest_game
-backend = dummy
-player_backend = dummy
-auth_backend = sqlite3
-mod_storage_backend = dummy
-load_mod_smartplay = true
-"""
+HERE = Path(__file__).parent
 
 
 def main(commands: int, answers: int, seed: str, program: str, game: str, mod: str) -> None:
@@ -69,7 +37,8 @@ def main(commands: int, answers: int, seed: str, program: str, game: str, mod: s
             signal.signal(getattr(signal, ending), lambda *_: sys.exit(1))
     with tempfile.TemporaryDirectory(prefix=PREFIX, ignore_cleanup_errors=True) as folder:
         home = Path(folder)
-        _furnish(home, Path(game), Path(mod), SETTINGS.format(answers=answers, seed=seed, port=_free_port()))
+        settings = (HERE / "server.conf").read_text(encoding="utf-8")
+        _furnish(home, Path(game), Path(mod), settings.format(answers=answers, seed=seed, port=_free_port()))
         server = _start(home, program, commands, answers)
         try:
             # Only the server may hold these, so that their end is noticed.
@@ -88,7 +57,7 @@ def _furnish(home: Path, game: Path, mod: Path, settings: str) -> None:
     world = home / "world"
     shutil.copytree(mod, world / "worldmods" / "smartplay")
     (world / "game").symlink_to(game)
-    (world / "world.mt").write_text(WORLD, encoding="utf-8", newline="\n")
+    shutil.copyfile(HERE / "world.mt", world / "world.mt")
     (home / "server.conf").write_text(settings, encoding="utf-8", newline="\n")
 
 
