@@ -9,7 +9,6 @@ grows with what it shows, and hardly with the conversation.
 from __future__ import annotations
 
 import inspect
-from bisect import bisect_left
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from itertools import accumulate, takewhile
@@ -261,38 +260,22 @@ class CompactingWindow(Window):
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        before, passed, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0, 0
-        # `turn` are the tokens that were passed since the reply with which the messages that stay begin.
-        for piece in reversed(pieces):
-            passed += length_of(piece)
-            if isinstance(piece, Own):
-                turn += self._size(piece)
-                if piece.message["role"] == "assistant" and (not kept or before + tokens + turn <= room):
-                    kept, tokens, turn = passed, tokens + turn, 0
-            else:
-                start = self._first_reply(piece, room - before - tokens - turn, is_needed=not kept)
-                if start is not None:
-                    kept, tokens = passed - (start - piece.start), tokens + turn + self._size(range(start, piece.stop))
-                    turn = 0
-                turn += self._size(range(piece.start, piece.stop if start is None else start))
+        before, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0
+        # `turn` are the tokens that were passed since the reply with which the messages that stay begin. An example in
+        # the host's head begins no turn.
+        backwards = (piece if isinstance(piece, Own) else piece[::-1] for piece in reversed(pieces))
+        examples = self._history.now[: self._history.starts[0]]
+        for passed, form in enumerate(self._history.walk(backwards), start=1):
+            turn += form.tokens(self._counter)
+            is_reply = form.message["role"] == "assistant" and form not in examples
+            if is_reply and (not kept or before + tokens + turn <= room):
+                kept, tokens, turn = passed, tokens + turn, 0
             if kept and before + tokens + turn > room:
                 break
         for lost in range(len(lead) + bool(kept)):
             if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
                 return lost, kept, needs
         return None
-
-    def _first_reply(self, row: range, most: int, *, is_needed: bool) -> int | None:
-        """The first reply in a row from which on its messages take at most so many tokens; None if there is none.
-
-        One that `is_needed` is then the last reply in the row.
-        """
-        starts = self._history.starts
-        first, stop = (bisect_left(starts, number) for number in (row.start, row.stop))
-        at = bisect_left(starts, self._sums[row.stop] - most, first, stop, key=self._sums.__getitem__)
-        if at == stop > first and is_needed:
-            at -= 1
-        return starts[at] if at < stop else None
 
     def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
