@@ -95,7 +95,6 @@ class TokenCounter:
         if not isinstance(words, TiktokenTokenizer):
             self.text("assistant")  # a tokenizer that fails does so here, not in the middle of an episode
         self._pictures: Callable[[int, int], object] | None = getattr(self.tokenizer, "image", None)
-        self._images: dict[tuple[int, int], int] = {}
 
     def _count(self, text: str) -> int:
         return self._whole(self.tokenizer.count(well_formed(text)))
@@ -123,10 +122,7 @@ class TokenCounter:
                 f"The tokenizer {self.tokenizer.name!r} does not count pictures; name a rule with it: "
                 f"{self.tokenizer.name}+{DEFAULT_RULE}."
             )
-        size = width, height
-        if size not in self._images:
-            self._images[size] = self._whole(self._pictures(width, height))
-        return self._images[size]
+        return self._whole(self._pictures(width, height))
 
     def content(self, message: Mapping[str, Any]) -> int:
         """Count the text and the pictures of a message."""
@@ -210,6 +206,4 @@ def picture_counter(counter: TokenCounter) -> TokenCounter:
     return shared_counter(tokenizer.name if is_named else tokenizer, counter.version)
 
 
-@functools.lru_cache(8)
-def _counter_of(name: str, version: str) -> TokenCounter:
-    return TokenCounter(name, version)
+_counter_of = functools.lru_cache(8)(TokenCounter)
