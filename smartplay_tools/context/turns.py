@@ -217,16 +217,6 @@ class Turn:
     def _form(self, item: Item, message: Message, step: int | None = None) -> Form:
         return Form(message, self.number, position=item.position, step=step)
 
-    def _shown(self, oldest: int, left_out: Sequence[int]) -> tuple[Form, ...]:
-        """The forms of all its messages: items before `oldest` are masked, others are without their pictures."""
-        forms = list(self.whole)
-        for at, item in enumerate(self.items):
-            if (date := item.date) is not None and date < oldest:
-                forms[at + 1] = self.hidden[at + 1]
-            elif at in left_out:
-                forms[at + 1] = self.plain[at + 1]
-        return tuple(forms)
-
     @cached_property
     def is_wordy(self) -> bool:
         """Whether the reply has calls, and words, reasoning or items of its provider with them."""
@@ -276,7 +266,14 @@ class Turn:
         left_out = self.left_out(pictures) if pictures else ()
         if not left_out and self.is_young(oldest):
             return self.whole
-        return self.hidden if oldest > self.step else self._shown(oldest, left_out)
+        if oldest > self.step:
+            return self.hidden
+        forms = list(self.whole)
+        for at in left_out:
+            forms[at + 1] = self.plain[at + 1]
+        for at in self.masked(oldest):
+            forms[at + 1] = self.hidden[at + 1]
+        return tuple(forms)
 
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of its messages, unmasked."""
