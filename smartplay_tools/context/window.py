@@ -93,11 +93,6 @@ class ContextWindow(Window):
             leaving = replace(before.selection, last=first - 1)
             self._leaving = Contents(before.state, leaving, summary, self._form.question)
 
-    @property
-    def is_owed_summary(self) -> bool:
-        """Whether a summary is asked for before the next prompt to play."""
-        return self._leaving is not None
-
     def view(self) -> View:
         """Return the next prompt: to play, or for a summary where the window is owed one.
 
