@@ -13,8 +13,8 @@ longest form of the message from the first trial on, so that no later trial is r
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Protocol, Self
+from collections.abc import Mapping
+from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -23,24 +23,9 @@ from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.registry import Registry
-from smartplay_tools.transcript.events import CallEvent, Event
+from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import Budget, CarriedStore, ResolvedBudget
 from smartplay_tools.types.messages import Message
-
-
-class StoreKind(Protocol):
-    """What an agent keeps with a tool, and a trial can leave to the next one."""
-
-    field: str
-    """The field of the budget that offers the tool."""
-    kept: str
-    """The field of `Carried` that holds it."""
-
-    @staticmethod
-    def after(calls: Iterable[CallEvent], before: Any, words: Wording) -> Any:
-        """Return what the store holds after these calls; `before` is what it held at the start, None for nothing."""
-        ...
-
 
 STORES = Registry(
     "carried store",
@@ -49,7 +34,12 @@ STORES = Registry(
         "memory": "smartplay_tools.context.strategies.memory:FilesStore",
     },
 )
-"""The stores by the value of `Rules.carry`."""
+"""The stores, which an agent keeps with a tool, by the value of `Rules.carry`.
+
+A store has two names: `field`, the field of the budget that offers its tool, and `kept`, the field of `Carried` that
+holds it. Its function `after(calls, before, words)` returns what it holds after `call` events; `before` is what it held
+at the start, None for nothing.
+"""
 
 
 class Carried(BaseModel):
