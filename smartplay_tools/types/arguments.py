@@ -13,7 +13,7 @@ import functools
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 __all__ = ["Arguments", "meaning", "object_in", "read", "value_in"]
 
@@ -149,12 +149,15 @@ def _portable(text: str, canonical: str) -> str:
     return text if whole == canonical else whole
 
 
-def well_formed(text: str) -> str:
-    """Return the text with pairs of surrogates joined to their character and each lone one replaced by U+FFFD."""
+def well_formed(text: str, *, lone: Literal["replace", "surrogatepass"] = "replace") -> str:
+    """Return the text with pairs of surrogates joined to their character, and each lone one replaced by U+FFFD.
+
+    With "surrogatepass" lone ones stay.
+    """
     try:
         text.encode()
     except UnicodeEncodeError:
-        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
+        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", lone)
     return text
 
 

@@ -15,7 +15,7 @@ from typing import Any, Literal, NotRequired, Required
 from typing_extensions import TypedDict  # Pydantic, which checks recorded messages, needs it on Python 3.11
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read
+from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read, well_formed
 from smartplay_tools.types.pictures import is_picture
 
 __all__ = [
@@ -247,13 +247,7 @@ def with_arguments(message: Message, arguments: Sequence[str]) -> Message:
 
 def whole(text: str) -> str:
     """Return the text with surrogate pairs joined: a stream may deliver one character in two halves."""
-    if text.isascii():
-        return text
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "surrogatepass")
-    return text
+    return text if text.isascii() else well_formed(text, lone="surrogatepass")
 
 
 def copy_of(message: Message) -> Message:
