@@ -70,9 +70,6 @@ def text_of(message: Mapping[str, Any]) -> str:
 
     Any other part is an `InvalidArgumentError`.
     """
-    content = message.get("content")
-    if content is None or isinstance(content, str):
-        return content or ""
     return text_and_pictures(message)[0]
 
 
