@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -78,27 +78,6 @@ class Pending:
             "overrun": self.max_tokens is not None and reply > self.max_tokens,
             **({"texts": self.view.text_tokens} if self.view.text_tokens else {}),
         }
-
-
-class _NamedPictures(Mapping[str, Picture]):
-    """The pictures that messages name, by their sha256, collected when the first is used."""
-
-    def __init__(self, messages: Sequence[Message], kept: Mapping[str, Picture]) -> None:
-        self._messages, self._kept = messages, kept
-
-    @cached_property
-    def _named(self) -> dict[str, Picture]:
-        named = [part["sha256"] for message in self._messages for part in pictures_of(message)]
-        return {sha256: self._kept[sha256] for sha256 in named}
-
-    def __getitem__(self, sha256: str) -> Picture:
-        return self._named[sha256]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._named)
-
-    def __len__(self) -> int:
-        return len(self._named)
 
 
 def check_episode(episode: object) -> None:
@@ -304,7 +283,8 @@ class BaseConversation(ABC):
         kept = self._pictures
         while not view.asks_for_summary and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
-        return _NamedPictures(view.shown, kept.copy())
+        named = [part["sha256"] for message in view.shown for part in pictures_of(message)]
+        return {sha256: kept[sha256] for sha256 in named}
 
     def _keep_picture(self, picture: Picture) -> None:
         """Keep a picture for the views that may show it."""
