@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -58,16 +58,8 @@ class Pending:
 
     view: View
     max_tokens: int | None
-    prefix_messages: int
-    cache_key: str
-    pictures: Mapping[str, Picture]
-    version: str
-
-    def prompt(self) -> Prompt:
-        """Return the prompt."""
-        view = self.view
-        facts = self.prefix_messages, view.purpose, self.cache_key, self.pictures, self.version
-        return Prompt(view.shown, view.tools, self.max_tokens, *facts)
+    prompt: Callable[[], Prompt]
+    """Makes it: each time with copies of its own."""
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""
@@ -273,8 +265,8 @@ class BaseConversation(ABC):
             self._ledger.on_view(view.tokens, max_tokens or 0)
         prefix_messages = common_beginning(view.forms, self._shown_before, is_equal=True)
         self._shown_before = view.forms
-        pictures, version = self._shown_pictures(view), self.episode.words.version
-        return Pending(view, max_tokens, prefix_messages, self._cache_key, pictures, version)
+        facts = view.purpose, self._cache_key, self._shown_pictures(view), self.episode.words.version
+        return Pending(view, max_tokens, partial(Prompt, view.shown, view.tools, max_tokens, prefix_messages, *facts))
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""
