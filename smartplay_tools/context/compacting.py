@@ -9,7 +9,8 @@ grows with what it shows, and hardly with the conversation.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Generator, Iterable, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from itertools import accumulate, takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -260,22 +261,27 @@ class CompactingWindow(Window):
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        before, turn, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0, 0
-        # `turn` are the tokens that were passed since the reply with which the messages that stay begin. An example in
-        # the host's head begins no turn.
-        backwards = (piece if isinstance(piece, Own) else piece[::-1] for piece in reversed(pieces))
-        examples = self._history.now[: self._history.starts[0]]
-        for passed, form in enumerate(self._history.walk(backwards), start=1):
-            turn += form.tokens(self._counter)
-            is_reply = form.message["role"] == "assistant" and form not in examples
-            if is_reply and (not kept or before + tokens + turn <= room):
-                kept, tokens, turn = passed, tokens + turn, 0
-            if kept and before + tokens + turn > room:
+        before, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0
+        for messages, size in self._beginnings(pieces):
+            if kept and before + size > room:
                 break
+            kept, tokens = messages, size
         for lost in range(len(lead) + bool(kept)):
             if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
                 return lost, kept, needs
         return None
+
+    def _beginnings(self, pieces: Sequence[Piece]) -> Iterator[tuple[int, int]]:
+        """Yield the replies that a prompt can begin with, newest first: the messages from there on, their tokens."""
+        passed, tokens, starts = 0, 0, self._history.starts
+        for piece in reversed(pieces):
+            if isinstance(piece, range):
+                first, stop = (bisect_left(starts, number) for number in (piece.start, piece.stop))
+                for start in reversed(starts[first:stop]):
+                    yield passed + piece.stop - start, tokens + self._size(range(start, piece.stop))
+            passed, tokens = passed + length_of(piece), tokens + self._size(piece)
+            if isinstance(piece, Own) and piece.message["role"] == "assistant":
+                yield passed, tokens
 
     def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.
