@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
-from smartplay_tools.cli import COMMANDS, PANELS, app
+from smartplay_tools.cli import PANELS, app
 
 HANOI, RPS = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0"
 
@@ -124,8 +124,7 @@ def test_every_command_has_help_with_an_example(command):
     assert f"Example: smartplay-tools {command}" in " ".join(run(*command.split(), "--help").output.split())
 
 
-def test_every_command_is_in_one_group_of_the_help():
-    assert sorted(name for names in PANELS.values() for name in names) == sorted(COMMANDS)
+def test_the_help_has_every_group():
     listed = run("--help").output
     assert all(panel in listed for panel in PANELS)
 

@@ -11,6 +11,8 @@ import copy
 import errno
 import io
 import json
+import pkgutil
+import re
 import shutil
 import sys
 import warnings
@@ -37,112 +39,67 @@ OF_FILES = frozenset(
 
 
 class _Entry(NamedTuple):
-    """A command: the place of its function or `typer.Typer`, and its line in the list of commands."""
+    """A command: the place of its function or `typer.Typer`."""
 
     place: str
-    summary: str
     needs_arguments: bool = False
+    of_group: str = ""
+    """The summary of a group of commands; that of a command is in its docstring."""
+
+    @property
+    def summary(self) -> str:
+        """The line in the list of commands. A docstring's is read from the source, which imports nothing."""
+        if self.of_group:
+            return self.of_group
+        module, _, function = self.place.partition(":")
+        source = (pkgutil.get_data(__name__, f"{module}.py") or b"").decode("utf-8")
+        (summary,) = re.findall(rf'^def {function}\(.*?^    """(.+?)$', source, re.MULTILINE | re.DOTALL)
+        return str(summary)
 
 
-COMMANDS = {
-    "games": _Entry("games:games", "List every setting that can be played."),
-    "manual": _Entry("games:manual", "Print a game's manual, as the original prints it."),
-    "schema": _Entry("games:schema", "Print the tool schemas of a game."),
-    "play": _Entry(
-        "play:play",
-        "Play one episode and show its calls, observations, prompt tokens and result.",
-    ),
-    "replay": _Entry(
-        "replay:replay",
-        "Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.",
-    ),
-    "demo": _Entry(
-        "demo:demo",
-        "Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.",
-    ),
-    "doctor": _Entry(
-        "doctor:doctor",
-        "Print which engines, extras and local models work on this machine, and how to set up the others.",
-    ),
-    "eval": _Entry(
-        "evaluate:evaluate",
-        "Play several trials of games with players, and print the results. The same command again resumes the run.",
-        True,
-    ),
-    "agent": _Entry(
-        "agent:agent",
-        "Play a run with a program of yours, which asks its model at an address that shows it the exact window.",
-        True,
-    ),
-    "check": _Entry(
-        "check:check",
-        "Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.",
-        True,
-    ),
-    "sweep": _Entry(
-        "sweep:sweep",
-        "Play a grid of context windows on the same seeds, and print what smaller windows cost and save.",
-        True,
-    ),
-    "results": _Entry(
-        "results:results",
-        "Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.",
-        True,
-    ),
-    "compare": _Entry(
-        "compare:compare",
-        "Compare runs pair by pair: differences with intervals, wins, ties and losses, tokens.",
-        True,
-    ),
-    "cost": _Entry(
-        "cost:cost",
-        "Show what runs would have cost under the rules of providers' caches, computed from their records.",
-        True,
-    ),
-    "power": _Entry(
-        "compare:power",
-        "Say how many trials it takes to see a difference, from the spread of the pairs in these runs.",
-        True,
-    ),
-    "report": _Entry(
-        "report:report",
-        "Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a "
-        "network.",
-        True,
-    ),
-    "share": _Entry(
-        "report:share",
-        "Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.",
-        True,
-    ),
-    "merge": _Entry("sweep:merge", "Merge the shards of a run.", True),
-    "export": _Entry(
-        "export:export",
-        "Write finished episodes as training rows, trajectories or Inspect logs.",
-        True,
-    ),
-    "board": _Entry(
-        "submit:board", "Check every submission in a folder and write a leaderboard as static pages.", True
-    ),
-    "view": _Entry(
-        "view:view",
-        "Serve a site over run folders on this machine: runs, episodes, and what is being played now.",
-    ),
-    "submit": _Entry("submit:app", "Submit a run to a leaderboard, or check a submission."),
-    "serve": _Entry("serve:app", "Serve players and games to other programs."),
-    "model": _Entry("doctor:models_app", "Download and list the models that --player local plays on this machine."),
-    "minedojo": _Entry("doctor:minedojo_app", "Set up MineDojo, the Minecraft engine of the paper."),
+PANELS: Mapping[str, Mapping[str, _Entry]] = {
+    "Play": {
+        "games": _Entry("games:games"),
+        "manual": _Entry("games:manual"),
+        "schema": _Entry("games:schema"),
+        "play": _Entry("play:play"),
+        "replay": _Entry("replay:replay"),
+        "demo": _Entry("demo:demo"),
+        "doctor": _Entry("doctor:doctor"),
+    },
+    "Run": {
+        "eval": _Entry("evaluate:evaluate", True),
+        "agent": _Entry("agent:agent", True),
+        "check": _Entry("check:check", True),
+        "sweep": _Entry("sweep:sweep", True),
+        "merge": _Entry("sweep:merge", True),
+    },
+    "Look and compare": {
+        "results": _Entry("results:results", True),
+        "compare": _Entry("compare:compare", True),
+        "cost": _Entry("cost:cost", True),
+        "power": _Entry("compare:power", True),
+        "report": _Entry("report:report", True),
+        "share": _Entry("report:share", True),
+        "view": _Entry("view:view"),
+    },
+    "Publish": {
+        "export": _Entry("export:export", True),
+        "board": _Entry("submit:board", True),
+        "submit": _Entry("submit:app", of_group="Submit a run to a leaderboard, or check a submission."),
+    },
+    "Serve and set up": {
+        "serve": _Entry("serve:app", of_group="Serve players and games to other programs."),
+        "model": _Entry(
+            "doctor:models_app",
+            of_group="Download and list the models that --player local plays on this machine.",
+        ),
+        "minedojo": _Entry("doctor:minedojo_app", of_group="Set up MineDojo, the Minecraft engine of the paper."),
+    },
 }
-"""Every command, in the order in which they are listed. A summary is the first line of the command's docstring."""
+"""Every command by the group in which the help lists it, in the order in which they are listed."""
 
-PANELS = {
-    "Play": ("games", "manual", "schema", "play", "replay", "demo", "doctor"),
-    "Run": ("eval", "agent", "check", "sweep", "merge"),
-    "Look and compare": ("results", "compare", "cost", "power", "report", "share", "view"),
-    "Publish": ("export", "board", "submit"),
-    "Serve and set up": ("serve", "model", "minedojo"),
-}
-"""The groups in which the help lists them."""
+COMMANDS = {name: entry for commands in PANELS.values() for name, entry in commands.items()}
 
 
 INTERRUPTED = 130
@@ -183,7 +140,7 @@ class _LateCommands(Mapping[str, Any]):
         command.name = name
         for each in (command, *getattr(command, "commands", {}).values()):
             each.help = each.help and "\n\n".join(" ".join(part.split()) for part in each.help.split("\n\n"))
-        command.help = command.help or entry.summary  # python -OO has no docstrings
+        command.help = command.help or entry.summary  # of a group; python -OO has no docstrings
         return command
 
     def __iter__(self) -> Iterator[str]:
@@ -215,9 +172,9 @@ class _Commands(TyperGroup):
         """Print the help from the summaries, which imports none of the commands."""
         listed = copy.copy(self)
         listed.commands = {
-            name: TyperCommand(name, help=COMMANDS[name].summary, rich_help_panel=panel)
-            for panel, names in PANELS.items()
-            for name in names
+            name: TyperCommand(name, help=entry.summary, rich_help_panel=panel)
+            for panel, commands in PANELS.items()
+            for name, entry in commands.items()
         }
         TyperGroup.format_help(listed, ctx, formatter)
 

@@ -288,9 +288,7 @@ def _table(findings: list[PartCheck]) -> Table:
     return table
 
 
-models_app = typer.Typer(
-    help="Download and list the models that --player local plays on this machine.", no_args_is_help=True
-)
+models_app = typer.Typer(no_args_is_help=True)
 
 
 @models_app.command("get")
@@ -327,7 +325,7 @@ def show(as_json: options.Json = False) -> None:
     typer.echo("Any other GGUF file is played by its path: --player local:FILE.gguf")
 
 
-minedojo_app = typer.Typer(help="Set up MineDojo, the Minecraft engine of the paper.", no_args_is_help=True)
+minedojo_app = typer.Typer(no_args_is_help=True)
 
 
 @minedojo_app.command("install")

@@ -13,7 +13,7 @@ from smartplay_tools.errors import InvalidArgumentError
 ENDPOINT = "smartplay_openai"
 """The adapter that serves players; imported at first use."""
 
-app = typer.Typer(help="Serve players and games to other programs.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 app.command("mcp")(serve_mcp.mcp)

@@ -14,7 +14,7 @@ import typer
 from smartplay_tools.cli import options, program
 from smartplay_tools.errors import InvalidArgumentError
 
-app = typer.Typer(help="Submit a run to a leaderboard, or check a submission.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command(no_args_is_help=True)
