@@ -40,12 +40,12 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
 from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page, is_loopback
+from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
     CHALLENGE,
     LONGEST_WAIT,
     LOOK_SECONDS,
-    PlayedGames,
     json_body,
     play_routes,
     refused,
@@ -73,7 +73,7 @@ def view_app(
     *,
     token: str | None = None,
     hosts: Sequence[str] = (),
-    play: PlayedGames | None = None,
+    play: BrowserGames | None = None,
     plugins: bool = False,
     annotate: bool = False,
     is_stopping: Callable[[], bool] = lambda: False,
@@ -302,7 +302,7 @@ class ViewServer(Server):
         port: int = 0,
         token: str | None = None,
         hosts: Sequence[str] = (),
-        play: PlayedGames | None = None,
+        play: BrowserGames | None = None,
         plugins: bool = False,
         annotate: bool = False,
     ) -> None:

@@ -258,10 +258,6 @@ class BrowserGames:
                 )
             return self._runs[name].begun(self._begun)
 
-    def read(self, link: str) -> Challenge:
-        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
-        return Challenge.read(link)
-
     def take(self, link: str) -> str:
         """Take a challenge, given as its link; return the name of its run."""
         challenge = Challenge.read(link)

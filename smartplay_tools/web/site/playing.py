@@ -14,8 +14,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
 from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
@@ -26,12 +26,13 @@ from starlette.routing import Route
 from smartplay_tools.episode.config import RULES, CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.quantities import typeset
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.games.minecraft.engines import PAPER_GOALS
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in
-from smartplay_tools.web.site.browser_player import BrowserPlayer, PassedError
+from smartplay_tools.web.site.browser_play import BrowserGames, BrowserPlay
+from smartplay_tools.web.site.browser_player import PassedError
+from smartplay_tools.web.site.challenge import Challenge
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page_now
 
 LONGEST_WAIT = 15.0
@@ -53,76 +54,7 @@ FAMILIES: Mapping[str, tuple[str, str]] = {
 """The name of each family of games, and its task in a sentence."""
 
 
-class PlayedRun(Protocol):
-    """What a person plays in the browser: `evaluation.runs.browser_play.BrowserPlay`."""
-
-    game: str
-    player: BrowserPlayer
-    """Its `number` is the version of the displayed state; clients poll for a new value."""
-    folder: RunFolder
-
-    def state(self) -> dict[str, Any]:
-        """Return what the page shows, as JSON."""
-        ...
-
-    def next(self) -> None:
-        """Begin another episode, once one is over."""
-        ...
-
-    def beside(self) -> dict[str, float | None]:
-        """Return what other players score in the same world."""
-        ...
-
-    def challenges(self) -> str:
-        """Return the query of a link that challenges somebody to the latest episode."""
-        ...
-
-    def gone(self) -> dict[str, Any]:
-        """Return how many turns the latest prompt did not show, of how many, and the first that had left."""
-        ...
-
-
-class Challenged(Protocol):
-    """What a challenge is about: `evaluation.runs.challenge.Challenge`."""
-
-    @property
-    def cell(self) -> CellConfig:
-        """What is played."""
-        ...
-
-    @property
-    def score(self) -> float:
-        """The score to beat."""
-        ...
-
-
-class PlayedGames(Protocol):
-    """The games that a person may play: `BrowserGames`."""
-
-    @property
-    def games(self) -> Sequence[str]:
-        """The ids of their settings."""
-        ...
-
-    @property
-    def taken(self) -> Mapping[str, Challenged]:
-        """The challenges that were taken, by the names of their runs."""
-        ...
-
-    def run_of(self, name: str) -> PlayedRun:
-        """Return the run of a game or of a challenge; `InvalidArgumentError` if it cannot be played here."""
-        ...
-
-    def read(self, link: str) -> Challenged:
-        """Return the challenge of a link; `InvalidArgumentError` says what is wrong with it."""
-        ...
-
-    def take(self, link: str) -> str:
-        """Take the challenge of a link; return the name of its run."""
-        ...
-
-
-def play_routes(play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
+def play_routes(play: BrowserGames, key: str, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; the page carries the `key` that its requests have to show."""
     site = _Playing(play, key, is_stopping)
     api = "/api/play/{game}"
@@ -140,7 +72,7 @@ def play_routes(play: PlayedGames, key: str, is_stopping: Callable[[], bool]) ->
 
 
 class _Playing:
-    def __init__(self, play: PlayedGames, key: str, is_stopping: Callable[[], bool]) -> None:
+    def __init__(self, play: BrowserGames, key: str, is_stopping: Callable[[], bool]) -> None:
         self._play, self._key, self._is_stopping = play, key, is_stopping
 
     async def games(self, request: Request) -> Response:
@@ -155,7 +87,7 @@ class _Playing:
 
     async def challenge(self, request: Request) -> Response:
         """Answer with what a challenge is about. It begins when a person wants it, as other pages can open this one."""
-        about = await run_in_threadpool(self._play.read, request.url.query)
+        about = await run_in_threadpool(Challenge.read, request.url.query)
         cell = about.cell
         share = cell.spec.normalize(about.score)
         facts = {"game": cell.game, "budget": typeset(cell.budget.describe()), "score": about.score, "share": share}
@@ -166,7 +98,7 @@ class _Playing:
         return await _take(request, lambda given: {"play": f"/play/{self._play.take(str(given.get('link')))}"})
 
     def of_run(
-        self, answer: Callable[[Request, PlayedRun], Awaitable[Response]]
+        self, answer: Callable[[Request, BrowserPlay], Awaitable[Response]]
     ) -> Callable[[Request], Awaitable[Response]]:
         """Return a route that answers about the run of the game in its address."""
 
@@ -179,7 +111,7 @@ class _Playing:
 
         return route
 
-    async def page(self, request: Request, run: PlayedRun) -> Response:
+    async def page(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with the page of a game."""
         several = len(self._play.games) > 1 or bool(self._play.taken)
         name = request.path_params["game"]
@@ -189,7 +121,7 @@ class _Playing:
             aim = f"Find this biome: {PAPER_GOALS[spec.kwargs['task']].name}."
         return page_now("play.html.j2", game=run.game, aim=aim, name=name, key=self._key, several=several)
 
-    async def state(self, request: Request, run: PlayedRun) -> Response:
+    async def state(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with what is to be shown, when it has changed."""
         shown, waited = request.query_params.get("after", ""), 0.0
         while shown == str(run.player.number) and waited < LONGEST_WAIT and not self._is_stopping():
@@ -198,7 +130,7 @@ class _Playing:
         state = await run_in_threadpool(run.state)
         return AsciiJson({**state, "over": _over(state["over"], run)}, headers=HEADERS)
 
-    async def beside(self, request: Request, run: PlayedRun) -> Response:
+    async def beside(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with the scores of others: the paper's people and models, and ours in the same world."""
         ours = await run_in_threadpool(run.beside)
         paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
@@ -210,15 +142,15 @@ class _Playing:
             answer["unshared"] = str(error)
         return AsciiJson(answer, headers=HEADERS)
 
-    async def reply(self, request: Request, run: PlayedRun) -> Response:
+    async def reply(self, request: Request, run: BrowserPlay) -> Response:
         """Take the answer to a prompt."""
         return await _take(request, run.player.answer)
 
-    async def picture(self, request: Request, run: PlayedRun) -> Response:
+    async def picture(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with a picture of the game."""
         return await _take(request, lambda given: {"image": run.player.picture(given)})
 
-    async def next(self, request: Request, run: PlayedRun) -> Response:
+    async def next(self, request: Request, run: BrowserPlay) -> Response:
         """Begin another episode."""
         return await _take(request, lambda given: run.next())
 
@@ -242,7 +174,7 @@ async def refused(request: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), 409 if isinstance(error, PassedError) else 400, HEADERS)
 
 
-def _over(row: dict[str, Any] | None, run: PlayedRun) -> dict[str, Any] | None:
+def _over(row: dict[str, Any] | None, run: BrowserPlay) -> dict[str, Any] | None:
     if row is None:
         return None
     facts = {name: row[name] for name in ("score", "normalized_score", "steps", "end_reason")}
