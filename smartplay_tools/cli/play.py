@@ -166,12 +166,12 @@ def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
 
     Without a `transcript` the record is a temporary file. Afterwards the page is served on until Ctrl-C.
     """
-    from smartplay_tools.web.site import ViewServer
+    from smartplay_tools.web.site import RunList, ViewServer
     from smartplay_tools.web.site.site_record import PLAYING, SiteRecord
 
     with tempfile.TemporaryDirectory() as folder:
         path = transcript or Path(folder) / "episode.jsonl"
-        with ViewServer([SiteRecord(path)]) as server:
+        with ViewServer(RunList(always=[SiteRecord(path)])) as server:
             yield path, f"{server.url}episode/{quote(path.name)}/{PLAYING}"
             typer.echo("The page stays until Ctrl-C.", err=True)
             with suppress(KeyboardInterrupt):

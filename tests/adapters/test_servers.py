@@ -120,7 +120,7 @@ SERVERS: dict[str, tuple[Make, int]] = {
     "WindowEndpoint: /mcp": (serve_tools_of_a_window, CALL),
     "HttpServer, http_app": (serve_mcp, CALL),
     "HttpServer: /episodes": (serve_operator, CALL),
-    "ViewServer, view_app": (view_and_play, CALL),
+    "ViewServer": (view_and_play, CALL),
     "new_app": (serve_openenv, CALL),
 }
 """How each is made, and the most bytes of a body. A name begins with the class of the server and its application."""

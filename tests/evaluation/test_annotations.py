@@ -59,7 +59,7 @@ def test_what_is_no_note_is_refused(run):
 
 def test_a_page_of_the_site_writes_notes_and_nobody_else(run):
     key = run.rows[0]["key"]
-    with view.ViewServer(site_runs.find_runs([run.folder.path]), annotate=True) as server:
+    with view.ViewServer(view.RunList([run.folder.path]), annotate=True) as server:
         page = get(f"{server.url}episode/run/episodes/{key}")[2]
         facts = json.loads(html.unescape(page.partition('data-site="')[2].partition('"')[0]))
         address = server.url.rstrip("/") + facts["notes"]
@@ -81,7 +81,7 @@ def test_a_page_of_the_site_writes_notes_and_nobody_else(run):
 
 def test_a_site_that_was_not_started_for_it_takes_no_notes(run):
     key = run.rows[0]["key"]
-    with view.ViewServer(site_runs.find_runs([run.folder.path])) as server:
+    with view.ViewServer(view.RunList([run.folder.path])) as server:
         assert post(f"{server.url}api/notes/run/episodes/{key}", {"turn": 0, "note": "x"})[0] in (404, 405)
         assert '"notes":' not in html.unescape(get(f"{server.url}episode/run/episodes/{key}")[2].partition("<main>")[0])
     assert read_notes(run.transcript(key)) == {}

@@ -57,7 +57,7 @@ def show(browser) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def site(runs) -> Iterator[str]:
-    with view.ViewServer(site_runs.find_runs([runs])) as server:
+    with view.ViewServer(view.RunList([runs])) as server:
         yield server.url
 
 
@@ -200,7 +200,7 @@ def test_an_episode_is_followed_while_it_is_played(show, runs, tmp_path):
     (folder / "results.jsonl").write_text("".join(row for row in rows if key not in row))
     record = folder / "running" / f"{key}.1.jsonl"
     record.write_text("".join(whole[:14]))
-    with view.ViewServer(site_runs.find_runs([folder])) as server:
+    with view.ViewServer(view.RunList([folder])) as server:
         page = show(server.url)
         page.locator("#playing a").click()
         page.wait_for_selector("body[data-ready] #player:not([hidden])")
@@ -282,7 +282,7 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
 
 def test_a_note_is_written_with_a_key_and_is_in_the_list(show, runs, tmp_path):
     shutil.copytree(runs / "one", tmp_path / "one")
-    with view.ViewServer(site_runs.find_runs([tmp_path]), annotate=True) as server:
+    with view.ViewServer(view.RunList([tmp_path]), annotate=True) as server:
         page = show(server.url)
         page.locator("#rows a").first.click()
         page.wait_for_selector("body[data-ready] #player:not([hidden])")

@@ -34,7 +34,6 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
-from starlette.types import ASGIApp
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
@@ -68,30 +67,10 @@ KEY = "x-smartplay-key"
 """The header with the key of a page that plays, which other sites cannot read."""
 
 
-def view_app(
-    runs: RunList | Sequence[ViewedRun],
-    *,
-    token: str | None = None,
-    hosts: Sequence[str] = (),
-    play: BrowserGames | None = None,
-    plugins: bool = False,
-    annotate: bool = False,
-    is_stopping: Callable[[], bool] = lambda: False,
-) -> ASGIApp:
-    """Return the site as an ASGI application.
-
-    Arguments:
-        runs: the runs that it shows; a `RunList` finds new ones while the site is served.
-        token: what a request has to carry; with None, everybody who reaches the server may read.
-        hosts: the names under which the server is reached, in addition to this machine's own.
-        play: the games that a person plays in the browser; their runs are among `runs`.
-        plugins: whether games of installed packages that records name are imported, to draw them.
-        annotate: whether visitors may write notes about turns, which are kept beside the records.
-        is_stopping: checked by streams, which would not end by themselves.
-    """
-    key = None if play is None and not annotate else secrets.token_urlsafe(24)
-    listed = runs if isinstance(runs, RunList) else RunList(always=runs)
-    site = _Site(listed, is_stopping, plugins=plugins, key=key if annotate else None)
+def _routes(
+    site: _Site, play: BrowserGames | None, key: str | None, is_stopping: Callable[[], bool], *, annotate: bool
+) -> list[Route]:
+    """Return the routes; those that change something ask for the `key` of a page."""
     routes = [
         Route("/", page("index.html.j2", games=None if play is None else play.games)),
         Route("/compare", site.compare),
@@ -107,12 +86,8 @@ def view_app(
     if annotate:
         routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
     if play is not None and key is not None:
-        routes += play_routes(play, key, is_stopping)
-    else:
-        routes += [Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}")]
-    # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
-    app = GZipMiddleware(Starlette(routes=routes, exception_handlers={SmartPlayError: refused}), minimum_size=10_000)
-    return Guard(app, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
+        return [*routes, *play_routes(play, key, is_stopping)]
+    return [*routes, *(Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}"))]
 
 
 class _Conditions:
@@ -292,11 +267,22 @@ def _now(run: ViewedRun) -> dict[str, Any]:
 
 
 class ViewServer(Server):
-    """A server of the site; `run` serves until it is stopped, `with` serves in a thread."""
+    """A server of the site; `run` serves until it is stopped, `with` serves in a thread.
+
+    Arguments:
+        runs: the runs that it shows, of which new ones are found while it serves.
+        host, port: where to listen; port 0 is a free one.
+        token: what a request has to carry, drawn here for an address that is not local; with None, everybody who
+            reaches the server may read.
+        hosts: the names under which the server is reached, in addition to this machine's own.
+        play: the games that a person plays in the browser; their runs are among `runs`.
+        plugins: whether games of installed packages that records name are imported, to draw them.
+        annotate: whether visitors may write notes about turns, which are kept beside the records.
+    """
 
     def __init__(
         self,
-        runs: RunList | Sequence[ViewedRun],
+        runs: RunList,
         *,
         host: str = "127.0.0.1",
         port: int = 0,
@@ -313,16 +299,18 @@ class ViewServer(Server):
             )
         if is_open and token is None:
             token = secrets.token_urlsafe(24)
-        app = view_app(
-            runs,
-            token=token,
-            hosts=hosts,
-            play=play,
-            plugins=plugins,
-            annotate=annotate,
-            is_stopping=lambda: self.is_stopping,
-        )
-        super().__init__(app, host, port)
+        key = None if play is None and not annotate else secrets.token_urlsafe(24)
+
+        def is_stopping() -> bool:  # streams would not end by themselves
+            return self.is_stopping
+
+        site = _Site(runs, is_stopping, plugins=plugins, key=key if annotate else None)
+        routes = _routes(site, play, key, is_stopping, annotate=annotate)
+        app = Starlette(routes=routes, exception_handlers={SmartPlayError: refused})
+        # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
+        compressed = GZipMiddleware(app, minimum_size=10_000)
+        guarded = Guard(compressed, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
+        super().__init__(guarded, host, port)
         self.url = f"{self.address(hosts[0]) if is_open else self.url}/"
         self.entry = self.url if token is None else f"{self.url}?token={token}"
         """The address that a browser opens first; the token is kept in a cookie from then on."""

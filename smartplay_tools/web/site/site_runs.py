@@ -332,11 +332,3 @@ def _runs_in(folder: Path, depth: int) -> Iterator[Path]:
             return
         for name in below:
             yield from _runs_in(folder / name, depth - 1)
-
-
-def find_runs(folders: Sequence[str | Path]) -> list[ViewedRun]:
-    """Return the runs that folders hold now; none is an `InvalidArgumentError`."""
-    runs = RunList(folders).current()
-    if not runs:
-        raise InvalidArgumentError(f"{', '.join(map(str, folders))} holds no run; smartplay-tools eval makes one.")
-    return runs
