@@ -281,13 +281,6 @@ def test_two_folders_with_runs_of_the_same_name_have_two_names(runs, tmp_path):
     assert "one" in names
 
 
-def test_old_addresses_lead_on_or_say_why_not(site):
-    status, headers, _ = get(f"{site}/watch/one/running/0123456789abcdef.1")
-    assert (status, headers["location"]) == (301, "/episode/one/running/0123456789abcdef.1")
-    status, _, text = get(f"{site}/episode/0/episodes/0123456789abcdef")
-    assert (status, "no longer by its position" in text) == (404, True)
-
-
 def test_an_episode_s_page_knows_its_list_and_its_neighbours(site):
     records = [row[0] for row in json.loads(get(f"{site}/api/runs/one/episodes")[2])["episodes"]]
     page = get(f"{site}/episode/one/{records[1]}")[2]

@@ -26,7 +26,6 @@ import json
 import secrets
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
-from urllib.parse import quote
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -74,7 +73,6 @@ def _routes(
     routes = [
         Route("/", page("index.html.j2", games=None if play is None else play.games)),
         Route("/compare", site.compare),
-        Route("/watch/{rest:path}", _moved),
         Route("/episode/{run:path}/{kind}/{stem}", site.episode),
         Route("/api/runs", site.runs),
         Route("/api/runs/{run:path}/episodes", site.episodes),
@@ -122,11 +120,6 @@ class _Conditions:
 
 def _same(given: str, token: str) -> bool:
     return hmac.compare_digest(given.encode(), token.encode())
-
-
-async def _moved(request: Request) -> Response:
-    """Lead from the address that a live page once had to that of the episode, which is live itself."""
-    return RedirectResponse(f"/episode/{quote(request.path_params['rest'])}", 301, HEADERS)
 
 
 async def _no_games(request: Request) -> Response:
@@ -230,14 +223,9 @@ class _Site:
 
     def _named(self, name: str) -> ViewedRun:
         run = self._runs.named(name)
-        if run is not None:
-            return run
-        why = (
-            " An address names a run by its folder, and no longer by its position in the list."
-            if name.isdigit()
-            else ""
-        )
-        raise InvalidArgumentError(f"There is no run {name!r} here now.{why} The list of runs is at /.")
+        if run is None:
+            raise InvalidArgumentError(f"There is no run {name!r} here now. The list of runs is at /.")
+        return run
 
     def _record(self, request: Request) -> tuple[ViewedRun, str]:
         return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
