@@ -27,7 +27,7 @@ import pickle
 import random
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 from unittest.mock import patch
@@ -69,6 +69,9 @@ NO_SEEDS = ("x", "1", -1, 1.5, True, [3], b"1")
 
 Setting = str | GameSpec
 
+CHECKS: list[Callable[[Setting], None]] = []
+"""All checks in their order; each is a function of a setting, and its name completes the sentence "The game ..."."""
+
 
 def check_game(game: Setting) -> None:
     """Hold a game to every check of `CHECKS`."""
@@ -77,7 +80,7 @@ def check_game(game: Setting) -> None:
 
 
 def _check(function: Callable[[GameSpec], None]) -> Callable[[Setting], None]:
-    """Return a check of a setting; what the game raises in it is a mistake of the game's, too."""
+    """Make a function a check, the next of `CHECKS`; what the game raises in it is a mistake of the game's, too."""
 
     @functools.wraps(function)
     def check(game: Setting) -> None:
@@ -90,6 +93,7 @@ def _check(function: Callable[[GameSpec], None]) -> Callable[[Setting], None]:
             about = (function.__doc__ or "").partition("\n")[0]
             raise AssertionError(f"It raises {type(error).__name__}: {error}. The rule: {about}") from error
 
+    CHECKS.append(check)
     return check
 
 
@@ -150,32 +154,27 @@ def gives_texts_numbers_and_json(spec: GameSpec) -> None:
 
 
 @_check
-def is_a_gymnasium_environment(spec: GameSpec) -> None:
-    """Gymnasium's own checker finds nothing wrong; a registered setting is made, and truncated, by Gymnasium.
-
-    `np_random_seed` after a reset without a seed is the seed of its world.
-    """
-    from gymnasium.utils.env_checker import check_env
-
-    game = spec.make()
-    played = game.reset(), game.state_hash()
-    again = game.reset(seed=game.np_random_seed), game.state_hash()
-    _require(played == again, "np_random_seed after a reset without a seed brings another world: draw from np_random")
-    if not _is_registered(spec):
-        check_env(spec.make(), skip_render_check=True)  # it asks Gymnasium's registry for the render modes
-        return
-    made = gymnasium.make(f"smartplay/{spec.id}")
-    check_env(made.unwrapped)
-    steps = None if made.spec is None else made.spec.max_episode_steps
-    _require(steps in (None, spec.rollout), f"gymnasium.make ends it after {steps} steps, not {spec.rollout}")
+def says_only_what_its_observation_space_holds(spec: GameSpec) -> None:
+    """Every observation is within the observation space: no longer, and of no other characters."""
+    made = _begun(spec)
+    first = made.observation
+    for observation in (first, *(step[0] for step in random_walk(made, _walk(spec)))):
+        _require(
+            observation in made.observation_space,
+            f"an observation is empty, longer, or of other characters than its observation space: {observation!r}",
+        )
 
 
 @_check
-def leaves_to_text_game_what_all_games_have_in_common(spec: GameSpec) -> None:
-    """Actions, `info` and the history are `TextGame`'s: a game defines `_reset`, `_step` and `_state`."""
-    kind = spec.load()
-    own = [name for name in COMMON if getattr(kind, name) is not getattr(TextGame, name)]
-    _require(not own, f"{kind.__name__} overrides {', '.join(own)} of TextGame: define `_step` instead")
+def leaves_the_global_random_streams_alone(spec: GameSpec) -> None:
+    """The game draws from `self.np_random`; `random` and `numpy.random` belong to the program."""
+    before = random.getstate(), repr(np.random.get_state())
+    made = _begun(spec)
+    random_walk(made, _steps(spec))
+    for name, was, now in zip(
+        ("random", "numpy.random"), before, (random.getstate(), repr(np.random.get_state())), strict=True
+    ):
+        _require(now == was, f"the game moves the global stream of {name}: draw from self.np_random alone")
 
 
 @_check
@@ -209,18 +208,6 @@ def starts_anew_at_every_reset(spec: GameSpec) -> None:
 
 
 @_check
-def leaves_the_global_random_streams_alone(spec: GameSpec) -> None:
-    """The game draws from `self.np_random`; `random` and `numpy.random` belong to the program."""
-    before = random.getstate(), repr(np.random.get_state())
-    made = _begun(spec)
-    random_walk(made, _steps(spec))
-    for name, was, now in zip(
-        ("random", "numpy.random"), before, (random.getstate(), repr(np.random.get_state())), strict=True
-    ):
-        _require(now == was, f"the game moves the global stream of {name}: draw from self.np_random alone")
-
-
-@_check
 def is_not_changed_by_looking_at_it(spec: GameSpec) -> None:
     """`drawing`, `needs` and `breaks` are JSON, and asking for them before every step changes nothing."""
     drawn, plain, steps = _begun(spec), _begun(spec), _steps(spec)
@@ -251,6 +238,17 @@ def _look(game: TextGame, spec: GameSpec) -> None:
 
 
 @_check
+def has_a_state_hash_that_changes_with_play(spec: GameSpec) -> None:
+    """The state hash is 128 bits, is the same when asked again, and changes with a step."""
+    made = _begun(spec)
+    before = made.state_hash()
+    _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
+    _require(made.state_hash() == before, "asking for the state hash changes it")
+    made.step(0)
+    _require(made.state_hash() != before, "a step does not change the state hash")
+
+
+@_check
 def has_a_future_that_its_state_hash_decides(spec: GameSpec) -> None:
     """Where two ways lead to the same state hash, the same action has the same outcome: `_state` misses nothing."""
     made, rng = spec.make(), np.random.default_rng(0)
@@ -273,50 +271,6 @@ def has_a_future_that_its_state_hash_decides(spec: GameSpec) -> None:
 
 
 @_check
-def is_the_same_in_another_process(spec: GameSpec) -> None:
-    """Another process, in which sets have another order, plays the same seeds and actions alike."""
-    defined_here = getattr(spec.entry_point, "__module__", None) == "__main__"
-    if defined_here and not hasattr(sys.modules["__main__"], "__file__"):
-        return  # no other process can import a notebook
-    path = None if spec.file is None else IN_FILES.recorded(spec.file, spec.sha256).path
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    named = spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"
-    process = context.Process(target=_tell, args=(theirs, named), daemon=True)
-    other_order = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
-    with patch.dict(os.environ, PYTHONHASHSEED=other_order):  # of sets
-        process.start()
-    theirs.close()
-    try:
-        _require(ours.poll(SECONDS), f"another process has not played two short walks in {SECONDS:g} seconds")
-        there = ours.recv()
-    except EOFError:
-        raise AssertionError("Another process cannot import the game: have its class in a module or a file.") from None
-    finally:
-        process.kill()
-        process.join()
-    _require(
-        there == _played(spec),
-        "the same seed and actions play differently in another process: is the order of a set used, or anything of the "
-        "machine?",
-    )
-
-
-def _tell(connection: Connection, game: Setting) -> None:
-    """Send what is seen in a game; runs in the other process."""
-    connection.send(_played(game))
-
-
-def _played(game: Setting) -> list[str]:
-    """Play some steps of two seeds; return what was seen, and the text that explains it."""
-    spec = get_spec(game)
-    made, seen = spec.make(), []
-    for seed in (1, 2):
-        seen += [repr(made.reset(seed=seed)), *map(repr, random_walk(made, _steps(spec))), repr(made.drawing())]
-    return [made.manual, *made.actions, *seen]
-
-
-@_check
 def differs_between_seeds(spec: GameSpec) -> None:
     """Other seeds are other episodes."""
     made, hashes = spec.make(), set()
@@ -324,6 +278,35 @@ def differs_between_seeds(spec: GameSpec) -> None:
         made.reset(seed=seed)
         hashes.add(made.state_hash())
     _require(len(hashes) == 11, "several seeds give the same state hash")
+
+
+@_check
+def is_a_gymnasium_environment(spec: GameSpec) -> None:
+    """Gymnasium's own checker finds nothing wrong; a registered setting is made, and truncated, by Gymnasium.
+
+    `np_random_seed` after a reset without a seed is the seed of its world.
+    """
+    from gymnasium.utils.env_checker import check_env
+
+    game = spec.make()
+    played = game.reset(), game.state_hash()
+    again = game.reset(seed=game.np_random_seed), game.state_hash()
+    _require(played == again, "np_random_seed after a reset without a seed brings another world: draw from np_random")
+    if not _is_registered(spec):
+        check_env(spec.make(), skip_render_check=True)  # it asks Gymnasium's registry for the render modes
+        return
+    made = gymnasium.make(f"smartplay/{spec.id}")
+    check_env(made.unwrapped)
+    steps = None if made.spec is None else made.spec.max_episode_steps
+    _require(steps in (None, spec.rollout), f"gymnasium.make ends it after {steps} steps, not {spec.rollout}")
+
+
+@_check
+def leaves_to_text_game_what_all_games_have_in_common(spec: GameSpec) -> None:
+    """Actions, `info` and the history are `TextGame`'s: a game defines `_reset`, `_step` and `_state`."""
+    kind = spec.load()
+    own = [name for name in COMMON if getattr(kind, name) is not getattr(TextGame, name)]
+    _require(not own, f"{kind.__name__} overrides {', '.join(own)} of TextGame: define `_step` instead")
 
 
 @_check
@@ -356,29 +339,6 @@ def refuses_what_is_no_seed(spec: GameSpec) -> None:
         else:
             raise AssertionError(f"The seed {seed!r} is not refused.")
     _require(made.state_hash() == before, "a refused seed has changed the game")
-
-
-@_check
-def says_only_what_its_observation_space_holds(spec: GameSpec) -> None:
-    """Every observation is within the observation space: no longer, and of no other characters."""
-    made = _begun(spec)
-    first = made.observation
-    for observation in (first, *(step[0] for step in random_walk(made, _walk(spec)))):
-        _require(
-            observation in made.observation_space,
-            f"an observation is empty, longer, or of other characters than its observation space: {observation!r}",
-        )
-
-
-@_check
-def has_a_state_hash_that_changes_with_play(spec: GameSpec) -> None:
-    """The state hash is 128 bits, is the same when asked again, and changes with a step."""
-    made = _begun(spec)
-    before = made.state_hash()
-    _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
-    _require(made.state_hash() == before, "asking for the state hash changes it")
-    made.step(0)
-    _require(made.state_hash() != before, "a step does not change the state hash")
 
 
 @_check
@@ -438,28 +398,48 @@ def adds_no_less_than_its_worst_step(spec: GameSpec) -> None:
         _require(holds, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
 
 
-CHECKS: Sequence[Callable[[Setting], None]] = (
-    names_its_actions,
-    gives_texts_numbers_and_json,
-    says_only_what_its_observation_space_holds,
-    leaves_the_global_random_streams_alone,
-    is_decided_by_seed_and_actions,
-    starts_anew_at_every_reset,
-    is_not_changed_by_looking_at_it,
-    has_a_state_hash_that_changes_with_play,
-    has_a_future_that_its_state_hash_decides,
-    differs_between_seeds,
-    is_a_gymnasium_environment,
-    leaves_to_text_game_what_all_games_have_in_common,
-    goes_on_alike_after_copy_and_pickle,
-    refuses_what_is_no_seed,
-    numbers_its_actions_as_its_manual_does,
-    is_played_and_replayed_through_its_tools,
-    scores_within_its_bounds,
-    adds_no_less_than_its_worst_step,
-    is_the_same_in_another_process,
-)
-"""All checks; each is a function of a setting, and its name completes the sentence "The game ..."."""
+@_check
+def is_the_same_in_another_process(spec: GameSpec) -> None:
+    """Another process, in which sets have another order, plays the same seeds and actions alike."""
+    defined_here = getattr(spec.entry_point, "__module__", None) == "__main__"
+    if defined_here and not hasattr(sys.modules["__main__"], "__file__"):
+        return  # no other process can import a notebook
+    path = None if spec.file is None else IN_FILES.recorded(spec.file, spec.sha256).path
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    named = spec if spec.file is None else f"{path}:{spec.file.rpartition(':')[2]}"
+    process = context.Process(target=_tell, args=(theirs, named), daemon=True)
+    other_order = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    with patch.dict(os.environ, PYTHONHASHSEED=other_order):  # of sets
+        process.start()
+    theirs.close()
+    try:
+        _require(ours.poll(SECONDS), f"another process has not played two short walks in {SECONDS:g} seconds")
+        there = ours.recv()
+    except EOFError:
+        raise AssertionError("Another process cannot import the game: have its class in a module or a file.") from None
+    finally:
+        process.kill()
+        process.join()
+    _require(
+        there == _played(spec),
+        "the same seed and actions play differently in another process: is the order of a set used, or anything of the "
+        "machine?",
+    )
+
+
+def _tell(connection: Connection, game: Setting) -> None:
+    """Send what is seen in a game; runs in the other process."""
+    connection.send(_played(game))
+
+
+def _played(game: Setting) -> list[str]:
+    """Play some steps of two seeds; return what was seen, and the text that explains it."""
+    spec = get_spec(game)
+    made, seen = spec.make(), []
+    for seed in (1, 2):
+        seen += [repr(made.reset(seed=seed)), *map(repr, random_walk(made, _steps(spec))), repr(made.drawing())]
+    return [made.manual, *made.actions, *seen]
 
 
 def _begun(spec: GameSpec) -> TextGame:
