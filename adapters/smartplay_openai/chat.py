@@ -18,7 +18,7 @@ from operator import itemgetter
 from typing import Any
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import bad, check_calls, read_limit, read_tools
+from smartplay_openai.problems import bad, check_calls, objects, read_limit, read_tools
 from smartplay_openai.stream_pieces import merged
 from smartplay_openai.text_calls import read_usage, sampled_tokens
 from smartplay_openai.thinking_parts import added, put_together, taken_apart
@@ -101,14 +101,14 @@ class ChatCompletions(Interface):
             usage = chunk.get("usage") or usage
             # The chunk with the usage has no choices, and comes after the reply.
             is_over = is_over or bool(chunk.get("usage") and not chunk.get("choices"))
-            for choice in _objects(chunk.get("choices")):
+            for choice in objects(chunk.get("choices")):
                 if choice.get("index"):
                     continue  # of several choices the first is the reply
                 usage = choice.get("usage") or usage  # Kimi has it here
                 if finished in (None, "stop", "tool_calls"):  # of two reasons the one that says more
                     finished = choice.get("finish_reason") or finished
-                for delta in _objects([choice.get("delta")]):
-                    for part in _objects(delta.get("tool_calls")):
+                for delta in objects([choice.get("delta")]):
+                    for part in objects(delta.get("tool_calls")):
                         _add_call(calls, part)
                     _add_fields(message, delta)
         if calls:
@@ -245,11 +245,6 @@ def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] =
     return {**message, "provider_items": items} if items else message
 
 
-def _objects(value: Any) -> list[Mapping[str, Any]]:
-    """The objects of a list; a server may send anything in its place."""
-    return [item for item in value if isinstance(item, Mapping)] if isinstance(value, list) else []
-
-
 def _is_whole(call: Mapping[str, Any]) -> bool:
     """Whether a call of a stream has its name and arguments that are an object."""
     return bool(call["function"]["name"]) and read(call["function"].get("arguments")).problem is None
@@ -263,7 +258,7 @@ def _own_fields(call: Any) -> dict[str, Any]:
 
 def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
     """Add a part of a call to the calls and their indices."""
-    index, call_id, (function,) = part.get("index"), part.get("id") or "", _objects([part.get("function")]) or ({},)
+    index, call_id, (function,) = part.get("index"), part.get("id") or "", objects([part.get("function")]) or ({},)
     name, arguments = function.get("name") or "", function.get("arguments")
     if isinstance(index, int):
         call = next((call for at, call in reversed(calls) if at == index), None)

@@ -45,6 +45,11 @@ def bad(message: str, param: str) -> RequestError:
     return RequestError(400, message, param=param)
 
 
+def objects(values: Any) -> list[Mapping[str, Any]]:
+    """Return the objects in a list; nothing if it is not one, as anything may be sent in its place."""
+    return [value for value in values if isinstance(value, Mapping)] if isinstance(values, list) else []
+
+
 def check_calls(messages: Sequence[Message], param: str) -> None:
     """Check that every call has one result before the next other message, and every result a call."""
     waiting: set[str] = set()

@@ -14,6 +14,7 @@ import asyncio
 import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,9 @@ KEY_HEADER = "x-api-key"
 
 RETRY_COUNT = "x-stainless-retry-count"
 """The header in which OpenAI's and Anthropic's clients count their retries."""
+
+SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
+"""Headers that Claude Code and Codex send with the requests of sub-agents only."""
 
 SHORT_REQUEST = 16 * 1024
 """Bytes of a request that are read in less time than it takes to switch to a thread and back."""
@@ -188,9 +192,9 @@ class WindowEndpoint(Server):
 
 def _handler(store: WindowStore, form: HostFormat) -> Any:
     async def handle(request: Request) -> Response:
-        body, completion = await read_request(
-            request, lambda body: (body, form.read(body, request.headers)), at_once=SHORT_REQUEST
-        )
+        body, completion = await read_request(request, lambda body: (body, form.read(body)), at_once=SHORT_REQUEST)
+        is_of_sub_agent = any(name in request.headers for name in SUB_AGENT_HEADERS)
+        completion = replace(completion, is_of_sub_agent=is_of_sub_agent)
         episode = await _episode(store, body.get("model"))
         ignored = _header_value(episode.ignored_of(completion))
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 import json
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from smartplay_openai.chat import CHAT
 from smartplay_openai.interface import Event, Streaming
-from smartplay_openai.problems import RequestError, bad, read_tools
+from smartplay_openai.problems import RequestError, bad, objects, read_tools
 from smartplay_tools import Message, ToolSpec, Usage
 from smartplay_tools.types.messages import words_of
 
@@ -68,17 +68,13 @@ class CompletionRequest:
     continues: bool = False
     """Whether it has only new messages, and the tools are those of the previous request."""
     is_of_sub_agent: bool = False
+    """Whether its headers say so."""
     messages: Sequence[Any] = ()
     """The host's own messages; none where it sends only what is new."""
 
     def holds(self, call_id: str) -> bool:
         """Whether the request mentions a call."""
         return call_id in self.body
-
-
-def objects(values: Any) -> Iterable[Mapping[str, Any]]:
-    """Return the objects in a list; nothing if it is not one."""
-    return [value for value in values if isinstance(value, Mapping)] if isinstance(values, list) else []
 
 
 def known_by(message: Any) -> tuple[Any, str]:
@@ -102,17 +98,13 @@ def json_schema(holder: Any) -> Mapping[str, Any] | None:
     return schema if isinstance(schema, Mapping) else {"type": "object"}
 
 
-SUB_AGENT_HEADERS = ("x-claude-code-agent-id", "x-openai-subagent")
-"""Headers that Claude Code and Codex send with the requests of sub-agents only."""
-
-
 class HostFormat(Streaming):
     """An interface at which hosts ask for the model's reply."""
 
     path: ClassVar[str]
 
     @abstractmethod
-    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+    def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says; raise `RequestError` for tools that cannot be shown to the model."""
 
     @abstractmethod
@@ -129,7 +121,7 @@ class ChatFormat(HostFormat):
 
     path = CHAT.path
 
-    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+    def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
         if not isinstance(body.get("messages"), list):
             raise bad("messages is a list.", "messages")
@@ -160,7 +152,6 @@ class ChatFormat(HostFormat):
             one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(body.get("response_format")),
-            is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
             messages=body["messages"],
         )
 

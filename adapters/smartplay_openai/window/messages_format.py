@@ -14,16 +14,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.window.formats import (
-    SUB_AGENT_HEADERS,
-    CompletionRequest,
-    HostFormat,
-    Ignored,
-    fields_of,
-    json_schema,
-    objects,
-)
+from smartplay_openai.problems import RequestError, bad, objects
+from smartplay_openai.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema
 from smartplay_tools import Message, ToolSpec, Usage
 from smartplay_tools.players.conversion import check_names, encodable, halves
 from smartplay_tools.types.messages import calls_of, text_of, words_of
@@ -64,7 +56,7 @@ class MessagesFormat(HostFormat):
     path = "/v1/messages"
     alive = 'event: ping\ndata: {"type": "ping"}\n\n'
 
-    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+    def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
         if not isinstance(body.get("messages"), list):
             raise bad("messages is a list.", "messages")
@@ -74,7 +66,9 @@ class MessagesFormat(HostFormat):
         for message in objects(body["messages"]):
             role, content = str(message.get("role")), message.get("content")
             blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
-            kept = [block for block in objects(blocks) if not _is_result(block, results)]
+            answers = [block for block in objects(blocks) if block.get("type") == "tool_result"]
+            results |= {_ours(str(block.get("tool_use_id"))): block.get("content") for block in answers}
+            kept = [block for block in objects(blocks) if block.get("type") != "tool_result"]
             used = [block for block in kept if block.get("type") == "tool_use"]
             calls |= {_ours(str(block.get("id"))): (str(block.get("name")), block.get("input")) for block in used}
             if kept and not used:
@@ -89,7 +83,7 @@ class MessagesFormat(HostFormat):
         continues = isinstance(thread, Mapping) and thread.get("type") == "continue"
         return CompletionRequest(
             tools,
-            {_ours(call_id): result for call_id, result in results.items()},
+            results,
             text.replace(THEIRS, OURS),
             ignored,
             "\n\n".join(system),
@@ -101,7 +95,6 @@ class MessagesFormat(HostFormat):
                 output.get("format") if isinstance(output, Mapping) else body.get("output_format")
             ),
             continues=continues,
-            is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
             messages=() if continues else body["messages"],
         )
 
@@ -159,14 +152,6 @@ class MessagesFormat(HostFormat):
         details = {"details": {"error_code": error.code}} if error.code else {}
         error_body = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
         return {"type": "error", "error": error_body}
-
-
-def _is_result(block: Mapping[str, Any], results: dict[str, Any]) -> bool:
-    """Whether a block is the result of a call, which is taken note of."""
-    if block.get("type") != "tool_result":
-        return False
-    results[str(block.get("tool_use_id"))] = block.get("content")
-    return True
 
 
 def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:

@@ -13,17 +13,15 @@ from itertools import groupby
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad, read_tools
+from smartplay_openai.problems import RequestError, bad, objects, read_tools
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.window.formats import (
-    SUB_AGENT_HEADERS,
     CompletionRequest,
     HostFormat,
     Ignored,
     fields_of,
     functions_of,
     json_schema,
-    objects,
 )
 from smartplay_tools import Message, Usage
 
@@ -40,7 +38,7 @@ class ResponsesFormat(HostFormat):
 
     path = RESPONSES.path
 
-    def read(self, body: Mapping[str, Any], headers: Mapping[str, str]) -> CompletionRequest:
+    def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
         items = body.get("input", [])
         if isinstance(items, str):
@@ -69,7 +67,6 @@ class ResponsesFormat(HostFormat):
             one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(text.get("format") if isinstance(text, Mapping) else None),
-            is_of_sub_agent=any(name in headers for name in SUB_AGENT_HEADERS),
             messages=() if body.get("previous_response_id") or body.get("conversation") else items,
         )
 
