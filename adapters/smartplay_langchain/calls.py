@@ -8,9 +8,9 @@ argument, and `SmartPlayMiddleware` as a hook.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, TypeVar
 
 from langchain_core.messages import BaseMessage, ToolMessage
 from langchain_core.runnables import RunnableConfig
@@ -23,6 +23,8 @@ from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit, artifac
 from smartplay_tools import AgentSession, InvalidArgumentError, ToolResult
 from smartplay_tools.conversation import HostChat
 from smartplay_tools.types.messages import Call
+
+T = TypeVar("T")
 
 OURS = "smartplay-"
 """The prefix of the ids of messages that this package adds to a graph's state."""
@@ -81,13 +83,8 @@ class CallPlayer:
         """Whether this request comes from within one of the agent's own tools, as from an agent that runs there."""
         return self in _IN_TOOLS_OF.get()
 
-    @contextmanager
-    def _in_a_tool(self) -> Iterator[None]:
-        token = _IN_TOOLS_OF.set((*_IN_TOOLS_OF.get(), self))
-        try:
-            yield
-        finally:
-            _IN_TOOLS_OF.reset(token)
+    def _in_a_tool(self) -> AbstractContextManager[None]:
+        return _holding(_IN_TOOLS_OF, (*_IN_TOOLS_OF.get(), self))
 
     def play(self, tool_call: Any) -> tuple[str, dict[str, Any]]:
         """Play a call (LangChain's `ToolCall`) after the calls before it; returns the text and the artifact."""
@@ -206,19 +203,13 @@ class SessionTool(SmartPlayTool):
 
     def invoke(self, input: Any, config: RunnableConfig | None = None, **kwargs: Any) -> Any:  # noqa: A002
         """Play the call."""
-        token = _CALL.set(_as_call(input))
-        try:
+        with _holding(_CALL, _as_call(input)):
             return self._with_id(super().invoke(input, config, **kwargs))
-        finally:
-            _CALL.reset(token)
 
     async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **kwargs: Any) -> Any:  # noqa: A002
         """Play the call without blocking the event loop."""
-        token = _CALL.set(_as_call(input))
-        try:
+        with _holding(_CALL, _as_call(input)):
             return self._with_id(await super().ainvoke(input, config, **kwargs))
-        finally:
-            _CALL.reset(token)
 
     def _run(self, /, *_: Any, **arguments: Any) -> tuple[str, dict[str, Any]]:
         return self.player.play({**_CALL.get(), "args": arguments})
@@ -237,6 +228,15 @@ _IN_TOOLS_OF: ContextVar[tuple[CallPlayer, ...]] = ContextVar("smartplay_in_tool
 
 _CALL: ContextVar[dict[str, Any]] = ContextVar("smartplay_call")
 """The call that a `SessionTool` is invoked with."""
+
+
+@contextmanager
+def _holding(variable: ContextVar[T], value: T) -> Iterator[None]:
+    token = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(token)
 
 
 def is_ours(message: ToolMessage) -> bool:
