@@ -142,7 +142,7 @@ class AnthropicPlayer(ModelPlayer):
         return reply
 
 
-class EpisodeTool(BetaBuiltinFunctionTool):
+class _RunnerTool:
     """A tool of an episode; its schema is passed on unchanged, and the episode validates the arguments."""
 
     def __init__(self, episode: Episode, spec: ToolSpec) -> None:
@@ -152,20 +152,17 @@ class EpisodeTool(BetaBuiltinFunctionTool):
         """Return the tool in the form that requests have."""
         return schema(self._spec, "anthropic")
 
+
+class EpisodeTool(_RunnerTool, BetaBuiltinFunctionTool):
+    """A tool of an episode for `Anthropic`."""
+
     def call(self, input: object) -> str:  # noqa: A002 - the client's name for it
         """Play a call; raise `ToolError` if it is refused."""
         return _text(self._episode.call(self._spec.name, _arguments(input)))
 
 
-class AsyncEpisodeTool(BetaAsyncBuiltinFunctionTool):
+class AsyncEpisodeTool(_RunnerTool, BetaAsyncBuiltinFunctionTool):
     """A tool of an episode for `AsyncAnthropic`; the game is played in a thread."""
-
-    def __init__(self, episode: Episode, spec: ToolSpec) -> None:
-        self._episode, self._spec = episode, spec
-
-    def to_dict(self) -> Any:
-        """Return the tool in the form that requests have."""
-        return schema(self._spec, "anthropic")
 
     async def call(self, input: object) -> str:  # noqa: A002 - the client's name for it
         """Play a call; raise `ToolError` if it is refused."""
