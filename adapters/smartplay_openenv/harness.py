@@ -7,7 +7,6 @@ that of an `AgentSession`, so budgets hold as in `smartplay_tools.play`. A limit
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, cast
 
 from openenv.core.env_server.mcp_types import Tool
@@ -24,7 +23,7 @@ from openenv.core.harness import (
 )
 
 from smartplay_openenv.environment import tools_of
-from smartplay_tools import AgentSession, Budget, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.players.conversion import encodable, sendable
 
@@ -65,7 +64,7 @@ class SmartPlaySession(ResourceSession):
         self.episode.close()
 
 
-class SmartPlaySessions(ResourceSessionFactory[SmartPlaySession]):
+class SmartPlaySessions(EpisodeFactory, ResourceSessionFactory[SmartPlaySession]):
     """Makes the sessions of a game, each with an episode of the seed that the trainer asks for.
 
     Arguments:
@@ -76,24 +75,12 @@ class SmartPlaySessions(ResourceSessionFactory[SmartPlaySession]):
         options: `Episode`'s other arguments.
     """
 
-    def __init__(
-        self,
-        game: str,
-        *,
-        budget: Budget | None = None,
-        reward: RewardName = "normalized",
-        records: str | Path | None = None,
-        **options: Any,
-    ) -> None:
-        self._reward: RewardName = reward
-        self._factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, **options)
-
     def create(self, task: Any, seed: int | None = None, episode_id: str | None = None) -> SmartPlaySession:
         """Return a session. A task that is a mapping with a `seed` has precedence over the trainer's seed."""
         chosen = task["seed"] if isinstance(task, dict) and "seed" in task else seed
         if chosen is None:
             raise InvalidArgumentError("A rollout needs a seed: the trainer's, or that of a task with a `seed`.")
-        return SmartPlaySession(self._factory.episode(int(chosen), episode_id), self._reward)
+        return SmartPlaySession(self.episode(int(chosen), episode_id), self._reward)
 
 
 class SmartPlayHarness(HarnessAdapter):
