@@ -22,10 +22,11 @@ from smartplay_tools.players.conversion import (
     function_call,
     kept_item,
     reply_message,
+    shown,
     system_text,
 )
 from smartplay_tools.types.arguments import read
-from smartplay_tools.types.messages import MessageToolCall, pictures_of, text_of
+from smartplay_tools.types.messages import MessageToolCall, text_of
 from smartplay_tools.types.pictures import Picture
 
 ITEM = "anthropic_blocks"
@@ -61,11 +62,11 @@ def request(
             case "assistant":
                 messages.append({"role": "assistant", "content": _assistant(message)})
             case "tool":
-                content = _result(message, prompt.pictures)
+                content = shown(message, prompt.pictures, _text_block, _image_block)
                 call_id = message.get("tool_call_id", "")
                 _add_to_user(messages, {"type": "tool_result", "tool_use_id": call_id, "content": content})
             case "user":
-                _add_to_user(messages, {"type": "text", "text": text_of(message) or NOTHING})
+                _add_to_user(messages, _text_block(text_of(message) or NOTHING))
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
     # What the record keeps as it was said may have half a character, which a request cannot.
@@ -115,16 +116,12 @@ def _call(block: Mapping[str, Any]) -> MessageToolCall:
     return function_call(block.get("id") or "", block.get("name") or "", arguments)
 
 
-def _result(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
-    """The content of a result: its text, and its pictures as blocks after it."""
-    text, named = text_of(message), pictures_of(message)
-    if not named:
-        return text
-    blocks: list[dict[str, Any]] = [{"type": "text", "text": text}] if text else []
-    for part in named:
-        source = {"type": "base64", "media_type": "image/png", "data": pictures[part["sha256"]].base64}
-        blocks.append({"type": "image", "source": source})
-    return blocks
+def _text_block(text: str) -> dict[str, Any]:
+    return {"type": "text", "text": text}
+
+
+def _image_block(picture: Picture) -> dict[str, Any]:
+    return {"type": "image", "source": {"type": "base64", "media_type": "image/png", "data": picture.base64}}
 
 
 def _assistant(message: Message) -> list[dict[str, Any]]:
@@ -142,9 +139,9 @@ def _assistant(message: Message) -> list[dict[str, Any]]:
         again = iter(calls)
         blocks = [next(again) if block["type"] == "tool_use" else block for block in kept["blocks"]]
         blocks = [block for block in blocks if block["type"] != "text" or _words(block, "text").strip()]
-        return blocks if blocks and blocks[-1]["type"] not in UNMARKED else [*blocks, {"type": "text", "text": NOTHING}]
+        return blocks if blocks and blocks[-1]["type"] not in UNMARKED else [*blocks, _text_block(NOTHING)]
     text = text_of(message)
-    words = [{"type": "text", "text": text or NOTHING}] if text.strip() or not calls else []
+    words = [_text_block(text or NOTHING)] if text.strip() or not calls else []
     return words + calls
 
 
