@@ -7,8 +7,6 @@ twice or be out of date, so an answer names its prompt.
 
 from __future__ import annotations
 
-import base64
-import io
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -21,6 +19,7 @@ from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.arguments import as_text, number_as_text
 from smartplay_tools.types.messages import Message
+from smartplay_tools.types.pictures import Picture
 
 PICTURES = "rgb_array"
 """The render mode of a game that makes pictures of itself."""
@@ -77,15 +76,11 @@ class BrowserPlayer:
 
     def picture(self, given: Mapping[str, Any]) -> str:
         """Return the game's picture of itself as a PNG data URI; the record notes that it was shown."""
-        from PIL import Image
-
         with self.changed:
             self._current(given)
             assert self._conversation is not None
-            drawn = Image.fromarray(self._conversation.episode.picture())
-        data = io.BytesIO()
-        drawn.save(data, "PNG")
-        return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+            drawn = Picture.from_array(self._conversation.episode.picture())
+        return drawn.data_url
 
     def leave(self) -> None:
         """End the wait for an answer; the episode ends as closed, and the same run continues it later."""
