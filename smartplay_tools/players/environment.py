@@ -1,4 +1,4 @@
-"""Keys and proxies, checked before anything is asked: client libraries report a wrong one late, or print the key."""
+"""Keys, proxies and local addresses, checked first: client libraries report a wrong one late, or print the key."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
+from ipaddress import ip_address
 
 from smartplay_tools.errors import InvalidArgumentError
 
@@ -31,6 +32,14 @@ def check_key(key: str | None, player: str) -> None:
     raise InvalidArgumentError(
         f"The key of {player} cannot be sent: it has {what}, which no header of a request can hold. Copy the key again."
     )
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine reaches an address."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 @contextmanager

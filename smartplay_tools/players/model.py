@@ -21,12 +21,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from ipaddress import ip_address
 from typing import Any, ClassVar, Self
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.players.attempts import Attempts
+from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.types import Prompt, Reply
 
 _PLAYERS: weakref.WeakSet[ModelPlayer] = weakref.WeakSet()
@@ -212,11 +212,7 @@ class ModelPlayer(ABC):
     @staticmethod
     def is_local(url: str) -> bool:
         """Whether a server is on this machine, so that the environment's proxies do not apply."""
-        host = urlsplit(url).hostname or ""
-        try:
-            return host == "localhost" or ip_address(host).is_loopback
-        except ValueError:
-            return False
+        return is_loopback(urlsplit(url).hostname or "")
 
     @classmethod
     def http_options(cls, url: str) -> dict[str, Any]:

@@ -7,7 +7,6 @@ machine; and the token, if there is one. Then the body is read, if it is not too
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import re
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -18,6 +17,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.web.bodies import LARGEST_CALL, Bounded
 
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
@@ -47,14 +47,6 @@ class Names:
     def knows_origin(self, origin: str | None) -> bool:
         """Return whether an Origin header may use this server; only browsers send one."""
         return origin is None or self._origin.fullmatch(origin) is not None
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine reaches an address."""
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def is_from_own_page(origin: str | None, site: str | None, host: str | None) -> bool:

@@ -36,8 +36,9 @@ from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
+from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.web import Server, carries
-from smartplay_tools.web.guard import Guard, Names, is_from_own_page, is_loopback
+from smartplay_tools.web.guard import Guard, Names, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
 from smartplay_tools.web.site.playing import (
