@@ -89,34 +89,25 @@ def _routes(
     return [*routes, *(Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}"))]
 
 
-class _Conditions:
-    """The conditions of a request in addition to its Host and its Origin."""
+def _entry(request: Request, token: str | None) -> Response | None:
+    """Refuse a request without the token; the first visit, which has it in its address, gets a cookie."""
+    if token is None or carries(request, token) or _same(request.cookies.get(COOKIE, ""), token):
+        return None
+    if _same(request.query_params.get("token", ""), token):
+        entered = RedirectResponse("/", 303, HEADERS)
+        entered.set_cookie(COOKIE, token, httponly=True, samesite="strict")
+        return entered
+    return PlainTextResponse("Open the address that smartplay-tools view has printed.", 401, HEADERS)
 
-    def __init__(self, token: str | None, key: str | None) -> None:
-        self._token, self._key = token, key
 
-    async def admit(self, request: Request) -> Response | None:
-        return self._entry(request) or self._change(request)
-
-    def _change(self, request: Request) -> Response | None:
-        """Refuse a change that does not come from a page of the site: a browser also sends requests of other sites."""
-        if request.method in ("GET", "HEAD") or self._key is None:
-            return None
-        origin, site, host = (request.headers.get(name) for name in ("origin", "sec-fetch-site", "host"))
-        if is_from_own_page(origin, site, host) and _same(request.headers.get(KEY, ""), self._key):
-            return None
-        return PlainTextResponse("Only the site's own page may do this; reload it.", 403, HEADERS)
-
-    def _entry(self, request: Request) -> Response | None:
-        if self._token is None or carries(request, self._token):
-            return None
-        if _same(request.cookies.get(COOKIE, ""), self._token):
-            return None
-        if _same(request.query_params.get("token", ""), self._token):
-            entered = RedirectResponse("/", 303, HEADERS)
-            entered.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
-            return entered
-        return PlainTextResponse("Open the address that smartplay-tools view has printed.", 401, HEADERS)
+def _change(request: Request, key: str | None) -> Response | None:
+    """Refuse a change that does not come from a page of the site: a browser also sends requests of other sites."""
+    if request.method in ("GET", "HEAD") or key is None:
+        return None
+    origin, site, host = (request.headers.get(name) for name in ("origin", "sec-fetch-site", "host"))
+    if is_from_own_page(origin, site, host) and _same(request.headers.get(KEY, ""), key):
+        return None
+    return PlainTextResponse("Only the site's own page may do this; reload it.", 403, HEADERS)
 
 
 def _same(given: str, token: str) -> bool:
@@ -293,13 +284,15 @@ class ViewServer(Server):
         def is_stopping() -> bool:  # streams would not end by themselves
             return self.is_stopping
 
+        async def admit(request: Request) -> Response | None:
+            return _entry(request, token) or _change(request, key)
+
         site = _Site(runs, is_stopping, plugins=plugins, key=key if annotate else None)
         routes = _routes(site, play, key, is_stopping, annotate=annotate)
         app = Starlette(routes=routes, exception_handlers={SmartPlayError: refused})
         # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
         compressed = GZipMiddleware(app, minimum_size=10_000)
-        guarded = Guard(compressed, _Conditions(token, key).admit, Names(hosts), headers=HEADERS)
-        super().__init__(guarded, host, port)
+        super().__init__(Guard(compressed, admit, Names(hosts), headers=HEADERS), host, port)
         self.url = f"{self.address(hosts[0]) if is_open else self.url}/"
         self.entry = self.url if token is None else f"{self.url}?token={token}"
         """The address that a browser opens first; the token is kept in a cookie from then on."""
