@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import importlib
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -74,17 +73,7 @@ def mcp(
     adapter = importlib.import_module(ADAPTER)
     settings = {**episode.conditions, **episode.options}
     if not http:
-        with ExitStack() as held:
-
-            def make() -> Episode:
-                if transcript is not None:
-                    held.enter_context(_only_server_of(transcript))
-                opened: Episode = adapter.open_episode(game, seed=seed, transcript=transcript, **settings)
-                return opened
-
-            opened = asyncio.run(adapter.serve_stdio(make))
-            if transcript is None:
-                opened.close()  # otherwise the record stays open, and the next start continues it
+        _serve_one(adapter, game, transcript, seed=seed, **settings)
         return
     from smartplay_tools.web import EpisodeStore
 
@@ -98,9 +87,23 @@ def mcp(
     server.run()
 
 
-@contextmanager
-def _only_server_of(record: Path) -> Iterator[None]:
-    """Wait until no other server plays a record, because two at once would write over each other.
+def _serve_one(adapter: Any, game: str, transcript: Path | None, **settings: Any) -> None:
+    """Serve one episode on standard input and output."""
+    with ExitStack() as held:
+
+        def make() -> Episode:
+            if transcript is not None:
+                held.enter_context(_only_server_of(transcript))
+            opened: Episode = adapter.open_episode(game, transcript=transcript, **settings)
+            return opened
+
+        opened = asyncio.run(adapter.serve_stdio(make))
+        if transcript is None:
+            opened.close()  # otherwise the record stays open, and the next start continues it
+
+
+def _only_server_of(record: Path) -> AbstractContextManager[object]:
+    """Wait until no other server plays a record, because two at once would write over each other; `with` lets it go.
 
     A host that starts a server for each call starts several at once, each of which ends after its call.
     """
@@ -109,12 +112,8 @@ def _only_server_of(record: Path) -> Iterator[None]:
     record.parent.mkdir(parents=True, exist_ok=True)
     lock = FileLock(f"{record}.lock", timeout=PATIENCE, thread_local=False)  # released in another thread
     try:
-        lock.acquire()
+        return lock.acquire()
     except Timeout:
         raise InvalidArgumentError(
             f"Another server plays the episode of {record}; stop that one, or name another file."
         ) from None
-    try:
-        yield
-    finally:
-        lock.release()
