@@ -150,9 +150,11 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
         print_table(console, live_table(snapshot.playing))
 
 
-def spending_sentence(spending: Spending) -> str:
-    """Return a sentence about what a run has used in all, and which part of it is not in the results."""
+def spending_sentences(spending: Spending) -> list[str]:
+    """Return a sentence about what a run has used in all, if any of it is not in its results or costs money."""
     total, others = spending.total, spending.other_attempts
+    if not (others.tokens or others.unknown_calls or total.cost):
+        return []
     sentence = f"Spent in all: {short(total.tokens)} tokens{_dollars(total.cost)}"
     if others.tokens:
         sentence += f", of them {short(others.tokens)} tokens{_dollars(others.cost)} in attempts without a result"
@@ -160,14 +162,8 @@ def spending_sentence(spending: Spending) -> str:
         calls = "1 call was" if total.unknown_calls == 1 else f"{total.unknown_calls} calls were"
         most = f"at most {short(total.unknown_tokens)} tokens{_dollars(total.unknown_cost)}"
         sentence += f". {calls} under way when the run or a worker stopped; whether they are charged is unknown, {most}"
-    return sentence + "."
+    return [sentence + "."]
 
 
 def _dollars(cost: float | None) -> str:
     return ", cost unknown" if cost is None else f", ${cost:.2f}" if cost else ""
-
-
-def spending_sentences(spending: Spending) -> list[str]:
-    """Return the sentence about the total use of a run, if any of it is not in its results or costs money."""
-    others = spending.other_attempts
-    return [spending_sentence(spending)] if others.tokens or others.unknown_calls or spending.total.cost else []
