@@ -21,7 +21,7 @@ from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
-from smartplay_tools.cli.show import TurnPrinter, print_result
+from smartplay_tools.cli.show import FAILED, TurnPrinter, print_result
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
@@ -35,8 +35,6 @@ from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
 from smartplay_tools.types.messages import text_of
 
-FAILED = ("player_error", "game_error", "strategy_error")
-
 
 @with_episode_options()
 def play(
@@ -44,7 +42,7 @@ def play(
     player: Annotated[
         str, typer.Option(help="Who plays: rule, random, human, openai:MODEL, or FILE.py:CLASS for one of yours.")
     ] = "rule",
-    base_url: Annotated[str | None, typer.Option(help="Base URL of the server of openai:MODEL.")] = None,
+    base_url: options.BaseUrl = None,
     player_option: options.PlayerOptions = None,
     price: runs.Prices = None,
     parse_calls: options.ParseCalls = None,

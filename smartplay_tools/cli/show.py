@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.formats import TextTable
     from smartplay_tools.types import EpisodeResult
 
+FAILED = ("player_error", "game_error", "strategy_error")
+"""How episodes end that have failed."""
+
 NARROWEST = 10
 """The least width of columns of words."""
 
@@ -68,7 +71,7 @@ def print_result(console: Console, result: EpisodeResult, cost: float | None = N
     stable = f"{tokens.prefix / tokens.prompt:.0%}" if tokens.prompt else "none"
     table = Table(show_header=False, title=result.game, title_justify="left")
     # The score at the moment of a player's failure is not a score of the game.
-    failed = result.end_reason in ("player_error", "game_error", "strategy_error")
+    failed = result.end_reason in FAILED
     table.add_row("score", "none: the episode failed" if failed else f"{result.score:g}{normalized}")
     table.add_row("end", result.end_reason + (f": {result.error}" if result.error else ""))
     table.add_row("steps", f"{result.steps} in {result.turns} turns")
