@@ -34,14 +34,23 @@ from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript import write_records
 
 
+def _values(scores: list[SampleScore]) -> list[float]:
+    to_float = value_to_float()
+    return [to_float(score.score.value) for score in scores]
+
+
+def _ends(scores: list[SampleScore]) -> dict[str, float]:
+    if not scores:
+        return {}
+    estimate = mean_estimate(_values(scores))
+    ends = {"low": estimate.low, "high": estimate.high}
+    return {name: value for name, value in ends.items() if value is not None}
+
+
 @metric
 def interval() -> Metric:
     """The ends of the 95 % interval of the mean, `low` and `high`, where the episodes give one."""
-
-    def ends(scores: list[SampleScore]) -> Value:
-        return _ends(scores)
-
-    return ends
+    return _ends
 
 
 @metric
@@ -111,19 +120,6 @@ def score_of(result: EpisodeResult) -> Score:
         explanation=result.end_reason + (f": {result.detail}" if result.detail else ""),
         metadata=result.model_dump(mode="json"),
     )
-
-
-def _values(scores: list[SampleScore]) -> list[float]:
-    to_float = value_to_float()
-    return [to_float(score.score.value) for score in scores]
-
-
-def _ends(scores: list[SampleScore]) -> dict[str, float]:
-    if not scores:
-        return {}
-    estimate = mean_estimate(_values(scores))
-    ends = {"low": estimate.low, "high": estimate.high}
-    return {name: value for name, value in ends.items() if value is not None}
 
 
 def save_records(log: str | Path | EvalLog, folder: str | Path) -> list[Path]:
