@@ -101,6 +101,11 @@ class EpisodeOptions:
         return read_budget(**self.budget_fields)
 
     @property
+    def of_cells(self) -> dict[str, Any]:
+        """What the cells of a run have in common as keyword arguments, whatever their budgets are."""
+        return {"engine": self.engine, "tokenizer": self.tokenizer, "options": self.options, **self.rules}
+
+    @property
     def conditions(self) -> dict[str, Any]:
         """The conditions of an episode as keyword arguments, except the game's own options."""
         return {"budget": self.budget, "engine": self.engine, "tokenizer": self.tokenizer, **self.rules}

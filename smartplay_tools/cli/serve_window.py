@@ -120,8 +120,7 @@ def plan_of(game: str, player: PlayerConfig, episodes: int, seed: int, episode: 
     """Return the plan of a run of one cell."""
     from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 
-    where: dict[str, Any] = {"engine": episode.engine, "tokenizer": episode.tokenizer}
-    cells = make_cells([game], [player], [episode.budget], options=episode.options, **where, **episode.rules)
+    cells = make_cells([game], [player], [episode.budget], **episode.of_cells)
     return plan_episodes(cells, trials=episodes, seed=seed)
 
 

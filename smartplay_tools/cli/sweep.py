@@ -50,15 +50,7 @@ def sweep(
     Example: smartplay-tools sweep --games BanditTwoArmedHighLowFixed-v0 --history 1,5,50 --trials 20 --out runs/sweep
     """
     configs = run.players(listed("--players", players))
-    cells = grid(
-        listed("--games", games),
-        configs,
-        vary=episode.vary,
-        engine=episode.engine,
-        tokenizer=episode.tokenizer,
-        options=episode.options,
-        **episode.rules,
-    )
+    cells = grid(listed("--games", games), configs, vary=episode.vary, **episode.of_cells)
     form = Format.JSON if run.as_json else form
     check_columns(cache, caches, form)
     for reason in cells.left_out:

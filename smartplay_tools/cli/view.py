@@ -103,7 +103,7 @@ def _playing(
     from smartplay_tools.games.specs import GAMES
     from smartplay_tools.web.site import BrowserGames
 
-    how |= {"options": episode.options, **episode.conditions}
+    how |= {"budget": episode.budget, **episode.of_cells}
     if "?" in play:
         _check_not_given(context, FOR_PLAY, "fixed by the challenge")
         playing = BrowserGames([], out, **how)
