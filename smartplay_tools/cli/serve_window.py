@@ -7,7 +7,8 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,47 +138,27 @@ def _where(endpoint: Any, handle: str, seed: int) -> str:
     return f"model {endpoint.model(handle)}  MCP {endpoint.mcp_url(handle)}  seed {seed}"
 
 
-def _mean(scores: list[float]) -> str:
-    return f", mean score {sum(scores) / len(scores):.4g}" if scores else ""
-
-
-class _Ends:
-    """Prints every episode that ends; for episodes that belong to no run."""
-
-    def __init__(self) -> None:
-        self.scores: list[float] = []
-        self._handles: dict[int, str] = {}
-        """By seed."""
-
-    def watched(self, endpoint: Any, game: str, *, seed: int, **settings: Any) -> str:
-        """Open an episode, and print its end when it comes."""
-        from smartplay_tools.episode.episode import add_listener
-
-        stop_listening = add_listener(self._listener)
-        try:
-            self._handles[seed] = str(endpoint.open(game, seed=seed, **settings))
-        finally:
-            stop_listening()
-        return self._handles[seed]
-
-    def _listener(self, episode: Episode) -> Any:
-        def listen(event: Mapping[str, Any]) -> None:
-            if "result" in event:
-                self.scores.append(event["result"]["score"])
-                typer.echo(ended(self._handles[episode.config.seed], event["result"]))
-
-        return listen
-
-
 def _serve_episodes(endpoint: Any, game: str, seeds: range, episode: EpisodeOptions) -> None:
-    """Offer an episode for each seed, until Ctrl-C."""
-    ends = _Ends()
-    for seed in seeds:
-        handle = ends.watched(endpoint, game, seed=seed, **episode.conditions, **episode.options)
-        typer.echo(_where(endpoint, handle, seed))
+    """Offer an episode for each seed, until Ctrl-C; print every one that ends."""
+    from smartplay_tools.episode.episode import add_listener
+
+    handles: dict[int, str] = {}
+    scores: list[float] = []
+
+    def tell(opened: Episode, event: Mapping[str, Any]) -> None:
+        if "result" in event:
+            scores.append(event["result"]["score"])
+            typer.echo(ended(handles[opened.config.seed], event["result"]))
+
+    with ExitStack() as opening:
+        opening.callback(add_listener(lambda opened: partial(tell, opened)))
+        for seed in seeds:
+            handles[seed] = endpoint.open(game, seed=seed, **episode.conditions, **episode.options)
+            typer.echo(_where(endpoint, handles[seed], seed))
     with suppress(KeyboardInterrupt):
         endpoint.run()
-    typer.echo(f"{len(ends.scores)} of {len(seeds)} episodes are over{_mean(ends.scores)}.")
+    mean = f", mean score {sum(scores) / len(scores):.4g}" if scores else ""
+    typer.echo(f"{len(scores)} of {len(seeds)} episodes are over{mean}.")
 
 
 def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:
