@@ -43,38 +43,33 @@ def showing(console: Console) -> Iterator[OnSnapshot]:
     """Show the progress of a run on a terminal as bars, elsewhere as lines."""
     if console.is_terminal:
         with Live(console=console, auto_refresh=False) as live:
-            yield lambda snapshot: live.update(_Screen(snapshot), refresh=True)
+            yield lambda snapshot: live.update(_screen(snapshot), refresh=True)
     else:
         yield _Log(console)
 
 
-class _Screen:
-    """A snapshot as bars, drawn for the current size of the terminal."""
-
-    def __init__(self, snapshot: RunSnapshot) -> None:
-        self._snapshot = snapshot
-
-    def __rich__(self) -> RenderableType:
-        room = max(1, Console(stderr=True).size.height - OTHER_LINES)
-        games = self._snapshot.games
-        if len(games) > room:
-            games = [*games[: room - 1], replace(reduce(add, games[room - 1 :]), game="other games")]
-        table = Table(box=None, padding=(0, 1, 0, 0), show_header=False)
-        table.add_column(overflow="ellipsis", no_wrap=True)
-        table.add_column(width=12)
-        table.add_column(justify="right", no_wrap=True)
-        table.add_column(no_wrap=True)
-        for game in games:
-            words = f"score {game.score / game.finished:.2f}" if game.finished else ""
-            words += f"  [red]{game.failed_attempts} failed[/]" if game.failed_attempts else ""
-            bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
-            table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
-        lines = [Text(self._snapshot.describe())]
-        if warning := self._snapshot.warning:
-            lines.append(Text(warning, style="yellow", no_wrap=True, overflow="ellipsis"))
-        if error := self._snapshot.latest_error:
-            lines.append(Text(f"latest failure: {error}", style="red", no_wrap=True, overflow="ellipsis"))
-        return Group(table, *lines)
+def _screen(snapshot: RunSnapshot) -> RenderableType:
+    """Return a snapshot as bars, drawn for the current size of the terminal."""
+    room = max(1, Console(stderr=True).size.height - OTHER_LINES)
+    games = snapshot.games
+    if len(games) > room:
+        games = [*games[: room - 1], replace(reduce(add, games[room - 1 :]), game="other games")]
+    table = Table(box=None, padding=(0, 1, 0, 0), show_header=False)
+    table.add_column(overflow="ellipsis", no_wrap=True)
+    table.add_column(width=12)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(no_wrap=True)
+    for game in games:
+        words = f"score {game.score / game.finished:.2f}" if game.finished else ""
+        words += f"  [red]{game.failed_attempts} failed[/]" if game.failed_attempts else ""
+        bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
+        table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
+    lines = [Text(snapshot.describe())]
+    if warning := snapshot.warning:
+        lines.append(Text(warning, style="yellow", no_wrap=True, overflow="ellipsis"))
+    if error := snapshot.latest_error:
+        lines.append(Text(f"latest failure: {error}", style="red", no_wrap=True, overflow="ellipsis"))
+    return Group(table, *lines)
 
 
 class _Log:

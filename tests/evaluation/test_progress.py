@@ -10,7 +10,7 @@ from functools import partial
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.cli.progress import _Screen, live_table, showing
+from smartplay_tools.cli.progress import _screen, live_table, showing
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
@@ -80,7 +80,7 @@ def test_the_screen_fits_a_terminal_of_80x24_whatever_there_is_to_show(tmp_path)
     error = "RuntimeError: " + "no more ideas " * 20
     snapshot = replace(snapshot, cells=cells, failed=1, latest_error=error, caps={"cost": 5.0})
     console = Console(width=80, height=24, file=io.StringIO(), force_terminal=True)
-    console.print(_Screen(snapshot))
+    console.print(_screen(snapshot))
     lines = re.sub(r"\x1b\[[0-9;]*m", "", console.file.getvalue()).splitlines()
     assert len(lines) <= 23
     assert max(map(len, lines)) <= 80
