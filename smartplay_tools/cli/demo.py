@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 from smartplay_tools.cli import program
-from smartplay_tools.cli.show import TurnPrinter, compact_table
+from smartplay_tools.cli.show import compact_table, print_turn
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
@@ -168,7 +168,7 @@ class _Watch:
         if self._console is None:
             return
         if number < SHOWN_TURNS or conversation.result is not None:
-            TurnPrinter(self._console)(conversation)
+            print_turn(self._console, conversation)
         elif number == SHOWN_TURNS:
             self._console.print("[dim]...[/]")
 

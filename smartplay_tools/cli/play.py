@@ -21,7 +21,7 @@ from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
-from smartplay_tools.cli.show import FAILED, TurnPrinter, print_result
+from smartplay_tools.cli.show import FAILED, print_result, print_turn
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
@@ -74,7 +74,7 @@ def play(
     protocol, spec = settings.pop("protocol"), get_spec(game)
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
-    printer = None if silent else TurnPrinter(Console())
+    console = None if silent else Console()
     first: list[str] = []
     with ExitStack() as stack:
         record, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
@@ -94,7 +94,7 @@ def play(
                     webbrowser.open(page)
             if isinstance(second, AbstractContextManager):
                 stack.enter_context(second)
-            interrupted = _run(played, who, protocol, second, printer, pace, first)
+            interrupted = _run(played, who, protocol, second, console, pace, first)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)
     has_failed = played.result.end_reason in FAILED  # the result says why
@@ -135,7 +135,7 @@ def _run(
     player: Any,
     protocol: Any,
     second: Any,
-    printer: TurnPrinter | None,
+    console: Console | None,
     pace: float,
     first: list[str],
 ) -> bool:
@@ -147,8 +147,8 @@ def _run(
     def after_a_turn(conversation: BaseConversation) -> None:
         if not first and conversation.latest_turn is not None:
             first.append(text_of(conversation.latest_turn.assistant))
-        if printer is not None:
-            printer(conversation)
+        if console is not None:
+            print_turn(console, conversation)
         time.sleep(pace)
 
     try:

@@ -27,34 +27,26 @@ NARROWEST = 10
 """The least width of columns of words."""
 
 
-class TurnPrinter:
-    """Prints every turn: the prompt's tokens and cap, dropped turns, calls and their results."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-
-    def __call__(self, conversation: BaseConversation) -> None:
-        """Print the latest turn."""
-        turn, view = conversation.latest_turn, conversation.view
-        assert turn is not None
-        assert view is not None
-        cap = conversation.episode.budget.prompt_tokens
-        limit = "" if cap is None else f"/{cap}"
-        dropped = f", {view.dropped_turns} turns dropped" if view.dropped_turns else ""
-        marked = f", {len(view.masked_results)} results marked" if view.masked_results else ""
-        facts = f"prompt {view.tokens}{limit} tokens, {view.shown_steps} steps shown{dropped}{marked}"
-        self._console.print(f"[bold]turn {turn.number}[/]  step {conversation.episode.stats.steps}  [dim]{facts}[/]")
-        if words := text_of(turn.assistant):
-            self._console.print(f"  [italic]{escape(words)}[/]")
-        for call in calls_of(turn.assistant):
-            function = call["function"]
-            self._console.print(
-                f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True
-            )
-        for item in turn.items:
-            bar = "|" if self._console.options.ascii_only else "│"
-            for line in text_of(item.message).splitlines():
-                self._console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True)
+def print_turn(console: Console, conversation: BaseConversation) -> None:
+    """Print the latest turn: the prompt's tokens and cap, dropped turns, calls and their results."""
+    turn, view = conversation.latest_turn, conversation.view
+    assert turn is not None
+    assert view is not None
+    cap = conversation.episode.budget.prompt_tokens
+    limit = "" if cap is None else f"/{cap}"
+    dropped = f", {view.dropped_turns} turns dropped" if view.dropped_turns else ""
+    marked = f", {len(view.masked_results)} results marked" if view.masked_results else ""
+    facts = f"prompt {view.tokens}{limit} tokens, {view.shown_steps} steps shown{dropped}{marked}"
+    console.print(f"[bold]turn {turn.number}[/]  step {conversation.episode.stats.steps}  [dim]{facts}[/]")
+    if words := text_of(turn.assistant):
+        console.print(f"  [italic]{escape(words)}[/]")
+    for call in calls_of(turn.assistant):
+        function = call["function"]
+        console.print(f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True)
+    for item in turn.items:
+        bar = "|" if console.options.ascii_only else "│"
+        for line in text_of(item.message).splitlines():
+            console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True)
 
 
 def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:
