@@ -21,6 +21,7 @@ from typing import Any
 from smartplay_tools import InvalidArgumentError, Message, SampledTokens, Usage
 from smartplay_tools.players import count_in, reported_in
 from smartplay_tools.players.conversion import function_call
+from smartplay_tools.types.arguments import value_in
 
 WordsAndCalls = tuple[str, list[tuple[str, str]]]
 """The words around the calls, and each call's name and arguments as JSON."""
@@ -33,7 +34,7 @@ _DECODER = json.JSONDecoder()
 
 
 def _hermes(text: str) -> WordsAndCalls | None:
-    calls = [_named(_load(body)) for body in _HERMES.findall(_THINKING.sub("", text))]
+    calls = [_named(value_in(body)) for body in _HERMES.findall(_THINKING.sub("", text))]
     if not calls or not all(calls):
         return None
     words = _THINKING_OR_HERMES.sub(lambda match: match["thinking"] or "", text)
@@ -51,7 +52,7 @@ def _mistral(text: str) -> WordsAndCalls | None:
     if not mark:
         return None
     if rest.lstrip().startswith("["):
-        listed = _load(rest.strip())
+        listed = value_in(rest.strip())
         calls = [_named(value) for value in listed] if isinstance(listed, list) else []
         return (words, [call for call in calls if call]) if calls and all(calls) else None
     read, at = list[tuple[str, str]](), 0
@@ -89,13 +90,6 @@ def _named(value: Any) -> tuple[str, str] | None:
         return None
     arguments = value.get("arguments", value.get("parameters", {}))
     return value["name"], arguments if isinstance(arguments, str) else json.dumps(arguments, ensure_ascii=False)
-
-
-def _load(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return None
 
 
 def _values(text: str, separator: str) -> Iterator[Any]:

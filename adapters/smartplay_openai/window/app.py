@@ -83,7 +83,7 @@ def window_app(
         if surface not in ("mcp", "v1"):
             return PlainTextResponse("Not found", 404)
         if token is not None and not carries(request, token, key_header=KEY_HEADER):
-            return refused(WRONG_KEY, _format_of(request))
+            return await _refuse(request, WRONG_KEY)
         return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
@@ -225,16 +225,9 @@ def _counter(store: WindowStore) -> Any:
     return count
 
 
-def _format_of(request: Request) -> HostFormat:
-    return MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
-
-
 async def _refuse(request: Request, error: RequestError) -> Response:
-    return refused(error, _format_of(request))
-
-
-def refused(error: RequestError, form: HostFormat) -> Response:
-    """Return a refusal in the form of an interface."""
+    """Answer a request that is refused, in the form of its interface."""
+    form = MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
     return json_response(form.refusal(error), error.status, error.headers)
 
 
