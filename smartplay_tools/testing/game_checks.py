@@ -45,6 +45,7 @@ from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import GAMES, IN_FILES, get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.records.replays import replay
+from smartplay_tools.testing.hostile import require
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types.arguments import read
 
@@ -121,12 +122,12 @@ def names_its_actions(spec: GameSpec) -> None:
     """Actions are texts that differ in more than case and a full stop; `action_count` is their number."""
     actions = spec.make().actions
     for name in actions:
-        _require(isinstance(name, str) and bool(name.strip()), f"{name!r} is not the name of an action")
+        require(isinstance(name, str) and bool(name.strip()), f"{name!r} is not the name of an action")
     plain = [name.casefold().removesuffix(".") for name in actions]
     twice = next((name for name in plain if plain.count(name) > 1), None)
-    _require(twice is None, f"two actions have the name {twice!r}, and a model could not choose between them")
+    require(twice is None, f"two actions have the name {twice!r}, and a model could not choose between them")
     counted = spec.count_actions()
-    _require(counted == len(actions), f"action_count is {counted}, and the game has {len(actions)} actions")
+    require(counted == len(actions), f"action_count is {counted}, and the game has {len(actions)} actions")
 
 
 @_check
@@ -143,12 +144,12 @@ def gives_texts_numbers_and_json(spec: GameSpec) -> None:
                 f"Step {step + 1} raises {type(error).__name__}: {error}. `_step` returns a text, a number and two "
                 "truth values: whether the episode is terminated, and truncated."
             ) from error
-        _require(isinstance(observation, str), f"the observation of step {step + 1} is {observation!r}, and not a text")
-        _require(math.isfinite(reward), f"the reward of step {step + 1} is {reward!r}, and not a finite number")
-        _require(all(type(end) is bool for end in ends), f"step {step + 1} ends with {ends}, and not with truth values")
+        require(isinstance(observation, str), f"the observation of step {step + 1} is {observation!r}, and not a text")
+        require(math.isfinite(reward), f"the reward of step {step + 1} is {reward!r}, and not a finite number")
+        require(all(type(end) is bool for end in ends), f"step {step + 1} ends with {ends}, and not with truth values")
         score = made.score
         is_number = isinstance(score, int | float) and math.isfinite(score)
-        _require(is_number, f"the score is {score!r}, and not a finite number of Python's")
+        require(is_number, f"the score is {score!r}, and not a finite number of Python's")
         if any(ends):
             break
 
@@ -159,7 +160,7 @@ def says_only_what_its_observation_space_holds(spec: GameSpec) -> None:
     made = _begun(spec)
     first = made.observation
     for observation in (first, *(step[0] for step in random_walk(made, _walk(spec)))):
-        _require(
+        require(
             observation in made.observation_space,
             f"an observation is empty, longer, or of other characters than its observation space: {observation!r}",
         )
@@ -174,23 +175,23 @@ def leaves_the_global_random_streams_alone(spec: GameSpec) -> None:
     for name, was, now in zip(
         ("random", "numpy.random"), before, (random.getstate(), repr(np.random.get_state())), strict=True
     ):
-        _require(now == was, f"the game moves the global stream of {name}: draw from self.np_random alone")
+        require(now == was, f"the game moves the global stream of {name}: draw from self.np_random alone")
 
 
 @_check
 def is_decided_by_seed_and_actions(spec: GameSpec) -> None:
     """Equal seeds and equal actions give equal observations, rewards and state hashes."""
     made, other = spec.make(), spec.make()
-    _require(
+    require(
         made.reset(seed=9) == other.reset(seed=9),
         "the same seed gives another first observation: the seed alone decides it",
     )
-    _require(
+    require(
         made.state_hash() == other.state_hash(), "the same seed gives another state hash: the seed alone decides it"
     )
     pairs = zip(random_walk(made, 40), random_walk(other, 40), strict=True)
     for step, (was, now) in enumerate(pairs, start=1):
-        _require(was == now, f"the same seed and actions differ at step {step}: {was} and {now}")
+        require(was == now, f"the same seed and actions differ at step {step}: {was} and {now}")
 
 
 @_check
@@ -201,7 +202,7 @@ def starts_anew_at_every_reset(spec: GameSpec) -> None:
     for _ in range(RESETS):
         now = [made.reset(seed=9), *random_walk(made, steps)]
         first = first or now
-        _require(
+        require(
             now == first,
             "the same seed and actions give another episode after a reset: something survives it, such as a counter",
         )
@@ -213,7 +214,7 @@ def is_not_changed_by_looking_at_it(spec: GameSpec) -> None:
     drawn, plain, steps = _begun(spec), _begun(spec), _steps(spec)
     seen = random_walk(drawn, steps, look=lambda game: _look(game, spec))
     _look(drawn, spec)
-    _require(
+    require(
         seen == random_walk(plain, steps) and drawn.state_hash() == plain.state_hash(),
         "asking for `drawing`, `needs` or `breaks` changes the game",
     )
@@ -231,10 +232,10 @@ def _look(game: TextGame, spec: GameSpec) -> None:
     steps, actions = game._steps, range(len(game.actions))
     for name, numbers, allowed in (("needs", facts["needs"], range(steps + 1)), ("breaks", facts["breaks"], actions)):
         wrong = [number for number in numbers or () if type(number) is not int or number not in allowed]
-        _require(not wrong, f"`{name}` has {wrong} after step {steps}: it is of {allowed.start} to {allowed.stop - 1}")
+        require(not wrong, f"`{name}` has {wrong} after step {steps}: it is of {allowed.start} to {allowed.stop - 1}")
     if isinstance(spec.memory, int) and facts["needs"]:
         back = steps - min(facts["needs"])
-        _require(back <= spec.memory, f"`needs` goes {back} steps back, and memory is {spec.memory}")
+        require(back <= spec.memory, f"`needs` goes {back} steps back, and memory is {spec.memory}")
 
 
 @_check
@@ -242,10 +243,10 @@ def has_a_state_hash_that_changes_with_play(spec: GameSpec) -> None:
     """The state hash is 128 bits, is the same when asked again, and changes with a step."""
     made = _begun(spec)
     before = made.state_hash()
-    _require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
-    _require(made.state_hash() == before, "asking for the state hash changes it")
+    require(re.fullmatch("[0-9a-f]{32}", before) is not None, f"{before!r} is not a hash of 128 bits")
+    require(made.state_hash() == before, "asking for the state hash changes it")
     made.step(0)
-    _require(made.state_hash() != before, "a step does not change the state hash")
+    require(made.state_hash() != before, "a step does not change the state hash")
 
 
 @_check
@@ -261,7 +262,7 @@ def has_a_future_that_its_state_hash_decides(spec: GameSpec) -> None:
             for _ in range(steps):
                 before, action = made.state_hash(), int(rng.choice(few))
                 outcome = (*made.advance(action), made.score, made.completed, made.state_hash())
-                _require(
+                require(
                     outcomes.setdefault((before, action), outcome) == outcome,
                     f"{made.actions[action]!r} has two outcomes at the same state hash: `_state` misses something that "
                     "decides the future",
@@ -277,7 +278,7 @@ def differs_between_seeds(spec: GameSpec) -> None:
     for seed in (*range(8), 2**32, 2**64, 10**40):
         made.reset(seed=seed)
         hashes.add(made.state_hash())
-    _require(len(hashes) == 11, "several seeds give the same state hash")
+    require(len(hashes) == 11, "several seeds give the same state hash")
 
 
 @_check
@@ -291,14 +292,14 @@ def is_a_gymnasium_environment(spec: GameSpec) -> None:
     game = spec.make()
     played = game.reset(), game.state_hash()
     again = game.reset(seed=game.np_random_seed), game.state_hash()
-    _require(played == again, "np_random_seed after a reset without a seed brings another world: draw from np_random")
-    if not _is_registered(spec):
+    require(played == again, "np_random_seed after a reset without a seed brings another world: draw from np_random")
+    if spec.id not in GAMES:
         check_env(spec.make(), skip_render_check=True)  # it asks Gymnasium's registry for the render modes
         return
     made = gymnasium.make(f"smartplay/{spec.id}")
     check_env(made.unwrapped)
     steps = None if made.spec is None else made.spec.max_episode_steps
-    _require(steps in (None, spec.rollout), f"gymnasium.make ends it after {steps} steps, not {spec.rollout}")
+    require(steps in (None, spec.rollout), f"gymnasium.make ends it after {steps} steps, not {spec.rollout}")
 
 
 @_check
@@ -306,7 +307,7 @@ def leaves_to_text_game_what_all_games_have_in_common(spec: GameSpec) -> None:
     """Actions, `info` and the history are `TextGame`'s: a game defines `_reset`, `_step` and `_state`."""
     kind = spec.load()
     own = [name for name in COMMON if getattr(kind, name) is not getattr(TextGame, name)]
-    _require(not own, f"{kind.__name__} overrides {', '.join(own)} of TextGame: define `_step` instead")
+    require(not own, f"{kind.__name__} overrides {', '.join(own)} of TextGame: define `_step` instead")
 
 
 @_check
@@ -316,12 +317,12 @@ def goes_on_alike_after_copy_and_pickle(spec: GameSpec) -> None:
     *_, last = random_walk(made, 3)
     twins = {"a deep copy": copy.deepcopy(made), "a pickle": pickle.loads(pickle.dumps(made))}
     for name, twin in twins.items():
-        _require(twin.state_hash() == made.state_hash(), f"{name} has another state hash")
+        require(twin.state_hash() == made.state_hash(), f"{name} has another state hash")
     _, _, terminated, truncated, *_ = last
     if not (terminated or truncated):
         walk = random_walk(made, 20, seed=1)
         for name, twin in twins.items():
-            _require(random_walk(twin, 20, seed=1) == walk, f"{name} continues differently")
+            require(random_walk(twin, 20, seed=1) == walk, f"{name} continues differently")
 
 
 @_check
@@ -335,10 +336,10 @@ def refuses_what_is_no_seed(spec: GameSpec) -> None:
             made.reset(seed=seed)  # type: ignore[arg-type]
         except InvalidArgumentError as error:
             told = "seed must be a whole number, 0 or more, not " in str(error)
-            _require(told, f"the seed {seed!r} is refused with {str(error)!r}")
+            require(told, f"the seed {seed!r} is refused with {str(error)!r}")
         else:
             raise AssertionError(f"The seed {seed!r} is not refused.")
-    _require(made.state_hash() == before, "a refused seed has changed the game")
+    require(made.state_hash() == before, "a refused seed has changed the game")
 
 
 @_check
@@ -348,11 +349,11 @@ def numbers_its_actions_as_its_manual_does(spec: GameSpec) -> None:
     tools = Tools(made, Wording.of(VERSION))
     act = next(spec for spec in tools.specs if spec.name == "act")
     for number, name in enumerate(made.numbered_actions, start=1):
-        _require(f"\n{number}. {name}" in made.manual, f"the manual has no line '{number}. {name}'")
-        _require(f"\n{number}. {name}" in act.description, f"the tool `act` has no line '{number}. {name}'")
+        require(f"\n{number}. {name}" in made.manual, f"the manual has no line '{number}. {name}'")
+        require(f"\n{number}. {name}" in act.description, f"the tool `act` has no line '{number}. {name}'")
         for sent in (f"{number}", f"{number}.", f" {number}. {name} ", name.upper(), f"{name.removesuffix('.')}."):
             action = tools.parse("act", read({"action": sent})).action
-            _require(action is not None and made.actions[action] == name, f"{sent!r} is not taken as {name!r}")
+            require(action is not None and made.actions[action] == name, f"{sent!r} is not taken as {name!r}")
 
 
 @_check
@@ -362,26 +363,26 @@ def is_played_and_replayed_through_its_tools(spec: GameSpec) -> None:
     record: list[Event] = []
     with Episode(spec, seed=2, transcript=record) as episode:
         result = play(episode, get_player("random", seed=2))
-    _require(result.end_reason in ("terminated", "rollout"), f"it ended as {result.end_reason}: {result.error}")
-    _require(result.steps <= spec.rollout, f"it took {result.steps} steps of {spec.rollout}")
+    require(result.end_reason in ("terminated", "rollout"), f"it ended as {result.end_reason}: {result.error}")
+    require(result.steps <= spec.rollout, f"it took {result.steps} steps of {spec.rollout}")
     mistakes = result.illegal_actions + result.malformed_calls
-    _require(mistakes == 0, f"{mistakes} legal actions were taken for mistakes")
-    if _is_registered(spec):  # a record names its setting
+    require(mistakes == 0, f"{mistakes} legal actions were taken for mistakes")
+    if spec.id in GAMES:  # a record names its setting
         replayed = replay(json.loads(json.dumps(record)))
-        _require(replayed.identical, f"its record is not replayed identically: {replayed.differences[:1]}")
+        require(replayed.identical, f"its record is not replayed identically: {replayed.differences[:1]}")
 
 
 @_check
 def scores_within_its_bounds(spec: GameSpec) -> None:
     """Every score of random play is within `score_bounds`, and one of the two if the setting is `two_valued`."""
-    _require(spec.score_bounds is not None or not spec.two_valued, "it is two-valued and declares no score_bounds")
+    require(spec.score_bounds is not None or not spec.two_valued, "it is two-valued and declares no score_bounds")
     if spec.score_bounds is None:
         return
     low, high = spec.score_bounds
-    for seed in range(2 if _is_slow(spec) else SCORED_EPISODES):
+    for seed in range(2 if spec.load().is_slow else SCORED_EPISODES):
         for score in _scores(spec, seed):
-            _require(low <= score <= high, f"it scores {score:g}, outside of {low:g} to {high:g}")
-            _require(
+            require(low <= score <= high, f"it scores {score:g}, outside of {low:g} to {high:g}")
+            require(
                 not spec.two_valued or score in (low, high),
                 f"it is two_valued, and scores {score:g}, which is neither bound",
             )
@@ -395,7 +396,7 @@ def adds_no_less_than_its_worst_step(spec: GameSpec) -> None:
     for seed in range(SCORED_EPISODES):
         least = min(after - before for before, after in itertools.pairwise(_scores(spec, seed)))
         holds = least >= spec.worst_step or math.isclose(least, spec.worst_step)  # a sum of floats is rounded
-        _require(holds, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
+        require(holds, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
 
 
 @_check
@@ -414,14 +415,14 @@ def is_the_same_in_another_process(spec: GameSpec) -> None:
         process.start()
     theirs.close()
     try:
-        _require(ours.poll(SECONDS), f"another process has not played two short walks in {SECONDS:g} seconds")
+        require(ours.poll(SECONDS), f"another process has not played two short walks in {SECONDS:g} seconds")
         there = ours.recv()
     except EOFError:
         raise AssertionError("Another process cannot import the game: have its class in a module or a file.") from None
     finally:
         process.kill()
         process.join()
-    _require(
+    require(
         there == _played(spec),
         "the same seed and actions play differently in another process: is the order of a set used, or anything of the "
         "machine?",
@@ -456,14 +457,6 @@ def _scores(spec: GameSpec, seed: int) -> list[float]:
     return [*scores, made.score]
 
 
-def _is_registered(spec: GameSpec) -> bool:
-    return spec.id in GAMES
-
-
-def _is_slow(spec: GameSpec) -> bool:
-    return spec.load().is_slow
-
-
 def _walk(spec: GameSpec) -> int:
     """The length of a walk."""
     return min(spec.rollout, LONGEST_WALK)
@@ -471,7 +464,7 @@ def _walk(spec: GameSpec) -> int:
 
 def _steps(spec: GameSpec) -> int:
     """The length of a short walk."""
-    return 8 if _is_slow(spec) else min(spec.rollout, 40)
+    return 8 if spec.load().is_slow else min(spec.rollout, 40)
 
 
 def _require_json(name: str, value: Any) -> None:
@@ -481,8 +474,3 @@ def _require_json(name: str, value: Any) -> None:
         raise AssertionError(
             f"`{name}` is not JSON: {error}. It is of Python's numbers, texts, lists and dictionaries."
         ) from error
-
-
-def _require(holds: bool, sentence: str) -> None:
-    if not holds:
-        raise AssertionError(f"{sentence[0].upper()}{sentence[1:]}.")
