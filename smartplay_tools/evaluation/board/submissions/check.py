@@ -204,7 +204,8 @@ def checking(
         checked = Checked(path.name, hashlib.file_digest(file, "sha256").hexdigest())
     try:
         with unpacked(path, limits) as folder:
-            _Check(checked, folder, issued, allowed or Allowed(), workers, limits).run()
+            for finding in _Check(checked, folder, issued, allowed or Allowed(), workers, limits).findings():
+                checked.findings.append(finding)
             yield checked, folder
     except BundleError as refused:
         checked.findings.append(error("bundle", str(refused)))
@@ -225,87 +226,80 @@ def _key_of(line: bytes) -> str:
     return key if isinstance(key, str) else ""
 
 
+@dataclass
 class _Check:
     """The check of an unpacked bundle, step by step."""
 
-    def __init__(
-        self,
-        checked: Checked,
-        folder: Path,
-        issued: Sequence[IssuedSeed] | None,
-        allowed: Allowed,
-        workers: int,
-        limits: Limits,
-    ) -> None:
-        self._checked, self._folder, self._issued = checked, folder, issued
-        self._allowed, self._workers, self._limits = allowed, workers, limits
+    checked: Checked
+    folder: Path
+    issued: Sequence[IssuedSeed] | None
+    allowed: Allowed
+    workers: int
+    limits: Limits
 
-    def run(self) -> None:
-        """Check everything; findings go to the report."""
-        findings = self._checked.findings
-        self._read_metadata()
+    def findings(self) -> Iterator[Finding]:
+        """Yield what is found; the other facts are written into the report."""
+        yield from self._read_metadata()
         try:
             plan = read_plan(self._json("manifest.json"))
         except InvalidArgumentError as fault:
-            findings.append(error("plan", str(fault)))
+            yield error("plan", str(fault))
             return
-        checked = check_plan(plan, self._allowed)
-        findings += checked.findings
-        self._checked.seed, self._checked.planned = plan.seed, len(plan.episodes)
-        self._check_seed(plan)
-        if self._checked.submission is not None:
-            findings += check_suite(plan, self._checked.submission.suite, self._checked.submission.submission_type)
-        findings += self._check_coverage(plan)
+        planned = check_plan(plan, self.allowed)
+        yield from planned.findings
+        self.checked.seed, self.checked.planned = plan.seed, len(plan.episodes)
+        yield from self._check_seed(plan)
+        submission = self.checked.submission
+        if submission is not None:
+            yield from check_suite(plan, submission.suite, submission.submission_type)
+        yield from self._check_coverage(plan)
         rows: dict[str, bytes] = {}
-        findings += self._check_rows(plan, rows)
-        self._check_records(plan, checked.replayable, rows)
-        if self._checked.submission is not None:
-            findings += self._check_results(plan)
+        yield from self._check_rows(plan, rows)
+        yield from self._check_records(plan, planned.replayable, rows)
+        if submission is not None:
+            yield from self._check_results(plan, submission)
 
     def _json(self, name: str) -> Any:
         try:
-            return json.loads((self._folder / name).read_bytes(), parse_constant=_number, parse_float=_number)
+            return json.loads((self.folder / name).read_bytes(), parse_constant=_number, parse_float=_number)
         except (ValueError, RecursionError):
             raise InvalidArgumentError(f"{name} in the bundle is not JSON, or holds a number beyond all.") from None
 
-    def _read_metadata(self) -> None:
+    def _read_metadata(self) -> Iterator[Finding]:
         try:
-            self._checked.submission = read_submission(self._json("submission.json"))
-            if (self._folder / "environment.json").exists():
+            self.checked.submission = read_submission(self._json("submission.json"))
+            if (self.folder / "environment.json").exists():
                 self._json("environment.json")
-            if (self._folder / ROLLOUT_CARD).exists():
-                self._checked.findings.append(
-                    remark("metadata", f"{ROLLOUT_CARD}, of an older version, is not checked.")
-                )
+            if (self.folder / ROLLOUT_CARD).exists():
+                yield remark("metadata", f"{ROLLOUT_CARD}, of an older version, is not checked.")
         except InvalidArgumentError as fault:
-            self._checked.findings.append(error("metadata", str(fault)))
+            yield error("metadata", str(fault))
 
-    def _check_seed(self, plan: SubmittedPlan) -> None:
-        if self._issued is None:
+    def _check_seed(self, plan: SubmittedPlan) -> Iterator[Finding]:
+        if self.issued is None:
             text = f"The run's seed is {plan.seed}; whether it was issued was not checked, so its worlds may be chosen."
-            self._checked.findings.append(remark("seed", text))
+            yield remark("seed", text)
             return
-        submission = self._checked.submission
-        ours = next((issued for issued in self._issued if issued.seed == plan.seed), None)
+        submission = self.checked.submission
+        ours = next((issued for issued in self.issued if issued.seed == plan.seed), None)
         if ours is None:
-            self._checked.findings.append(error("seed", f"The run's seed, {plan.seed}, was not issued."))
+            yield error("seed", f"The run's seed, {plan.seed}, was not issued.")
         elif submission is not None and ours.name != submission.model_name:
-            text = f"The run's seed was issued to {ours.name!r}, not to {submission.model_name!r}."
-            self._checked.findings.append(error("seed", text))
+            yield error("seed", f"The run's seed was issued to {ours.name!r}, not to {submission.model_name!r}.")
         elif submission is not None and ours.suite not in (None, submission.suite):
-            self._checked.findings.append(error("seed", f"The run's seed was issued for the suite {ours.suite}."))
+            yield error("seed", f"The run's seed was issued for the suite {ours.suite}.")
         else:
-            self._checked.issued = ours
+            self.checked.issued = ours
 
     def _check_coverage(self, plan: SubmittedPlan) -> Iterator[Finding]:
         """Compare the plan with the records."""
         planned = {episode.key for episode in plan.episodes}
-        records = {path.stem for path in (self._folder / "episodes").iterdir()}
+        records = {path.stem for path in (self.folder / "episodes").iterdir()}
         if missing := sorted(planned - records):
             yield error("coverage", f"{len(missing)} planned episodes have no record: {some(missing)}.")
         if others := sorted(records - planned):
             yield error("coverage", f"{len(others)} records are of no planned episode: {some(others)}.")
-        tried = {path.name.partition(".")[0] for path in (self._folder / "attempts").iterdir()}
+        tried = {path.name.partition(".")[0] for path in (self.folder / "attempts").iterdir()}
         if others := sorted(tried - planned):
             yield error("coverage", f"{len(others)} attempts are at no planned episode: {some(others)}.")
 
@@ -316,7 +310,7 @@ class _Check:
         """
         planned = {episode.key for episode in plan.episodes}
         doubled, others = set(), []
-        with (self._folder / "results.jsonl").open("rb") as lines:
+        with (self.folder / "results.jsonl").open("rb") as lines:
             for number, line in enumerate(lines, start=1):
                 key = _key_of(line)
                 if key in rows:
@@ -333,13 +327,13 @@ class _Check:
             count = f"{len(others)} rows" if len(others) < MOST_OTHER_ROWS else f"{MOST_OTHER_ROWS} rows or more"
             yield error("coverage", f"{count} of results.jsonl are of no planned episode: {some(others)}.")
 
-    def _check_records(self, plan: SubmittedPlan, replayable: set[int], rows: Mapping[str, bytes]) -> None:
-        files = sorted((self._folder / "attempts").iterdir(), key=lambda path: int(path.name.split(".")[1]))
+    def _check_records(self, plan: SubmittedPlan, replayable: set[int], rows: Mapping[str, bytes]) -> Iterator[Finding]:
+        files = sorted((self.folder / "attempts").iterdir(), key=lambda path: int(path.name.split(".")[1]))
         attempts = grouped(files, lambda path: path.name.partition(".")[0])
-        submission = self._checked.submission
+        submission = self.checked.submission
         jobs = []
         for episode in plan.episodes:
-            record = self._folder / "episodes" / f"{episode.key}.jsonl"
+            record = self.folder / "episodes" / f"{episode.key}.jsonl"
             if episode.cell in replayable and record.exists():
                 config = plan.config(episode)
                 jobs.append(
@@ -351,25 +345,25 @@ class _Check:
                         plan.prices.get(config.player or ""),
                         tuple(attempts.get(episode.key, ())),
                         self._before(plan, episode.key),
-                        self._allowed.tokenizer,
+                        self.allowed.tokenizer,
                         standard=submission is not None and submission.submission_type == "standard",
                     )
                 )
-        answers = {job.record: answer for job, answer in run_limited(check_record, jobs, self._workers, self._limits)}
+        answers = {job.record: answer for job, answer in run_limited(check_record, jobs, self.workers, self.limits)}
         for job in jobs:
-            self._add(job, answers[job.record])
-        self._remark_on_records([answer for answer in answers.values() if isinstance(answer, CheckedRecord)])
+            yield from self._add(job, answers[job.record])
+        yield from _about_records([answer for answer in answers.values() if isinstance(answer, CheckedRecord)])
 
     def _before(self, plan: SubmittedPlan, key: str) -> Path | None:
         before = plan.predecessors.get(key)
-        return None if before is None else self._folder / "episodes" / f"{before}.jsonl"
+        return None if before is None else self.folder / "episodes" / f"{before}.jsonl"
 
-    def _add(self, job: RecordJob, answer: CheckedRecord | Lost) -> None:
-        checked = self._checked
+    def _add(self, job: RecordJob, answer: CheckedRecord | Lost) -> Iterator[Finding]:
+        checked = self.checked
         if isinstance(answer, Lost):
-            checked.findings.append(error("record", f"The record was not checked: {answer.why}.", job.config.key))
+            yield error("record", f"The record was not checked: {answer.why}.", job.config.key)
             return
-        checked.findings += answer.findings
+        yield from answer.findings
         if answer.row is not None:  # with the cell's options, which the rows of its episodes share
             checked.rows.append({**answer.row, "player_options": job.config.player_options})
         checked.replies += answer.replies
@@ -377,26 +371,25 @@ class _Check:
         checked.calls += answer.calls
         checked.attempts.update(answer.attempts)
 
-    def _remark_on_records(self, answers: Sequence[CheckedRecord]) -> None:
-        versions = {answer.versions.get("smartplay-tools", "unknown") for answer in answers}
-        here = metadata.version("smartplay-tools")
-        if versions - {here}:
-            text = f"Played with smartplay-tools {some(sorted(versions))}, and replayed with {here}."
-            self._checked.findings.append(remark("record", text))
-        if len(versions) > 1:
-            self._checked.findings.append(remark("record", "The records were made with several versions."))
-        if without := sum(not answer.provider for answer in answers):
-            text = f"{without} of {len(answers)} records hold no count of tokens by a provider; ours is exact for both."
-            self._checked.findings.append(remark("record", text))
-
-    def _check_results(self, plan: SubmittedPlan) -> Iterator[Finding]:
+    def _check_results(self, plan: SubmittedPlan, submission: Submission) -> Iterator[Finding]:
         """Compare the results in the metadata with those of the records."""
-        submission = self._checked.submission
-        assert submission is not None
-        modified = any(finding.kind == "prompts" for finding in self._checked.findings)
+        modified = any(finding.kind == "prompts" for finding in self.checked.findings)
         if modified and not submission.methodology.verification.modified_prompts:
             yield error("metadata", "submission.json says that no prompts were modified, but the records show it.")
-        if len(self._checked.rows) < len(plan.episodes):
+        if len(self.checked.rows) < len(plan.episodes):
             return  # there is an error for every episode that is not here
-        if submission.results != cell_results(self._checked.rows):
+        if submission.results != cell_results(self.checked.rows):
             yield error("results", "The results in submission.json are not those of the records.")
+
+
+def _about_records(answers: Sequence[CheckedRecord]) -> Iterator[Finding]:
+    """Yield remarks on the versions of all records, and on counts of tokens that they do not hold."""
+    versions = {answer.versions.get("smartplay-tools", "unknown") for answer in answers}
+    here = metadata.version("smartplay-tools")
+    if versions - {here}:
+        yield remark("record", f"Played with smartplay-tools {some(sorted(versions))}, and replayed with {here}.")
+    if len(versions) > 1:
+        yield remark("record", "The records were made with several versions.")
+    if without := sum(not answer.provider for answer in answers):
+        text = f"{without} of {len(answers)} records hold no count of tokens by a provider; ours is exact for both."
+        yield remark("record", text)
