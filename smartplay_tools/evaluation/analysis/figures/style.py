@@ -48,26 +48,8 @@ CUT_NOTE = f"{CUT}: tool results were cut"
 GREY = "#6E6E6E"
 """The colour of references: the human score, the paper's models."""
 
-RULES: Any = {
-    "figure.dpi": 100,
-    "savefig.dpi": 150,
-    "font.family": "DejaVu Sans",  # ships with matplotlib, so letters have the same width everywhere
-    "font.size": 10,
-    "axes.titlesize": 11,
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.8,
-    "lines.markersize": 6,
-    "legend.frameon": False,
-    "svg.hashsalt": "smartplay-tools",
-    "svg.fonttype": "path",
-    "pdf.fonttype": 42,  # text stays text
-}
+RULES = Path(__file__).with_name("figures.mplstyle")
+"""matplotlib's settings for all figures."""
 
 FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
 """The formats of a figure, each with the metadata that is left out: the same figure has the same bytes."""
@@ -81,8 +63,8 @@ def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
     @functools.wraps(draw)
     def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
         with extra_named("Drawing figures", "evaluation"):
-            import matplotlib
-        with matplotlib.rc_context(RULES):
+            import matplotlib.style
+        with matplotlib.style.context(RULES):
             return draw(*args, **kwargs)
 
     return styled
@@ -203,7 +185,7 @@ def save_figure(
     With `svg_text` the words of an SVG are text, which can be searched and edited but depends on the reader's fonts;
     else they are paths, which look the same everywhere.
     """
-    import matplotlib
+    import matplotlib.style
 
     stem = Path(stem)
     if not stem.name:
@@ -212,7 +194,7 @@ def save_figure(
         raise InvalidArgumentError(f"A figure is written as {', '.join(FORMATS)}, not {unknown[0]!r}.")
     stem.parent.mkdir(parents=True, exist_ok=True)
     written = []
-    with matplotlib.rc_context({**RULES, **({"svg.fonttype": "none"} if svg_text else {})}):
+    with matplotlib.style.context([RULES, {"svg.fonttype": "none"} if svg_text else {}]):
         for name in formats:
             written.append(stem.with_name(f"{stem.name}.{name}"))
             drawn.savefig(written[-1], metadata=dict.fromkeys(FORMATS[name]))
