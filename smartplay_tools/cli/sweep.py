@@ -58,7 +58,7 @@ def sweep(
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
     if done is None:
         return
-    swept = Sweep(done, cells.left_out)
+    swept = Sweep.of(done, cells)
     written = swept.write()
     curves = areas(swept.rows)
     took = took_tables(swept.comparisons, latencies(swept.rows, done.folder.timings()))

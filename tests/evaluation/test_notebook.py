@@ -33,7 +33,7 @@ def test_a_sweep_shows_its_windows(tmp_path):
     swept = sp.sweep([BANDIT], ["rule"], vary={"history": [1, 5]}, trials=2, out=tmp_path, executor="inline")
     assert "history 5" in swept._repr_html_()
     assert "reference" in swept._repr_html_()
-    assert swept.show(1).transcript == swept.run.folder.transcript(swept.rows[1]["key"])
+    assert swept.show(1).transcript == swept.folder.transcript(swept.rows[1]["key"])
 
 
 def test_rows_become_a_data_frame(run):

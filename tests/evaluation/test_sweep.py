@@ -103,9 +103,9 @@ def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not
 
 
 def test_the_same_call_resumes_it(played):
-    before = {path: path.stat().st_mtime_ns for path in (played.run.folder.path / "episodes").iterdir()}
+    before = {path: path.stat().st_mtime_ns for path in (played.folder.path / "episodes").iterdir()}
     again = sweep(
-        [BANDIT], ["rule", "random"], out=played.run.folder.path, trials=4, executor="inline",
+        [BANDIT], ["rule", "random"], out=played.folder.path, trials=4, executor="inline",
         vary={"history": [1, 50], "slack": [0, 0.5]},
     )  # fmt: skip
     assert {path: path.stat().st_mtime_ns for path in before} == before
@@ -114,12 +114,12 @@ def test_the_same_call_resumes_it(played):
 
 @pytest.mark.slow
 def test_it_writes_tables_and_figures(played):
-    written = {path.relative_to(played.run.folder.path).as_posix() for path in played.write()}
+    written = {path.relative_to(played.folder.path).as_posix() for path in played.write()}
     stems = ("score-against-history", "effects-of-slack", "frontier")
     assert written == {"table.csv", "table.parquet", "summary.csv"} | {
         f"figures/{stem}.{suffix}" for stem in stems for suffix in ("pdf", "png", "svg")
     }
-    folder = played.run.folder.path
+    folder = played.folder.path
     assert parquet.read_table(folder / "table.parquet").num_rows == len(played.rows) == 32
     with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
         summary = list(csv.DictReader(file))
@@ -132,7 +132,7 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     poor = sweep(
         [BANDIT], ["rule"], vary={"history": [1, 50]}, trials=2, run_tokens=900, out=tmp_path, executor="inline"
     )
-    assert poor.run.cap_reached
+    assert poor.cap_reached
     assert poor.rows == []
     assert poor.summary == []
     assert {path.name for path in poor.write()} == {"table.csv", "table.parquet", "summary.csv"}

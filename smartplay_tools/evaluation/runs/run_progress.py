@@ -1,12 +1,9 @@
-"""A run while it is played: its status file, its display, its methods in a notebook, and the signals that stop it.
+"""A run while it is played: its status file, its display, and the signals that stop it.
 
 One thread takes a snapshot every second (of hundreds of episodes at once, every five), writes the status file and shows
 the snapshot. `status.json` is for programs that read the folder, `results` in another terminal and the site among them.
 It is not part of the results: it has a clock in it, it is deleted when the run stops, and nothing is lost if it is
 deleted earlier.
-
-A notebook shows a run or a sweep as data frames, replays and tables. `pages.notebook` makes all of them and is imported
-at first use, so playing a run loads neither pages nor statistics.
 
 The first SIGTERM or Ctrl-C stops a run between two turns; the second has its usual effect.
 """
@@ -20,18 +17,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.records.rows import Row
-
-if TYPE_CHECKING:
-    import pandas
-
-    from smartplay_tools.evaluation.pages.notebook import ReplayWidget
-
 
 PERIOD = 1.0
 """The least seconds between two snapshots."""
@@ -85,41 +75,6 @@ def is_notebook() -> bool:
     ipython = sys.modules.get("IPython")  # a notebook has imported it
     shell = None if ipython is None else ipython.get_ipython()
     return shell is not None and hasattr(shell, "kernel")
-
-
-class InNotebook:
-    """The notebook methods of runs and sweeps, which have `rows`, `failures`, `planned` and `transcript`."""
-
-    rows: Any
-    failures: Any
-    planned: Any
-    transcript: Any
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """Return the finished episodes as a data frame, one per row; needs pandas."""
-        from smartplay_tools.evaluation.pages.notebook import rows_to_pandas
-
-        return rows_to_pandas(self.rows)
-
-    def show(self, episode: int | str | Row = 0, *, height: int = 760) -> ReplayWidget:
-        """Return the replay of an episode, which a notebook shows below the cell.
-
-        `episode` is its index in `rows`, its key or its row; `height` is that of the frame in pixels.
-        """
-        from smartplay_tools.evaluation.pages.notebook import replay_widget
-
-        return replay_widget(self.rows, self.transcript, episode, height)
-
-    def __repr__(self) -> str:
-        failed = self.failures
-        latest = failed[-1]["error"] or failed[-1]["end_reason"] if failed else ""
-        attempts = f", {len(failed)} failed attempts, the last: {' '.join(latest.split())[:200]}" if failed else ""
-        return f"<{type(self).__name__}: {len(self.rows)} of {self.planned} episodes finished{attempts}>"
-
-    def _repr_html_(self) -> str:
-        from smartplay_tools.evaluation.pages.notebook import run_as_html
-
-        return run_as_html(self.rows, self.failures, self.planned)
 
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))

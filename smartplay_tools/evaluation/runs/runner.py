@@ -3,6 +3,9 @@
 A run that is started again continues where it stopped. Finished episodes are kept; failed ones are retried, a few times
 in a run; those that were running when the run was stopped, killed or paused by a cap continue from their records. A run
 with more trials, games or players than before is the same run, extended.
+
+A notebook shows a run as data frames, replays and tables. `pages.notebook` makes all of them and is imported at first
+use, so playing a run loads neither pages nor statistics.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, InNotebook, Signals, following, is_notebook, not_shown
+from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, Scheduler, Setup, log
 from smartplay_tools.evaluation.runs.tracking import Tracking
@@ -34,11 +37,14 @@ from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:
+    import pandas
+
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
+    from smartplay_tools.evaluation.pages.notebook import ReplayWidget
 
 
 @dataclass(frozen=True, repr=False)
-class Run(InNotebook):
+class Run:
     """A run, as returned by `evaluate`."""
 
     folder: RunFolder
@@ -81,6 +87,32 @@ class Run(InNotebook):
     def transcript(self, key: str) -> Path:
         """Return the path of a finished episode's transcript, from its row's key."""
         return self.folder.transcript(key)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the finished episodes as a data frame, one per row; needs pandas."""
+        from smartplay_tools.evaluation.pages.notebook import rows_to_pandas
+
+        return rows_to_pandas(self.rows)
+
+    def show(self, episode: int | str | Row = 0, *, height: int = 760) -> ReplayWidget:
+        """Return the replay of an episode, which a notebook shows below the cell.
+
+        `episode` is its index in `rows`, its key or its row; `height` is that of the frame in pixels.
+        """
+        from smartplay_tools.evaluation.pages.notebook import replay_widget
+
+        return replay_widget(self.rows, self.transcript, episode, height)
+
+    def __repr__(self) -> str:
+        failed = self.failures
+        latest = failed[-1]["error"] or failed[-1]["end_reason"] if failed else ""
+        attempts = f", {len(failed)} failed attempts, the last: {' '.join(latest.split())[:200]}" if failed else ""
+        return f"<{type(self).__name__}: {len(self.rows)} of {self.planned} episodes finished{attempts}>"
+
+    def _repr_html_(self) -> str:
+        from smartplay_tools.evaluation.pages.notebook import run_as_html
+
+        return run_as_html(self.rows, self.failures, self.planned)
 
 
 def evaluate(

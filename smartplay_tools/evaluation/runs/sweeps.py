@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Self, Unpack
 
 from smartplay_tools.context.strategies.custom import load_strategy, refused_with
 from smartplay_tools.episode.budgets import refused_strategy
@@ -30,12 +30,10 @@ from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row
 from smartplay_tools.evaluation.runs.plan import cell_name, check_playable, make_cells, plan_episodes, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, Players, read_players
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import InNotebook
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
 SUMMARY = "summary.csv"
@@ -49,31 +47,16 @@ AXES = (*Budget.model_fields, *RULE_AXES)
 
 
 @dataclass(frozen=True, repr=False)
-class Sweep(InNotebook):
-    """A sweep, as returned by `sweep`."""
+class Sweep(Run):
+    """A sweep, as returned by `sweep`: a run of a grid, with its comparisons."""
 
-    run: Run
     left_out: tuple[str, ...] = ()
     """A sentence for every combination of the grid that cannot be enforced and was not played."""
 
-    @property
-    def rows(self) -> list[Row]:
-        """The rows of the finished episodes."""
-        return self.run.rows
-
-    @property
-    def failures(self) -> list[Row]:
-        """Every failed attempt."""
-        return self.run.failures
-
-    @property
-    def planned(self) -> int:
-        """Episodes that were asked for."""
-        return self.run.planned
-
-    def transcript(self, key: str) -> Path:
-        """Return where the transcript of a finished episode is, from its row's key."""
-        return self.run.transcript(key)
+    @classmethod
+    def of(cls, run: Run, cells: Grid) -> Self:
+        """Return a run of a grid as a sweep."""
+        return cls(**vars(run), left_out=cells.left_out)
 
     def _repr_html_(self) -> str:
         table = to_html([windows_table(self.comparisons)]) if self.comparisons else ""
@@ -94,7 +77,7 @@ class Sweep(InNotebook):
 
         Parquet and figures need the extra `evaluation`; without it they are left out.
         """
-        folder = self.run.folder.path
+        folder = self.folder.path
         written = [folder / "table.csv", folder / SUMMARY]
         write_csv(self.rows, written[0])
         written[1].write_text(rows_to_csv(self.summary), encoding="utf-8", newline="")
@@ -225,7 +208,7 @@ def sweep(
     configs = read_players(players)
     cells = grid(games, configs, vary=vary, budget=budget, **rules)
     run = run_plan(plan_episodes(cells.cells, trials=trials, seed=seed), out, configs, run_options)
-    return Sweep(run, cells.left_out)
+    return Sweep.of(run, cells)
 
 
 def _identity(cell: CellConfig) -> str:
