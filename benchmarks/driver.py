@@ -43,7 +43,6 @@ OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.
 class Simulated:
     """An executor whose attempts take no time: every record is the one that was played, with the seed of its task."""
 
-    records_grow_here: ClassVar[bool] = True
     played: ClassVar[list[bytes]] = []
     """The lines of the record; the first of them has the seed."""
 

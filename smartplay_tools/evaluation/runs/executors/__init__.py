@@ -17,7 +17,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
@@ -46,8 +46,6 @@ class Executor(Protocol):
 
     stop: StopFlag
     limits: RunLimits | None
-    records_grow_here: ClassVar[bool]
-    """Whether the records of running attempts are in this process's file system, turn by turn."""
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Run attempts while there are tasks, and yield their outcomes as they complete. May be called again."""
@@ -80,8 +78,6 @@ def default_workers(name: str) -> int:
 
 class InlineExecutor:
     """Plays on the calling thread."""
-
-    records_grow_here: ClassVar[bool] = True
 
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
         self.stop = threading.Event()

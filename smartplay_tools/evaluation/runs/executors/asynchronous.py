@@ -13,7 +13,6 @@ import asyncio
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
-from typing import ClassVar
 
 from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
@@ -28,11 +27,9 @@ GRACE_SECONDS = 10.0
 class AsyncExecutor:
     """Plays `workers` episodes at a time on its own event loop."""
 
-    records_grow_here: ClassVar[bool] = True
-
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
         self._workers = workers
-        self.stop = _LoopStop()
+        self.stop = threading.Event()
         self.limits = SharedLimits(caps, spent) if caps else None
         self._shared: dict[str, AsyncPlayer | None] = {}
 
@@ -62,7 +59,7 @@ class AsyncExecutor:
         self, under_way: set[asyncio.Task[EndedAttempt]], timeout: float | None
     ) -> set[asyncio.Task[EndedAttempt]]:
         """Return the finished attempts, as soon as there is one or the time is up."""
-        stopped = asyncio.create_task(self.stop.wait())
+        stopped = asyncio.create_task(self._stopped())
         await asyncio.wait({*under_way, stopped}, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
         if self.stop.is_set():
             _, late = await asyncio.wait(under_way, timeout=GRACE_SECONDS)
@@ -71,6 +68,11 @@ class AsyncExecutor:
             await asyncio.wait(under_way)
         stopped.cancel()
         return {task for task in under_way if task.done()}
+
+    async def _stopped(self) -> None:
+        """Wait by checking the flag every tenth of a second, because a signal handler must not use the loop."""
+        while not self.stop.is_set():
+            await asyncio.sleep(0.1)
 
     async def _play(self, task: Task, closing: AsyncExitStack) -> EndedAttempt:
         shared = None if task.player.agent is not None else await self._player(task, closing)
@@ -102,21 +104,3 @@ def _shareable(task: Task) -> AsyncPlayer | None:
         # The attempts will fail with the same error, and record it.
         return None
     return player if isinstance(player, AsyncPlayer) and getattr(player, "serves_many", False) else None
-
-
-class _LoopStop:
-    """A stop flag that can be set from a signal handler or another thread, and awaited on the loop."""
-
-    def __init__(self) -> None:
-        self._event = threading.Event()
-
-    def set(self) -> None:
-        self._event.set()
-
-    def is_set(self) -> bool:
-        return self._event.is_set()
-
-    async def wait(self) -> None:
-        """Wait by checking the flag every tenth of a second, because a signal handler must not use the loop."""
-        while not self._event.is_set():
-            await asyncio.sleep(0.1)

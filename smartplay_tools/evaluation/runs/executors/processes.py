@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.processes import Lost, ProcessPool
@@ -23,8 +22,6 @@ from smartplay_tools.transcript.file import append_exception
 
 class ProcessExecutor:
     """Plays in `workers` processes."""
-
-    records_grow_here: ClassVar[bool] = True
 
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
         _check_main_module()

@@ -20,7 +20,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from smartplay_tools.errors import EngineError, extra_named
 from smartplay_tools.evaluation.processes import POLL_SECONDS
@@ -47,8 +47,6 @@ class _RayAttempt:
 
 class RayExecutor:
     """Plays `workers` episodes at a time, each on a processor of the cluster."""
-
-    records_grow_here: ClassVar[bool] = True
 
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
         self._workers = workers
