@@ -8,6 +8,7 @@ The environment of the HTML templates: everything is escaped, and a name that is
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import extra_named
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["environment"]
 
-_environments: dict[str, Environment] = {}
 
-
+@cache
 def environment(package: str, what: str) -> Environment:
     """Return the environment of a package's folder `templates`; without Jinja, a `MissingExtraError` about `what`.
 
@@ -28,12 +28,6 @@ def environment(package: str, what: str) -> Environment:
     """
     with extra_named(what, "evaluation"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
-    if package not in _environments:
-        _environments[package] = Environment(
-            loader=PackageLoader(package),
-            undefined=StrictUndefined,
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-    return _environments[package]
+    return Environment(
+        loader=PackageLoader(package), undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
