@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.capabilities import Weights, capability_scores
-from smartplay_tools.evaluation.analysis.figures.style import (
-    GREY,
-    Series,
-    draw_dots,
-    figure,
-    legend_below,
-    panels,
-    sample_note,
-    spread,
-)
+from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 
@@ -30,27 +21,28 @@ Scores = Mapping[str, Sequence[float | None]]
 """Normalised scores of a player's episodes, by game."""
 
 
-@figure
+@style.figure
 def capability_dots(players: Mapping[str, Scores], *, weights: Weights = "paper") -> Figure:
     """Draw capability scores (1 is the human's) of players, and as small dots those of the paper's models."""
     settings = _common_settings(players)
-    drawn, (axes,) = panels(1, size=(8.6, 5.0))
+    drawn, (axes,) = style.panels(1, size=(8.6, 5.0))
     places = range(len(CAPABILITIES))
     models = [result for result in PAPER_RESULTS if result.player != "human"]
     for at, model in enumerate(models):
         means = [score.mean for score in _profile({game: [model.normalized[game]] for game in settings}, weights)]
         label = f"the paper's {len(models)} models" if at == 0 else None
-        axes.plot(means, places, color=GREY, marker="o", markersize=4, alpha=0.45, linestyle="", label=label)
+        axes.plot(means, places, color=style.GREY, marker="o", markersize=4, alpha=0.45, linestyle="", label=label)
     for index, (name, scores) in enumerate(players.items()):
-        look, beside = Series.number(index), spread(index, len(players))
+        look, beside = style.Series.number(index), style.spread(index, len(players))
         profile = _profile({game: scores[game] for game in settings}, weights)
-        draw_dots(axes, profile, [place + beside for place in places], look, name)
-    axes.axvline(1, color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+        style.draw_dots(axes, profile, [place + beside for place in places], look, name)
+    axes.axvline(1, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
     axes.set_yticks(places, CAPABILITIES)
     axes.invert_yaxis()
     of = f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings"
     axes.set(title=of, xlabel="score as a share of the human's")
-    legend_below(drawn, note=sample_note(sum(len(scores[game]) for game in settings) for scores in players.values()))
+    episodes = [sum(len(scores[game]) for game in settings) for scores in players.values()]
+    style.legend_below(drawn, note=style.sample_note(episodes))
     return drawn
 
 

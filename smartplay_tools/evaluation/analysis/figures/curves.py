@@ -13,19 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.area import Area
-from smartplay_tools.evaluation.analysis.figures.style import (
-    CUT_NOTE,
-    GREY,
-    Series,
-    draw_estimates,
-    figure,
-    from_zero,
-    legend_below,
-    mark_cut,
-    panels,
-    sample_note,
-    spread,
-)
+from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
@@ -40,7 +28,7 @@ if TYPE_CHECKING:
 UNLIMITED = {"history": "all", "prompt_tokens": "no cap"}
 
 
-@figure
+@style.figure
 def score_against_history(comparisons: Sequence[WindowComparison]) -> Figure:
     """Draw mean scores against the past steps that a prompt may show, a panel for each game.
 
@@ -49,30 +37,30 @@ def score_against_history(comparisons: Sequence[WindowComparison]) -> Figure:
     return _score_against("history", "past steps visible (history)", comparisons)
 
 
-@figure
+@style.figure
 def score_against_prompt_tokens(comparisons: Sequence[WindowComparison]) -> Figure:
     """Draw mean scores against the cap on prompts, a panel for each game; otherwise as `score_against_history`."""
     return _score_against("prompt_tokens", "cap on every prompt (budget tokens)", comparisons)
 
 
-@figure
+@style.figure
 def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
     """Draw the effect of slack on score and prefix-stable share, with 95 % intervals of the paired differences.
 
     `comparisons` are made along slack alone: `compare_windows(rows, along=("slack",))`.
     """
     lines = _lines(comparisons)
-    drawn, (scores, shares) = panels(2)
+    drawn, (scores, shares) = style.panels(2)
     amounts = sorted({c.cell.budget["slack"] for members in lines.values() for c in members})
     for index, (label, members) in enumerate(lines.items()):
-        look, beside = Series.number(index), spread(index, len(lines))
+        look, beside = style.Series.number(index), style.spread(index, len(lines))
         measured = [c for c in members if "score" in c.differences]
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
-        draw_estimates(scores, positions, [c.differences["score"] for c in measured], look, label)
+        style.draw_estimates(scores, positions, [c.differences["score"] for c in measured], look, label)
         measured = [c for c in members if "prefix_share" in c.means]
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
-        draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
-    scores.axhline(0, color=GREY, linewidth=1)
+        style.draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
+    scores.axhline(0, color=style.GREY, linewidth=1)
     scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
     shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
     shares.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
@@ -80,7 +68,7 @@ def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
         panel.set(xlabel="slack (share of the window given up at once)", xlim=(-0.4, len(amounts) - 0.6))
         panel.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
     members = [c for line in lines.values() for c in line]
-    legend_below(drawn, columns=2, note=sample_note(c.episodes for c in members))
+    style.legend_below(drawn, columns=2, note=style.sample_note(c.episodes for c in members))
     return drawn
 
 
@@ -90,25 +78,27 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
         raise InvalidArgumentError("There is nothing to draw: the run has no finished episode.")
     games = grouped(shown, lambda c: c.cell.game)
     names = list(dict.fromkeys(series_name(c, shown) for c in shown))
-    drawn, axes = panels(len(games))
+    drawn, axes = style.panels(len(games))
     for panel, (game, members) in zip(axes, games.items(), strict=True):
         steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
         for index, name in enumerate(names):
             line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))
-            positions = [_place(c, field, steps) + spread(index, len(names)) for c in line]
+            positions = [_place(c, field, steps) + style.spread(index, len(names)) for c in line]
             if line:
-                draw_estimates(panel, positions, [c.means["score"] for c in line], Series.number(index), name)
+                means = [c.means["score"] for c in line]
+                style.draw_estimates(panel, positions, means, style.Series.number(index), name)
                 cut = [(x, c.means["score"].mean) for x, c in zip(positions, line, strict=True) if is_cut(c)]
-                mark_cut(panel, cut)
+                style.mark_cut(panel, cut)
         _draw_human(panel, members)
         panel.set(title=game, xlabel=label, ylabel="mean score (points)")
         panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
         panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
-        from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
+        style.from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])
     others = {Budget(**{name: c.cell.budget[name] for name in WINDOW if name != field}).describe() for c in shown}
     under = [f"under {others.pop()}"] if len(others) == 1 and len(shown) < len(comparisons) else []
-    notes = [sample_note(c.episodes for c in shown), *under, *([CUT_NOTE] if any(map(is_cut, shown)) else [])]
-    legend_below(drawn, note="; ".join(notes))
+    notes = [style.sample_note(c.episodes for c in shown), *under]
+    notes += [style.CUT_NOTE] if any(map(is_cut, shown)) else []
+    style.legend_below(drawn, note="; ".join(notes))
     return drawn
 
 
@@ -125,7 +115,7 @@ def _draw_human(axes: Axes, members: Iterable[WindowComparison]) -> None:
     comparable = [c.cell.spec for c in members if "normalized_score" in c.means]
     human = comparable[0].human_score if comparable and comparable[0] is not None else None
     if human is not None:
-        axes.axhline(human, color=GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
+        axes.axhline(human, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
 
 
 def _lines(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
@@ -146,7 +136,7 @@ ROW = 0.3
 """Inches of a row."""
 
 
-@figure
+@style.figure
 def areas_under_curves(areas: Sequence[Area]) -> Figure:
     """Draw the area of every strategy with its 95 % interval, a panel for each game, a row for each strategy.
 
@@ -160,8 +150,8 @@ def areas_under_curves(areas: Sequence[Area]) -> Figure:
     rows = max(map(len, by_game.values()))
     players = {each.name.partition(", ")[0] for each in there}
     shared = f"{players.pop()}, " if len(players) == 1 else ""
-    drawn, axes = panels(len(by_game), size=(5.2, ROW * rows + 1.0))
-    look = Series.number(0)
+    drawn, axes = style.panels(len(by_game), size=(5.2, ROW * rows + 1.0))
+    look = style.Series.number(0)
     for panel, (game, own) in zip(axes, by_game.items(), strict=True):
         for at, each in enumerate(own):
             assert each.area is not None
@@ -169,9 +159,9 @@ def areas_under_curves(areas: Sequence[Area]) -> Figure:
             assert each.high is not None
             bars = [[each.area - each.low], [each.high - each.area]]
             panel.errorbar(each.area, at, xerr=bars, color=look.colour, marker="o", capsize=2, linestyle="")
-        panel.axvline(1, color=GREY, linewidth=1)
+        panel.axvline(1, color=style.GREY, linewidth=1)
         panel.set(title=game.removesuffix("-v0"), xlabel="0 is random, 1 is full context")
         panel.set_ylim(len(own) - 0.5, -0.5)
         panel.set_yticks(range(len(own)), [each.name.removeprefix(shared) for each in own])
-    drawn.supxlabel(f"{shared}area under the curve; {sample_note([each.seeds for each in there])}", fontsize=9)
+    drawn.supxlabel(f"{shared}area under the curve; {style.sample_note([each.seeds for each in there])}", fontsize=9)
     return drawn

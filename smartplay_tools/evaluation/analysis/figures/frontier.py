@@ -6,17 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.figures.style import (
-    CUT_NOTE,
-    GREY,
-    Series,
-    bars,
-    figure,
-    legend_below,
-    mark_cut,
-    panels,
-    sample_note,
-)
+from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.names import series_name, window_names
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
@@ -45,7 +35,7 @@ PLACES = ((-6, 5, "right"), (7, -12, "left"), (-6, -12, "right"), (7, 5, "left")
 the upper left of a front, so that is tried first."""
 
 
-@figure
+@style.figure
 def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens") -> Figure:
     """Draw the mean score of every cell against the price of an episode, with a panel for each game.
 
@@ -57,18 +47,18 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
         raise InvalidArgumentError(f"There is nothing to draw: no episode of the run has {price}.")
     games = grouped(priced, lambda c: c.cell.game)
     players = list(dict.fromkeys(series_name(c, priced) for c in priced))
-    drawn, axes = panels(len(games), size=(5.4, 4.2))
+    drawn, axes = style.panels(len(games), size=(5.4, 4.2))
     for panel, (game, members) in zip(axes, games.items(), strict=True):
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
-            _draw_player(panel, own, price, Series.number(index), player)
+            _draw_player(panel, own, price, style.Series.number(index), player)
         panel.set(title=game, xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
-        panel.step(*zip(*front, strict=True), where="post", color=GREY, linewidth=1.2, zorder=2, label=FRONT)
-        mark_cut(panel, [_point(c, price) for c in members if is_cut(c)])
-    notes = [sample_note(c.episodes for c in priced), *([CUT_NOTE] if any(map(is_cut, priced)) else [])]
-    legend_below(drawn, note="; ".join(notes))
+        panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)
+        style.mark_cut(panel, [_point(c, price) for c in members if is_cut(c)])
+    notes = [style.sample_note(c.episodes for c in priced), *([style.CUT_NOTE] if any(map(is_cut, priced)) else [])]
+    style.legend_below(drawn, note="; ".join(notes))
     # Labels come last, because their free places depend on everything else.
     drawn.draw_without_rendering()
     for panel, members in zip(axes, games.values(), strict=True):
@@ -76,15 +66,15 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
     return drawn
 
 
-def _draw_player(axes: Axes, members: Sequence[WindowComparison], price: Price, look: Series, label: str) -> None:
+def _draw_player(axes: Axes, members: Sequence[WindowComparison], price: Price, look: style.Series, label: str) -> None:
     for on_front in (False, True):
         shown = [c for c in members if _on_front(c, price) is on_front]
         prices, scores = [c.means[price] for c in shown], [c.means["score"] for c in shown]
         axes.errorbar(
             [estimate.mean for estimate in prices],
             [estimate.mean for estimate in scores],
-            xerr=bars(prices),
-            yerr=bars(scores),
+            xerr=style.bars(prices),
+            yerr=style.bars(scores),
             fmt=look.marker,
             color=look.colour,
             markerfacecolor=look.colour if on_front else "white",

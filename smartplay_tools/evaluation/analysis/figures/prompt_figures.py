@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.figures.style import GREY, figure, legend_below, panels
+from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.records.accounts import PARTS, Accounts, ShownAs, shown_turns
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
@@ -33,7 +33,7 @@ WIDE = 2.4
 """The width of head and summary, in cells."""
 
 
-@figure
+@style.figure
 def prompt_rows(rows: Sequence[tuple[str, Record, int]]) -> Figure:
     """Draw one prompt in each row, given as its name, its record, and the turn that it asks for."""
     from matplotlib.figure import Figure
@@ -60,7 +60,7 @@ def prompt_rows(rows: Sequence[tuple[str, Record, int]]) -> Figure:
             cell(first + turn, y, 1, LOOKS[kind], str(turn))
         cap = record.budget["prompt_tokens"]
         limit = "" if cap is None else f" of {cap:,}"
-        axes.text(first + most + 0.4, y, f"{view['tokens']:,}{limit} tokens", va="center_baseline", color=GREY)
+        axes.text(first + most + 0.4, y, f"{view['tokens']:,}{limit} tokens", va="center_baseline", color=style.GREY)
     axes.set(xlim=(0, first + most + 6), ylim=(len(rows) - 0.5, -0.5), xticks=[])
     axes.set_yticks(range(len(rows)), [name for name, _, _ in rows])
     axes.tick_params(length=0)
@@ -82,10 +82,10 @@ COLOURS = ("#9A8FC8", "#B08D57", "#E69F00", "#CC79A7", "#009E73", "#9ECAE9", "#0
 """The colours of `PARTS`. Their order, from the bottom upwards, is the same everywhere."""
 
 
-@figure
+@style.figure
 def tokens_by_part(records: Mapping[str, Record]) -> Figure:
     """Draw the tokens of every prompt stacked by part, a panel for each record under its name."""
-    drawn, axes = panels(len(records), size=(4.6, 2.6))
+    drawn, axes = style.panels(len(records), size=(4.6, 2.6))
     counted = {name: _parts(name, record) for name, record in records.items()}
     highest = max(sum(parts) for prompts in counted.values() for parts in prompts)
     there = [at for at in range(len(PARTS)) if any(parts[at] for prompts in counted.values() for parts in prompts)]
@@ -94,13 +94,13 @@ def tokens_by_part(records: Mapping[str, Record]) -> Figure:
         labels, colours = [list(PARTS.values())[at] for at in there], [COLOURS[at] for at in there]
         panel.stackplot(range(len(prompts)), layers, labels=labels, colors=colours, step="mid", linewidth=0)
         if (cap := records[name].budget["prompt_tokens"]) is not None:
-            panel.axhline(cap, color=GREY, linestyle=(0, (4, 3)), linewidth=1.2, label="cap on every prompt")
+            panel.axhline(cap, color=style.GREY, linestyle=(0, (4, 3)), linewidth=1.2, label="cap on every prompt")
         total = sum(map(sum, prompts))
         result = records[name].result_data
         score = "" if result is None else f", score {result['score']:g}"
         panel.set(title=f"{name}: {total / 1000:,.0f}k tokens{score}", xlabel="prompt", ylabel="tokens")
         panel.set(xlim=(0, max(1, len(prompts) - 1)), ylim=(0, 1.08 * highest))
-    legend_below(drawn)
+    style.legend_below(drawn)
     return drawn
 
 
