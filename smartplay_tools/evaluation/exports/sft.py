@@ -22,7 +22,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +74,12 @@ def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     the tokens of any reply, every row has `completion_ids`, `completion_logprobs` and `prompt_ids`, None where unknown.
     """
     drawn, asked = episode.sampled, Counter[tuple[int, Purpose]]()
-    for step in _steps(episode, summaries=summaries):
-        with_tools = {"tools": step.tools} if step.tools is not None else {}
-        about = {**_facts(episode), "turn": step.turn, "purpose": step.purpose}
-        prompt = step.turn, step.purpose
-        tokens = _token_columns(drawn.get((*prompt, asked[prompt]))) if drawn else {}
-        asked[prompt] += 1
-        yield {"prompt": step.prompt, "completion": [step.reply], **with_tools, **tokens, **about}
+    for sent, prompt, reply in _steps(episode, summaries=summaries):
+        asking = sent.turn, sent.prompt.purpose
+        tokens = _token_columns(drawn.get((*asking, asked[asking]))) if drawn else {}
+        asked[asking] += 1
+        about = {**_facts(episode), "turn": sent.turn, "purpose": sent.prompt.purpose}
+        yield {"prompt": prompt, "completion": [reply], **_tools(sent), **tokens, **about}
 
 
 def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -93,24 +91,23 @@ def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     if episode.config.context == "host":
         whole = episode.conversation
         messages, first = list(map(plain, whole.messages)), len(whole.head)
-        yield _chain(episode, messages, first, json.dumps(whole.tools), turn=0, replies=len(whole.turns))
+        yield _chain(episode, messages, first, {"tools": json.dumps(whole.tools)}, turn=0, replies=len(whole.turns))
         return
-    messages, first, tools, turn, replies = [], 0, None, 0, 0
-    for step in _steps(episode, summaries=summaries):
-        if messages and (tools != step.tools or step.prompt[: len(messages)] != messages):
+    messages, first, tools, turn, replies = [], 0, Row(), 0, 0
+    for sent, prompt, reply in _steps(episode, summaries=summaries):
+        if messages and (tools != _tools(sent) or prompt[: len(messages)] != messages):
             yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
             messages = []
         if not messages:
-            first, tools, turn, replies = len(step.prompt), step.tools, step.turn, 0
-        messages, replies = [*step.prompt, step.reply], replies + 1
+            first, tools, turn, replies = len(prompt), _tools(sent), sent.turn, 0
+        messages, replies = [*prompt, reply], replies + 1
     if messages:
         yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
 
 
-def _chain(episode: Record, messages: list[Row], first: int, tools: str | None, *, turn: int, replies: int) -> Row:
-    with_tools = {"tools": tools} if tools is not None else {}
+def _chain(episode: Record, messages: list[Row], first: int, tools: Row, *, turn: int, replies: int) -> Row:
     about = {**_facts(episode), "turn": turn, "replies": replies}
-    return {"prompt": messages[:first], "completion": messages[first:], **with_tools, **about}
+    return {"prompt": messages[:first], "completion": messages[first:], **tools, **about}
 
 
 def episode_row(episode: Record) -> Row:
@@ -141,19 +138,8 @@ def with_images(row: Row) -> Row:
     return {**row, **changed, "images": images}
 
 
-@dataclass(frozen=True)
-class _Step:
-    """A prompt and its reply, as a row has them."""
-
-    prompt: list[Row]
-    reply: Row
-    tools: str | None
-    """The schemas of the tools as JSON text; None where there are none."""
-    turn: int
-    purpose: Purpose
-
-
-def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
+def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, list[Row], Row]]:
+    """Yield every prompt, and its messages and the reply as a row has them."""
     if episode.config.context == "host":
         raise InvalidArgumentError(
             f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
@@ -161,8 +147,7 @@ def _steps(episode: Record, *, summaries: bool) -> Iterator[_Step]:
         )
     for sent, reply in episode.answered:
         if summaries or not sent.prompt.asks_for_summary:
-            prompt = [plain(message) for message in sent.prompt.messages]
-            yield _Step(prompt, plain(reply), _tools(sent), sent.turn, sent.prompt.purpose)
+            yield sent, list(map(plain, sent.prompt.messages)), plain(reply)
 
 
 def _token_columns(sampled: SampledTokens | None) -> Row:
@@ -173,9 +158,10 @@ def _token_columns(sampled: SampledTokens | None) -> Row:
     }
 
 
-def _tools(sent: SentPrompt) -> str | None:
+def _tools(sent: SentPrompt) -> Row:
+    """The column with the schemas of the tools as JSON text; nothing where there are none."""
     tools = [{"type": "function", "function": schema(tool, "json")} for tool in sent.prompt.tools]
-    return json.dumps(tools) if tools else None
+    return {"tools": json.dumps(tools)} if tools else {}
 
 
 def _facts(episode: Record) -> Row:
