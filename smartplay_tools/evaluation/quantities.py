@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["duration", "megabytes", "short", "typeset"]
+__all__ = ["duration", "figure", "megabytes", "short", "typeset"]
 
 
 def short(number: float) -> str:
@@ -25,6 +25,13 @@ def duration(seconds: float) -> str:
 def megabytes(count: float) -> str:
     """Return a number of bytes in millions: 98362432 is 98 MB."""
     return f"{count / 1_000_000:,.0f} MB"
+
+
+def figure(value: float | None, digits: int = 2) -> str:
+    """Print a number for people; None is a dash."""
+    if value is None:
+        return "\N{EN DASH}"
+    return f"{value:,.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def typeset(text: str) -> str:

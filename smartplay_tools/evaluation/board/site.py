@@ -28,7 +28,7 @@ from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed,
 from smartplay_tools.evaluation.board.table import Board, Charges, make_board
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.pages import environment as template_environment
-from smartplay_tools.evaluation.quantities import short, typeset
+from smartplay_tools.evaluation.quantities import figure, short, typeset
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records.rows import Row
 
@@ -222,10 +222,3 @@ def _page(board: Board, title: str, replays: int) -> str:
         not_proved=NOT_PROVED,
         version=metadata.version("smartplay-tools"),
     )
-
-
-def figure(value: float | None, digits: int = 2) -> str:
-    """Print a number for people; None is a dash."""
-    if value is None:
-        return "\N{EN DASH}"
-    return f"{value:,.{digits}f}".replace("-", "\N{MINUS SIGN}")

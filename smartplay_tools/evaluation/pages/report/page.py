@@ -51,7 +51,7 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
     rules,
     totals,
 )
-from smartplay_tools.evaluation.quantities import typeset
+from smartplay_tools.evaluation.quantities import figure, typeset
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.prices import Price
@@ -373,10 +373,8 @@ def _hash(text: str) -> str:
 
 def number(value: float | None, digits: int = 2) -> str:
     """Format a number for people: with separated thousands, without trailing zeros, and a dash for None."""
-    if value is None:
-        return "\N{EN DASH}"
-    text = f"{value:,.{digits}f}"
-    return (text.rstrip("0").rstrip(".") if "." in text else text).replace("-", "\N{MINUS SIGN}")
+    text = figure(value, digits)
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
