@@ -5,7 +5,9 @@ It fits 80 columns. `TERMS` explains its columns, and `details` has all other ta
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import resources
 
 from smartplay_tools.evaluation.analysis.formats import (
     NOTHING,
@@ -39,36 +41,7 @@ PRIVILEGED = "*: privileged, it knows the game's state and not only its messages
 MANY_CUTS = 0.01
 """The share of cut results at which a table begins to warn."""
 
-TERMS: Mapping[str, str] = {
-    "n": "finished episodes",
-    "score": "the game's own score, mean over episodes",
-    EARLY: "a budget, a stall or a strategy ended episodes; each counts as the least that the missing steps allow",
-    "[ ]": "the 95 % interval of a mean; docs/metrics.md says which one, and how often it holds",
-    "equal": "the episodes show no spread, and the measure has no bounds from which an interval would follow",
-    "% human": "(score - minimum) / (human - minimum), with the paper's human score",
-    "tokens": "budget tokens of an episode's prompts and replies, by our own count; mean over episodes",
-    "USD": "cost of an episode, mean over episodes; none if the price of a model is not known",
-    "done": "share of episodes that reached the objective, in games that have one",
-    "illegal": "calls of `act` whose argument is not an action",
-    "malf.": "malformed: calls that could not be read (unknown tool, broken JSON, missing or extra arguments)",
-    "refused": "calls that the batch policy refused, or that came after the end",
-    "idle": "replies without a tool call",
-    "fallb.": "fallbacks: answers of the paper's protocol that named no action, so that the first one was played",
-    "cut": "share of tool results that were longer than their cap and were cut",
-    "stable": "share of prompt tokens that repeats the beginning of the previous prompt, which a cache can serve",
-    "over": "replies that were longer than allowed; charged in full",
-    "drift": "the provider's count of tokens as a multiple of ours",
-    "capability": "sum of degree x normalised score over the settings, divided by the sum of degrees",
-    "seen": "share of the answers for which every observation that the game says they need was in view",
-    "in view": "share of right answers where it was; a right answer has a positive reward",
-    "out of view": "share of right answers where it was not",
-    "looked": "of the answers out of view, those before which recall, read_result or a file was asked",
-    "rules": "actions that broke no rule of the game, where some would have, while the manual was in view",
-    "rules lost": "the same after the manual had left the view",
-    "0, 1, 2-3": "right answers by how often something had left the view since what they needed was first shown",
-    "texts": "tokens that a custom strategy has written, in all prompts of an episode; questions: of a compactor",
-    "+-": "difference to the reference, the cell with the widest window, paired by seed",
-}
+TERMS: Mapping[str, str] = tomllib.loads(resources.files(__package__).joinpath("terms.toml").read_text("utf-8"))
 """The meaning of the terms in the tables."""
 
 
