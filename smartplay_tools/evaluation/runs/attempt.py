@@ -110,69 +110,187 @@ class Players(NamedTuple):
         return cls(shared or make_player(task), second_player(planned.cell.player_options, seed=seed))
 
 
-def continued(task: Task, players: Players, clock: _Clock) -> AnyConversation | None:
-    """Return the conversation as an earlier attempt left it; None if the episode has to begin again.
+def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record: OnRecord | None = None) -> Times:
+    """Play on this thread; an asynchronous player runs in a new event loop.
 
-    The earlier record is played again and compared in every event. A player with a state is asked the recorded prompts
-    again, and has to give the recorded replies; a model, which gets everything in each prompt, is not asked. If either
-    differs, or the record cannot be read, the episode cannot be continued, and the players must not be used any more;
-    the clock is told why.
+    `on_record` is called before each call to the player and after each reply, once the record contains it.
     """
-    if not _has_begun(task.previous):
-        return None
-    try:
-        return _continue(task, players)
-    except (SmartPlayError, _DifferentReplyError) as error:
-        delete_record(task.record)
-        clock.began_again = str(error)
-        return None
+    attempt = _Attempt(task, limits, stop, on_record)
+    with _on_record(task), ExitStack() as stack:
+        players = Players.of(task)
+        if not isinstance(players.first, Player):
+            asyncio.run(attempt.aplay(players))
+        else:
+            _open(players, stack)
+            conversation = attempt.continued(players)
+            if conversation is None and task.previous is not None:
+                players = Players.of(task)
+                _open(players, stack)
+            conversation = conversation or attempt.begun(players.first)
+            hooks = attempt.watch(conversation, stack)
+            if play(conversation, players.first, compactor_player=players.second, **hooks).end_reason == "closed":
+                stop.set()  # the person who plays has left, so no further episode begins
+    return attempt.times()
 
 
-def _has_begun(previous: Path | None) -> bool:
-    """Whether there is an earlier attempt that an exception has not ended before its episode began."""
-    return previous is not None and Record.head(previous).start is not None
+async def aplay_attempt(
+    task: Task, limits: RunLimits | None, stop: StopFlag, shared: AsyncPlayer | None = None
+) -> Times:
+    """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
+    attempt = _Attempt(task, limits, stop)
+    with _on_record(task):
+        if task.player.agent is not None:
+            await attempt.hand_over(task.player.agent)
+        else:
+            await attempt.aplay(Players.of(task, shared), shared)
+    return attempt.times()
 
 
-def begun(task: Task, player: Player | AsyncPlayer) -> AnyConversation:
-    """Return the conversation of an attempt that starts a new episode."""
-    return new_conversation(_episode(task), player.name, task.planned.cell.protocol, player_versions(player))
+@dataclass
+class _Attempt:
+    """An attempt that is under way; it measures its times from its construction on."""
 
+    task: Task
+    limits: RunLimits | None
+    stop: StopFlag
+    on_record: OnRecord | None = None
+    episode: Episode | None = None
+    began_again: str | None = None
 
-def _episode(task: Task) -> Episode:
-    _load_files(task)
-    config = task.planned.cell.with_seed(task.planned.seed, task.planned.repeat)
-    return Episode.from_config(config, transcript=task.record, carried=task.carried)
+    def __post_init__(self) -> None:
+        self._began, self._processor = time.perf_counter(), time.thread_time()
 
+    def times(self) -> Times:
+        game = 0.0 if self.episode is None else self.episode.game_seconds
+        processor = time.thread_time() - self._processor
+        return Times(time.perf_counter() - self._began, game, processor, self.began_again)
 
-def _continue(task: Task, players: Players) -> AnyConversation:
-    events = _earlier(task)
-    _ask_again(players, events)
-    resumed = resume(events, transcript=task.record)
-    resumed.episode.ledger.player_versions = player_versions(players.first)
-    conversation = resumed.conversation
-    if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
-        resumed.episode.close()
-        raise _DifferentReplyError("The record has no conversation that could go on.")
-    return conversation
+    async def hand_over(self, agent: Agent) -> None:
+        """Have an agent play the episode."""
+        held = await _in_thread(lambda: self._held(agent))
+        self.episode = held.episode
+        with held.episode, ExitStack() as stack:
+            if self.limits is not None:
+                account = stack.enter_context(Account(self.limits, held.episode, self.task.price))
+                held.episode.ledger.on_view = account.reserve
+            await agent.play(held)
 
+    async def aplay(self, players: Players, shared: AsyncPlayer | None = None) -> None:
+        """Play with an asynchronous player; one that is shared with other attempts is open, and stays open."""
+        async with AsyncExitStack() as stack:
+            await _aopen(players, stack, shared)
+            conversation = await _in_thread(partial(self.continued, players))
+            if conversation is None:
+                if self.task.previous is not None:
+                    players = Players.of(self.task, shared)
+                    await _aopen(players, stack, shared)
+                conversation = await _in_thread(partial(self.begun, players.first))
+            assert conversation is not None
+            hooks = self.watch(conversation, stack)
+            await aplay(conversation, players.first, compactor_player=players.second, **hooks)
 
-def _earlier(task: Task) -> list[Event]:
-    """The record of an earlier attempt, unless it began with something other than what the trial before has left."""
-    assert task.previous is not None
-    _load_files(task)
-    events = read_transcript(task.previous)
-    if Carried.of(events[0]) != task.carried:
-        raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
-    return events
+    def continued(self, players: Players) -> AnyConversation | None:
+        """Return the conversation as an earlier attempt left it; None if the episode has to begin again.
 
+        The earlier record is played again and compared in every event. A player with a state is asked the recorded
+        prompts again, and has to give the recorded replies; a model, which gets everything in each prompt, is not
+        asked. If either differs, or the record cannot be read, the episode cannot be continued, and the players must
+        not be used any more; `began_again` then says why.
+        """
+        if not self._has_begun:
+            return None
+        try:
+            return self._continue(players)
+        except (SmartPlayError, _DifferentReplyError) as error:
+            self._give_up(error)
+            return None
 
-def _load_files(task: Task) -> None:
-    """Import the game and the strategy that the plan names; a config or a record does not say where their files are."""
-    cell = task.planned.cell
-    if cell.game_file is not None:
-        load_game(cell.game_file, cell.game_sha256, task.game_file)
-    if cell.budget.strategy is not None:
-        load_strategy(cell.budget.strategy, cell.strategy_sha256, task.strategy_file)
+    def begun(self, player: Player | AsyncPlayer) -> AnyConversation:
+        """Return the conversation of a new episode."""
+        protocol = self.task.planned.cell.protocol
+        return new_conversation(self._new_episode(), player.name, protocol, player_versions(player))
+
+    def watch(self, conversation: BaseConversation, stack: ExitStack | AsyncExitStack) -> dict[str, Any]:
+        """Return the callbacks for `play`; the episode is closed with the stack."""
+        episode = self.episode = stack.enter_context(conversation.episode)
+        price = self.task.price
+        account = None if self.limits is None else stack.enter_context(Account(self.limits, episode, price))
+
+        def before_a_call(conversation: BaseConversation, prompt: Prompt) -> None:
+            if self.stop.is_set():
+                raise StoppedError
+            if account is not None:
+                assert conversation.view is not None
+                account.reserve(conversation.view.tokens, prompt.max_tokens or 0)
+            if self.on_record is not None:
+                self.on_record()
+
+        def after_a_reply(conversation: BaseConversation) -> None:
+            if account is not None:
+                account.settle()
+            if self.on_record is not None:
+                self.on_record()
+
+        return {"on_prompt": before_a_call, "on_turn": after_a_reply}
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether there is an earlier attempt that an exception has not ended before its episode began."""
+        return self.task.previous is not None and Record.head(self.task.previous).start is not None
+
+    def _continue(self, players: Players) -> AnyConversation:
+        events = self._earlier()
+        _ask_again(players, events)
+        resumed = resume(events, transcript=self.task.record)
+        resumed.episode.ledger.player_versions = player_versions(players.first)
+        conversation = resumed.conversation
+        if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
+            resumed.episode.close()
+            raise _DifferentReplyError("The record has no conversation that could go on.")
+        return conversation
+
+    def _give_up(self, error: Exception) -> None:
+        """Begin again, because the earlier attempt cannot be continued."""
+        delete_record(self.task.record)
+        self.began_again = str(error)
+
+    def _held(self, agent: Agent) -> Held:
+        key, has_begun = self.task.planned.key, self._has_begun
+        if has_begun and not agent.goes_on:
+            self.began_again = "The record does not have the state of its agent."
+        if has_begun and agent.goes_on:
+            try:
+                resumed = resume(self._earlier(), transcript=self.task.record, session=True)
+                session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
+                return Held(key, resumed.episode, session, self.stop)
+            except SmartPlayError as error:
+                self._give_up(error)
+        episode = self._new_episode()
+        episode.begin()
+        return Held(key, episode, None, self.stop)
+
+    def _new_episode(self) -> Episode:
+        self._load_files()
+        planned = self.task.planned
+        config = planned.cell.with_seed(planned.seed, planned.repeat)
+        return Episode.from_config(config, transcript=self.task.record, carried=self.task.carried)
+
+    def _earlier(self) -> list[Event]:
+        """The record of an earlier attempt, unless it began with something other than the trial before has left."""
+        assert self.task.previous is not None
+        self._load_files()
+        events = read_transcript(self.task.previous)
+        if Carried.of(events[0]) != self.task.carried:
+            raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
+        return events
+
+    def _load_files(self) -> None:
+        """Import the game and strategy that the plan names; a config or a record does not say where their files are."""
+        cell = self.task.planned.cell
+        if cell.game_file is not None:
+            load_game(cell.game_file, cell.game_sha256, self.task.game_file)
+        if cell.budget.strategy is not None:
+            load_strategy(cell.budget.strategy, cell.strategy_sha256, self.task.strategy_file)
 
 
 def remembers_nothing(player: Player | AsyncPlayer) -> bool:
@@ -202,92 +320,6 @@ class _DifferentReplyError(Exception):
     """An attempt cannot continue an earlier record."""
 
 
-def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record: OnRecord | None = None) -> Times:
-    """Play on this thread; an asynchronous player runs in a new event loop.
-
-    `on_record` is called before each call to the player and after each reply, once the record contains it.
-    """
-    clock = _Clock()
-    with _on_record(task), ExitStack() as stack:
-        players = Players.of(task)
-        if not isinstance(players.first, Player):
-            asyncio.run(_aplay(task, clock, players, limits, stop, on_record=on_record))
-        else:
-            _open(players, stack)
-            conversation = continued(task, players, clock)
-            if conversation is None and task.previous is not None:
-                players = Players.of(task)
-                _open(players, stack)
-            conversation = conversation or begun(task, players.first)
-            hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
-            if play(conversation, players.first, compactor_player=players.second, **hooks).end_reason == "closed":
-                stop.set()  # the person who plays has left, so no further episode begins
-    return clock.times()
-
-
-async def aplay_attempt(
-    task: Task, limits: RunLimits | None, stop: StopFlag, shared: AsyncPlayer | None = None
-) -> Times:
-    """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
-    clock = _Clock()
-    with _on_record(task):
-        if task.player.agent is not None:
-            await _hand_over(task, task.player.agent, clock, limits, stop)
-        else:
-            await _aplay(task, clock, Players.of(task, shared), limits, stop, shared=shared)
-    return clock.times()
-
-
-async def _hand_over(task: Task, agent: Agent, clock: _Clock, limits: RunLimits | None, stop: StopFlag) -> None:
-    held = await _in_thread(lambda: _held(task, agent, clock, stop))
-    with held.episode as clock.episode, ExitStack() as stack:
-        if limits is not None:
-            held.episode.ledger.on_view = stack.enter_context(Account(limits, held.episode, task.price)).reserve
-        await agent.play(held)
-
-
-def _held(task: Task, agent: Agent, clock: _Clock, stop: StopFlag) -> Held:
-    key = task.planned.key
-    has_begun = _has_begun(task.previous)
-    if has_begun and not agent.goes_on:
-        clock.began_again = "The record does not have the state of its agent."
-    if has_begun and agent.goes_on:
-        try:
-            resumed = resume(_earlier(task), transcript=task.record, session=True)
-            session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
-            return Held(key, resumed.episode, session, stop)
-        except SmartPlayError as error:
-            delete_record(task.record)
-            clock.began_again = str(error)
-    episode = _episode(task)
-    episode.begin()
-    return Held(key, episode, None, stop)
-
-
-async def _aplay(
-    task: Task,
-    clock: _Clock,
-    players: Players,
-    limits: RunLimits | None,
-    stop: StopFlag,
-    *,
-    shared: AsyncPlayer | None = None,
-    on_record: OnRecord | None = None,
-) -> None:
-    """`shared` is the first player if other attempts have it, too: it is open, and stays open."""
-    async with AsyncExitStack() as stack:
-        await _aopen(players, stack, shared)
-        conversation = await _in_thread(partial(continued, task, players, clock))
-        if conversation is None:
-            if task.previous is not None:
-                players = Players.of(task, shared)
-                await _aopen(players, stack, shared)
-            conversation = await _in_thread(partial(begun, task, players.first))
-        assert conversation is not None
-        hooks = _watch(task, conversation, clock, limits, stop, stack, on_record)
-        await aplay(conversation, players.first, compactor_player=players.second, **hooks)
-
-
 def _open(players: Players, stack: ExitStack) -> None:
     for player in players:
         if isinstance(player, AbstractContextManager):
@@ -312,37 +344,6 @@ async def _in_thread(open_one: Callable[[], Opened]) -> Opened:
         if opened is not None:
             opened.episode.close()
         raise
-
-
-def _watch(
-    task: Task,
-    conversation: BaseConversation,
-    clock: _Clock,
-    limits: RunLimits | None,
-    stop: StopFlag,
-    stack: ExitStack | AsyncExitStack,
-    on_record: OnRecord | None,
-) -> dict[str, Any]:
-    """Return the callbacks for `play`; the episode is closed with the stack."""
-    episode = clock.episode = stack.enter_context(conversation.episode)
-    account = None if limits is None else stack.enter_context(Account(limits, episode, task.price))
-
-    def before_a_call(conversation: BaseConversation, prompt: Prompt) -> None:
-        if stop.is_set():
-            raise StoppedError
-        if account is not None:
-            assert conversation.view is not None
-            account.reserve(conversation.view.tokens, prompt.max_tokens or 0)
-        if on_record is not None:
-            on_record()
-
-    def after_a_reply(conversation: BaseConversation) -> None:
-        if account is not None:
-            account.settle()
-        if on_record is not None:
-            on_record()
-
-    return {"on_prompt": before_a_call, "on_turn": after_a_reply}
 
 
 @contextmanager
@@ -379,17 +380,3 @@ def _append(record: Path, error: BaseException, *words: str) -> None:
             raise
     if not isinstance(error, asyncio.CancelledError):
         raise DiskFullError(f"There is no space left for {record}.") from None
-
-
-class _Clock:
-    """Measures the times of an attempt, from its construction on."""
-
-    def __init__(self) -> None:
-        self.episode: Episode | None = None
-        self.began_again: str | None = None
-        self._began, self._processor = time.perf_counter(), time.thread_time()
-
-    def times(self) -> Times:
-        game = 0.0 if self.episode is None else self.episode.game_seconds
-        processor = time.thread_time() - self._processor
-        return Times(time.perf_counter() - self._began, game, processor, self.began_again)
