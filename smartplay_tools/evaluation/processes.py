@@ -338,15 +338,12 @@ def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool =
     Only this process is used if it has games that others would not have; `plugins`: these import games of packages. A
     record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
     """
-    if processes == 1 or is_daemonic() or not _others_know_the_games(plugins):
+    added = GAMES.added()
+    others_know_them = not added or (plugins and all(map(GAMES.is_declared, added)))
+    if processes == 1 or is_daemonic() or not others_know_them:
         return 1
     total = 0
     for record in records:
         with suppress(OSError):
             total += record.stat().st_size
     return max(1, min(processes, total // size))
-
-
-def _others_know_the_games(plugins: bool) -> bool:
-    added = GAMES.added()
-    return not added or (plugins and all(map(GAMES.is_declared, added)))

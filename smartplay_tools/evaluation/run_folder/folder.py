@@ -348,6 +348,13 @@ def records_in(source: Path) -> Iterator[Path]:
         raise InvalidArgumentError(f"There is no run and no record at {source}.")
 
 
+def replace_file(path: Path, text: str) -> None:
+    """Write a file in one operation: who reads it meanwhile finds the old text or the new one."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8", newline="\n")
+    part.replace(path)
+
+
 SUFFIX = ".notes.json"
 """The end of the file's name, in place of the record's `.jsonl`."""
 
@@ -397,9 +404,7 @@ def write_note(record: Path, turn: int, note: str) -> dict[int, str]:
     if not notes:
         path.unlink(missing_ok=True)
         return {}
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(as_list(notes), indent=1) + "\n", encoding="utf-8", newline="\n")
-    part.replace(path)
+    replace_file(path, json.dumps(as_list(notes), indent=1) + "\n")
     return dict(sorted(notes.items()))
 
 

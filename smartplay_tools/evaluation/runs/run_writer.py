@@ -26,7 +26,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.evaluation.run_folder.folder import STATUS, Manifest, RunFolder
+from smartplay_tools.evaluation.run_folder.folder import STATUS, Manifest, RunFolder, replace_file
 from smartplay_tools.evaluation.run_folder.follower import RunFigures
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
@@ -96,11 +96,11 @@ class RunWriter(RunFolder):
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest in one operation."""
-        _replace(self.path / "manifest.json", json.dumps(manifest.to_json(), indent=1) + "\n")
+        replace_file(self.path / "manifest.json", json.dumps(manifest.to_json(), indent=1) + "\n")
 
     def write_status(self, figures: RunFigures) -> None:
         """Write the status file in one operation (`snapshot.read_status`)."""
-        _replace(self.path / STATUS, json.dumps(asdict(figures)) + "\n")
+        replace_file(self.path / STATUS, json.dumps(asdict(figures)) + "\n")
 
     def drop_status(self) -> None:
         """Delete the status file: nothing is being played any more."""
@@ -145,7 +145,7 @@ class RunWriter(RunFolder):
     def mend(self) -> None:
         """Move the records that a killed run left in `running`, and drop an incomplete last line."""
         timings = self.timings()
-        _replace(self.path / "timings.jsonl", "".join(json.dumps(row) + "\n" for row in timings))
+        replace_file(self.path / "timings.jsonl", "".join(json.dumps(row) + "\n" for row in timings))
         for path in self.running():
             record = Record.head(path)
             # A disk that was full, or a process that was killed, can leave a file without a single whole event.
@@ -161,15 +161,9 @@ class RunWriter(RunFolder):
 
     def write_rows(self, rows: Iterable[Row]) -> None:
         """Write all rows again, in one operation."""
-        _replace(self.path / "results.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
+        replace_file(self.path / "results.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
 
 
 def _append(path: Path, row: Row) -> None:
     with path.open("a", encoding="ascii", newline="\n") as file:
         file.write(json.dumps(row) + "\n")
-
-
-def _replace(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8", newline="\n")
-    part.replace(path)

@@ -27,7 +27,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import IO, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
 
@@ -173,9 +173,8 @@ def _unpack(bundle: zipfile.ZipFile, folder: Path, limits: Limits) -> None:
     left = limits.unpacked_bytes
     for entry in entries:
         with bundle.open(entry) as source:
-            left -= _copy(
-                entry.filename, source, folder / entry.filename, min(left, limits.most(entry.filename)), limits
-            )
+            most = min(left, limits.most(entry.filename))
+            left -= _copy(entry.filename, source, folder / entry.filename, most, limits)
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], limits: Limits) -> None:
@@ -200,12 +199,11 @@ def _check_entries(entries: list[zipfile.ZipInfo], limits: Limits) -> None:
         raise BundleError(f"The bundle unpacks to {total:,} bytes; {limits.unpacked_bytes:,} are allowed.")
 
 
-def _copy(name: str, source: Iterable[bytes], target: Path, most: int, limits: Limits) -> int:
+def _copy(name: str, source: IO[bytes], target: Path, most: int, limits: Limits) -> int:
     """Copy a file in chunks and return its size; one that is larger than `most`, or has a huge line, is refused."""
     size = line = 0
-    read = source.read  # type: ignore[attr-defined]
     with target.open("xb") as file:
-        while chunk := read(CHUNK):
+        while chunk := source.read(CHUNK):
             size += len(chunk)
             if size > most:
                 raise BundleError(f"{name} in the bundle has more than the {most:,} bytes that are allowed.")
