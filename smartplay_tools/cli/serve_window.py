@@ -184,9 +184,7 @@ class _Offered:
     goes_on = True
 
     def __init__(self, endpoint: Any, out: Path) -> None:
-        from smartplay_tools.evaluation.runs.agents import Watch
-
-        self._endpoint, self._file, self._watch = endpoint, out / "handles.json", Watch()
+        self._endpoint, self._file = endpoint, out / "handles.json"
         self._handles: dict[str, str] = json.loads(self._file.read_text()) if self._file.exists() else {}
         """By the key of the episode."""
 
@@ -197,7 +195,7 @@ class _Offered:
         self._file.touch(mode=0o600)  # the handles let anybody who reads them play
         self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
         typer.echo(_where(self._endpoint, handle, held.episode.config.seed))
-        await self._watch.wait_for(held)
+        await held.wait()
 
     def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""

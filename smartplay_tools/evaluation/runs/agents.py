@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.run_progress import StopFlag
 
 LOOK_SECONDS = 0.1
-"""Seconds between two checks whether an episode is over or the run stops."""
+"""Seconds between two checks whether an agent is done or the run stops."""
+
+WAIT_SECONDS = 0.5
+"""The same for an episode that others play: there may be hundreds, for hours."""
 
 AgentFunction: TypeAlias = Callable[[AgentSession], Any] | Callable[["Episode"], Any]
 """Plays an episode; may be asynchronous. The name of its argument says what it takes.
@@ -56,6 +59,11 @@ class Held:
         while not playing.done() and not self.stop.is_set():
             await asyncio.wait([playing], timeout=LOOK_SECONDS)
 
+    async def wait(self) -> None:
+        """Wait until others have played the episode, or the run stops."""
+        while not self.is_over:
+            await asyncio.sleep(WAIT_SECONDS)
+
     def leave(self, why: str) -> None:
         """End the episode because its agent has stopped; an agent that never asked its model has failed."""
         if self.is_over:
@@ -63,34 +71,6 @@ class Held:
         if not self.episode.stats.turns and not self.episode.stats.tool_calls:
             raise AgentFailedError(f"{why} It has not asked its model.")
         self.episode.end("host", detail=why)
-
-
-class Watch:
-    """Waits for episodes that others play, checking all of them at once: there may be hundreds, for hours."""
-
-    def __init__(self) -> None:
-        self._waiting: dict[asyncio.Event, Held] = {}
-        self._looking: asyncio.Task[None] | None = None
-
-    async def wait_for(self, held: Held) -> None:
-        """Wait until others have played an episode, or the run stops."""
-        over = asyncio.Event()
-        self._waiting[over] = held
-        self._looking = self._looking or asyncio.create_task(self._look())
-        try:
-            await over.wait()
-        finally:
-            del self._waiting[over]
-
-    async def _look(self) -> None:
-        try:
-            while self._waiting:
-                for over, held in self._waiting.items():
-                    if held.is_over:
-                        over.set()
-                await asyncio.sleep(LOOK_SECONDS)
-        finally:
-            self._looking = None
 
 
 @runtime_checkable
