@@ -65,15 +65,8 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
 
 def _pairing_row(each: Pairing, name: str, points: int, last: str) -> tuple[str, ...]:
     difference = "identical" if each.is_identical else with_interval(each.differences.get("score"), points, sign="+")
-    outcome = f"{each.wins}/{each.ties}/{each.losses}"
-    return (
-        f"    {name}",
-        f"{each.pairs}",
-        fixed(each.means["score"].mean, points),
-        difference,
-        outcome,
-        last,
-    )
+    outcome, mean = f"{each.wins}/{each.ties}/{each.losses}", fixed(each.means["score"].mean, points)
+    return f"    {name}", f"{each.pairs}", mean, difference, outcome, last
 
 
 def _verdict(verdict: Verdict | None) -> str:
