@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.capabilities import Weights, capability_scores
+from smartplay_tools.evaluation.analysis.capabilities import capability_scores
 from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
@@ -22,19 +22,19 @@ Scores = Mapping[str, Sequence[float | None]]
 
 
 @style.figure
-def capability_dots(players: Mapping[str, Scores], *, weights: Weights = "paper") -> Figure:
+def capability_dots(players: Mapping[str, Scores]) -> Figure:
     """Draw capability scores (1 is the human's) of players, and as small dots those of the paper's models."""
     settings = _common_settings(players)
     drawn, (axes,) = style.panels(1, size=(8.6, 5.0))
     places = range(len(CAPABILITIES))
     models = [result for result in PAPER_RESULTS if result.player != "human"]
     for at, model in enumerate(models):
-        means = [score.mean for score in _profile({game: [model.normalized[game]] for game in settings}, weights)]
+        means = [score.mean for score in _profile({game: [model.normalized[game]] for game in settings})]
         label = f"the paper's {len(models)} models" if at == 0 else None
         axes.plot(means, places, color=style.GREY, marker="o", markersize=4, alpha=0.45, linestyle="", label=label)
     for index, (name, scores) in enumerate(players.items()):
         look, beside = style.Series.number(index), style.spread(index, len(players))
-        profile = _profile({game: scores[game] for game in settings}, weights)
+        profile = _profile({game: scores[game] for game in settings})
         style.draw_dots(axes, profile, [place + beside for place in places], look, name)
     axes.axvline(1, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
     axes.set_yticks(places, CAPABILITIES)
@@ -62,8 +62,6 @@ def _common_settings(players: Mapping[str, Scores]) -> list[str]:
     return settings
 
 
-def _profile(scores: Scores, weights: Weights) -> list[MeanEstimate]:
-    profile = capability_scores(scores, weights=weights).scores
-    if missing := [score.capability for score in profile if score.estimate is None]:
-        raise InvalidArgumentError(f"These settings give no score for {', '.join(missing)}; use the paper's weights.")
-    return [score.estimate for score in profile if score.estimate is not None]
+def _profile(scores: Scores) -> list[MeanEstimate]:
+    """All nine capabilities: by the paper's weights, every setting counts for each of them."""
+    return [score.estimate for score in capability_scores(scores).scores if score.estimate is not None]
