@@ -70,7 +70,6 @@ def test_a_list_is_filtered_sorted_and_linked(show, site):
     assert page.locator("#runs .run").count() == 3
     page.locator("#runs .run b", has_text="one").click()
     sync_api.expect(page.locator("#count")).to_have_text("8 episodes")
-    assert page.locator("#count").inner_text() == "8 episodes"
     heads, rows = page.locator("#head [role=columnheader]"), page.locator("#rows [role=row]")
     assert page.locator("#rows [role=gridcell]").count() == heads.count() * rows.count(), "a table for screen readers"
     page.keyboard.press("/")

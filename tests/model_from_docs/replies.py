@@ -10,6 +10,8 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.types.messages import MessageToolCall
 
+from .files import TAKES
+
 WORDS = (
     "Rock",
     "İ",
@@ -31,15 +33,6 @@ PATHS = (
     *(f"/memories/{name}" for name in ("a", "b", "d/e", "d/f/g", "d", ".h", "d/.h/x", "a/b", "é")),
     *("/memories", "/memories/", "/x", "/memories/../a", "/memories//a", "/memoriesa", "", "/memories/a\0"),
 )
-COMMANDS = ("view", "create", "str_replace", "insert", "delete", "rename")
-FIELDS = {
-    "view": ("path",),
-    "create": ("path", "file_text"),
-    "str_replace": ("path", "old_str", "new_str"),
-    "insert": ("path", "insert_line", "insert_text"),
-    "delete": ("path",),
-    "rename": ("old_path", "new_path"),
-}
 IDS = ("c", "c", "", "call_1", "é", "toolu_01")
 
 
@@ -162,7 +155,7 @@ class Speaker:
 
     def _memory(self) -> dict[str, Any]:
         rng = self._rng
-        command = rng.choice((*COMMANDS, "create", "create", "view"))
+        command = rng.choice((*TAKES, "create", "create", "view"))
         path = rng.choice(PATHS[: rng.choice((1, 2, 6))]) if rng.random() < 0.8 else rng.choice(PATHS)
         values: dict[str, Any] = {"command": command, "path": path}
         texts = (self.text(4), self.text(4), "", "\n", "a\nb\nc\n", "a", "x" * rng.choice((1, 30)))
@@ -171,7 +164,7 @@ class Speaker:
             **{name: rng.choice(texts) for name in ("file_text", "old_str", "new_str", "insert_text")},
             "insert_line": rng.choice((0, 0, 1, 2, 3, -1, 99, "1", 1.0, True)),
         }
-        values = {"command": command, **{name: everything[name] for name in FIELDS[command]}}
+        values = {"command": command, **{name: everything[name] for name in TAKES[command]}}
         if "path" in values:
             values["path"] = path
         if command == "view" and rng.random() < 0.4:
