@@ -169,7 +169,7 @@ class Judge:
                 number += 1
                 if number <= p and messages[m]["content"] != MARKER:
                     words = plain_text(one["content"])
-                    messages[m] = {**one, "content": MARKER if words.startswith(PICTURE) else words}
+                    messages[m] = {**one, "content": words if words and not words.startswith(PICTURE) else MARKER}
         if self.step(i) < self.words_from(k):
             messages[0] = without_words(messages[0])
         return messages
