@@ -51,7 +51,7 @@ def main() -> None:
     """Play the sweeps, and print or publish the tables."""
     asked = _arguments()
     for name in asked.questions:
-        run = _ask(name, asked).run
+        run = _ask(name, asked)
         tariffs = TARIFFS.get(name, [])
         rows = priced(run.rows, records_of(run), tariffs) if tariffs else run.rows
         print(f"## {name}\n")
@@ -86,8 +86,8 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
     played = sweep(
         **arguments, out=asked.out / name, seed=asked.seed, workers=asked.workers, run_tokens=asked.run_tokens
     )
-    if not played.run.complete:
-        left = played.run.planned - len(played.rows)
+    if not played.complete:
+        left = played.planned - len(played.rows)
         sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
     played.write()
     return played
