@@ -63,6 +63,8 @@ def request(
                 messages.append({"role": "assistant", "content": _assistant(message)})
             case "tool":
                 content = shown(message, prompt.pictures, _text_block, _image_block)
+                if isinstance(content, list):  # a text block without a text would be refused
+                    content = [block for block in content if block.get("text") != ""]
                 call_id = message.get("tool_call_id", "")
                 _add_to_user(messages, {"type": "tool_result", "tool_use_id": call_id, "content": content})
             case "user":
