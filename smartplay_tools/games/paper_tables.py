@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from importlib import resources
 from types import MappingProxyType
 
-_TABLES = json.loads(Path(__file__).with_name("paper_tables.json").read_text(encoding="utf-8"))
+_TABLES = json.loads(resources.files(__package__).joinpath("paper_tables.json").read_text(encoding="utf-8"))
 
 CAPABILITIES: tuple[str, ...] = tuple(_TABLES["capabilities"])
 """The nine capabilities, in the order of the paper's table 3."""

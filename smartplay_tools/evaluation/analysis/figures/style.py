@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import functools
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -48,9 +50,6 @@ CUT_NOTE = f"{CUT}: tool results were cut"
 GREY = "#6E6E6E"
 """The colour of references: the human score, the paper's models."""
 
-RULES = Path(__file__).with_name("figures.mplstyle")
-"""matplotlib's settings for all figures."""
-
 FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
 """The formats of a figure, each with the metadata that is left out: the same figure has the same bytes."""
 
@@ -58,16 +57,26 @@ Given = ParamSpec("Given")
 
 
 def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
-    """Decorate a function that draws a figure: it draws with `RULES`, and needs matplotlib."""
+    """Decorate a function that draws a figure: it draws in the common style, and needs matplotlib."""
 
     @functools.wraps(draw)
     def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
         with extra_named("Drawing figures", "evaluation"):
-            import matplotlib.style
-        with matplotlib.style.context(RULES):
+            import matplotlib.style  # noqa: F401
+        with _common_style():
             return draw(*args, **kwargs)
 
     return styled
+
+
+@contextmanager
+def _common_style(**others: str) -> Iterator[None]:
+    """Set matplotlib's settings for all figures, and others."""
+    import matplotlib.style
+
+    file = resources.files(__package__).joinpath("figures.mplstyle")
+    with resources.as_file(file) as path, matplotlib.style.context([path, others]):
+        yield
 
 
 def panels(count: int, *, columns: int = 2, size: tuple[float, float] = (4.6, 3.4)) -> tuple[Figure, Sequence[Axes]]:
@@ -185,8 +194,6 @@ def save_figure(
     With `svg_text` the words of an SVG are text, which can be searched and edited but depends on the reader's fonts;
     else they are paths, which look the same everywhere.
     """
-    import matplotlib.style
-
     stem = Path(stem)
     if not stem.name:
         raise InvalidArgumentError("Name a figure by a path without suffix, such as figures/frontier.")
@@ -194,7 +201,7 @@ def save_figure(
         raise InvalidArgumentError(f"A figure is written as {', '.join(FORMATS)}, not {unknown[0]!r}.")
     stem.parent.mkdir(parents=True, exist_ok=True)
     written = []
-    with matplotlib.style.context([RULES, {"svg.fonttype": "none"} if svg_text else {}]):
+    with _common_style(**{"svg.fonttype": "none"} if svg_text else {}):
         for name in formats:
             written.append(stem.with_name(f"{stem.name}.{name}"))
             drawn.savefig(written[-1], metadata=dict.fromkeys(FORMATS[name]))
