@@ -6,12 +6,12 @@ The numbers are in `paper_tables.json`; here each table is labelled with its pla
 from __future__ import annotations
 
 import json
+import pkgutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib import resources
 from types import MappingProxyType
 
-_TABLES = json.loads(resources.files(__package__).joinpath("paper_tables.json").read_text(encoding="utf-8"))
+_TABLES = json.loads(pkgutil.get_data(__package__, "paper_tables.json") or b"")
 
 CAPABILITIES: tuple[str, ...] = tuple(_TABLES["capabilities"])
 """The nine capabilities, in the order of the paper's table 3."""
