@@ -62,13 +62,13 @@ def request(
             case "assistant":
                 messages.append({"role": "assistant", "content": _assistant(message)})
             case "tool":
-                content = shown(message, prompt.pictures, _text_block, _image_block)
-                if isinstance(content, list):  # a text block without a text would be refused
-                    content = [block for block in content if block.get("text") != ""]
+                content = _shown(message, prompt.pictures)
                 call_id = message.get("tool_call_id", "")
                 _add_to_user(messages, {"type": "tool_result", "tool_use_id": call_id, "content": content})
             case "user":
-                _add_to_user(messages, _text_block(text_of(message) or NOTHING))
+                content = _shown(message, prompt.pictures) or NOTHING
+                for block in [_text_block(content)] if isinstance(content, str) else content:
+                    _add_to_user(messages, block)
         if number + 1 == prompt.prefix_messages:
             stable = sum(len(sent["content"]) for sent in messages)
     # What the record keeps as it was said may have half a character, which a request cannot.
@@ -116,6 +116,12 @@ def _call(block: Mapping[str, Any]) -> MessageToolCall:
     """The call in a block; compatible servers leave out what the client does not miss."""
     arguments = json.dumps(block["input"], ensure_ascii=False) if "input" in block else ""
     return function_call(block.get("id") or "", block.get("name") or "", arguments)
+
+
+def _shown(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
+    """The text of a message, or its blocks if it has pictures. A text block without a text would be refused."""
+    content = shown(message, pictures, _text_block, _image_block)
+    return content if isinstance(content, str) else [block for block in content if block.get("text") != ""]
 
 
 def _text_block(text: str) -> dict[str, Any]:
