@@ -87,7 +87,7 @@ def mcp(
     server.run()
 
 
-def _serve_one(adapter: Any, game: str, transcript: Path | None, **settings: Any) -> None:
+def _serve_one(adapter: Any, game: str, transcript: Path | None, /, **settings: Any) -> None:
     """Serve one episode on standard input and output."""
     with ExitStack() as held:
 
