@@ -48,7 +48,7 @@ OTHERS = {
 
 NOT_RUN = {
     r"pip install|openhands/bin/pip|python3\.12 -m venv|uv sync|sudo ": "`.ci/wheel`, `.ci/framework`, people install",
-    r"make |\.ci/|(nice )?\.venv/bin/python (-m (pip|pytest)|\.ci/)": "`.ci/run` does what it says, or it takes hours",
+    r"make |\.ci/|(nice )?\.venv/bin/python (-m (pip|pytest|tests)|\.ci/)": "`.ci/run` does it, or it takes hours",
     r"(uv run )?inspect eval|vf-(eval|validate)": "`.ci/framework` has the environment, and runs the adapter there",
     r"prime ": "it needs an account",
     r"(python|openhands/bin/python) (experiments|benchmarks)/": "it takes hours; tests/test_experiments.py plays less",
