@@ -402,7 +402,7 @@ def strategy_tokens(budget: dict[str, Any], tokenizer: Any) -> int:
         added += checker.Judge([], [], [], asking, tokenizer.count).reserve
     if recall is not None:
         results = budget.get("result_tokens", "auto")
-        added += recall + (max(32, (added + recall + 200) // 3) if results == "auto" else results or 0)
+        added += recall + (max(32, (added + recall + 600) // 3) if results == "auto" else results or 0)
     return added
 
 
