@@ -59,7 +59,7 @@ class Pending:
     view: View
     max_tokens: int | None
     prompt: Callable[[], Prompt]
-    """Makes it: each time with copies of its own."""
+    """Returns a new `Prompt` at every call, so that a caller may change the messages of each."""
 
     def cost(self, reply: int) -> dict[str, Any]:
         """Our count of the prompt and its reply, as fields of a `usage` event."""

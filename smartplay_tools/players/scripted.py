@@ -21,6 +21,7 @@ every prompt is counted and recorded as it came (`Episode.note_prompt`), and the
 from __future__ import annotations
 
 import random
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 
 from smartplay_tools.conversation.base import BaseConversation
@@ -51,13 +52,13 @@ class ScriptedPlayer:
         return given if isinstance(given, Reply) else Reply(given, self._usage)
 
 
-class ActingPlayer:
+class ActingPlayer(ABC):
     """Plays one action at each prompt. Asked for words, it repeats the newest notes that the prompt quotes."""
 
     name: str
     observations = ("text", "picture", "both")
 
-    def __init__(self, *, seed: int = 0) -> None:
+    def __init__(self, *, seed: int = 0) -> None:  # noqa: B027 - not abstract: most draw nothing
         """Every player takes a seed, whether it draws anything or not."""
 
     def reply(self, prompt: Prompt) -> Reply:
@@ -70,9 +71,9 @@ class ActingPlayer:
         action = self.action(prompt)
         return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})
 
+    @abstractmethod
     def action(self, prompt: Prompt) -> str:
         """Return the name of the action to play."""
-        raise NotImplementedError
 
 
 DOING_NOTHING = "Noop"

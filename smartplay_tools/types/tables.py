@@ -1,4 +1,4 @@
-"""Tables: what a module knows that is data, in a file of TOML beside it."""
+"""Reads the TOML files that hold the data of modules, such as the words of prompts and the rules for pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["read_table"]
 
 
 def read_table(package: str, name: str) -> dict[str, Any]:
-    """Return what a file of TOML in a package holds."""
+    """Return the parsed content of a TOML file in a package."""
     import tomllib  # slow to import, and a program that plays nothing reads no table
 
     return tomllib.loads(resources.files(package).joinpath(name).read_text(encoding="utf-8"))
