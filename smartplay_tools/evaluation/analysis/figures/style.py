@@ -61,8 +61,6 @@ def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
 
     @functools.wraps(draw)
     def styled(*args: Given.args, **kwargs: Given.kwargs) -> Figure:
-        with extra_named("Drawing figures", "evaluation"):
-            import matplotlib.style  # noqa: F401
         with _common_style():
             return draw(*args, **kwargs)
 
@@ -71,8 +69,9 @@ def figure(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
 
 @contextmanager
 def _common_style(**others: str) -> Iterator[None]:
-    """Set matplotlib's settings for all figures, and others."""
-    import matplotlib.style
+    """Set matplotlib's settings for all figures, and others; without matplotlib, a `MissingExtraError`."""
+    with extra_named("Drawing figures", "evaluation"):
+        import matplotlib.style
 
     file = resources.files(__package__).joinpath("figures.mplstyle")
     with resources.as_file(file) as path, matplotlib.style.context([path, others]):
