@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
+from operator import attrgetter
 from typing import Any
 
 from smartplay_tools.context.turns import Form, Turn
@@ -127,10 +128,10 @@ class View:
         """Whether words are asked for, a summary or the answer to a compactor's question, and not a move."""
         return self.purpose != "play"
 
-    @cached_property
+    @property
     def shown(self) -> tuple[Message, ...]:
         """The window's own messages, which must not be changed; `messages` returns copies."""
-        return tuple([form.message for form in self.forms])
+        return tuple(map(attrgetter("message"), self.forms))
 
     @property
     def messages(self) -> list[Message]:
