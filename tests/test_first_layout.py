@@ -21,6 +21,8 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 
 DATA = Path(__file__).parent / "data" / "first_layout"
+TABLES = Path(__file__).parent / "data" / "tables.txt"
+PUBLISHED = Path(__file__).parents[1] / "experiments" / "tools-v1"
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 PLAYED = ("tools", "paper", "host-chat", "host-context", "oracle", "messenger", "continued")
 STRATEGIES = ("masking", "summaries", "notes", "recall", "offload", "memory")
@@ -62,6 +64,14 @@ def run(*words: str | Path, code: int = 0) -> Result:
         raise result.exception
     assert result.exit_code == code, result.output
     return result
+
+
+def test_every_table_says_what_it_said(files):
+    """Each command in the file prints what is below it: every number and every word."""
+    _, *tables = re.split(r"^\$ smartplay-tools (.*)\n", TABLES.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    for command, printed in zip(tables[::2], tables[1::2], strict=True):
+        shown = run(*command.replace("tools-v1", str(PUBLISHED)).split()).output.replace(str(PUBLISHED), "tools-v1")
+        assert re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", shown) == printed, command
 
 
 def test_there_is_a_record_with_every_kind_of_event(files):

@@ -109,7 +109,7 @@ INTERRUPTED = 130
 def program() -> str:
     """Return how this program is called: its name if a shell finds it by that, else the path by which it was called."""
     called = Path(sys.argv[0])
-    if called.name == "__main__.py":
+    if called.parts[-2:] == ("smartplay_tools", "__main__.py"):
         return f"{sys.executable} -m smartplay_tools"
     found = shutil.which(called.name)
     elsewhere = called.stem == "smartplay-tools" and (found is None or Path(found).resolve() != called.resolve())

@@ -79,14 +79,6 @@ def test_what_is_next_can_be_entered_as_it_stands(folder, tmp_path):
     assert shlex.split(report)[:3] == ["smartplay-tools", "report", str(spaced)]
 
 
-def test_everything_is_behind_an_option(folder):
-    shown = run(folder, "--all", "--explain").output
-    for title in ("scores", "baselines", "capabilities, the paper's weights", "how it went", "what it took"):
-        assert f"\n{title}" in shown
-    assert "different from the paper" in shown
-    assert "by our own count" in shown
-
-
 def test_it_fits_eighty_columns_and_cuts_no_number(folder, tmp_path):
     """Also for a player whose name is longer than that, and with counts of millions."""
     rows = [json.loads(line) for line in (folder / "results.jsonl").read_text(encoding="utf-8").splitlines()]
