@@ -61,15 +61,32 @@ def test_the_world_of_a_seed_is_pinned():
     assert digest.hexdigest()[:16] == "b90ce6f30401bc8a"
 
 
-def test_every_biome_exists_and_their_map_is_pinned():
+def test_every_biome_exists_and_the_map_and_a_place_of_each_are_pinned():
     axis = np.arange(-300, 300) * 16
     seen, digest = set(), hashlib.sha256()
     for seed in range(6):
         drawn = biomes(climate(seed, axis[:, None], axis[None, :]))
-        seen |= set(np.unique(drawn).tolist())
         digest.update(drawn.astype(np.uint8).tobytes())
+        for biome in sorted(set(np.unique(drawn).tolist()) - seen):
+            seen.add(biome)
+            places = np.argwhere(drawn == biome)
+            world, (x, z) = VoxelWorld(seed), axis[places[len(places) // 2]].tolist()
+            world.prepare(x, z)
+            digest.update(world.blocks.tobytes())
+            for animal in animals.animals_near(world, x, z, 500):
+                digest.update(animal.round(3).astype(np.float32).tobytes())
     assert seen == set(Biome)
-    assert digest.hexdigest()[:16] == "e75c41b5169b24ad"
+    assert digest.hexdigest()[:16] == "5fecb3e277edc577"
+
+
+def test_what_a_walker_reads_and_sees_is_pinned():
+    digest = hashlib.sha256()
+    for task in (0, 1, 2, 4, 5, 7, 8, 9):
+        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(history=0)
+        game.reset(seed=task)
+        for action in np.random.default_rng(task).integers(4, size=12).tolist():
+            digest.update((game.advance(action)[0] + game.picture().sha256).encode())
+    assert digest.hexdigest()[:16] == "40bfbec33b381c3e"
 
 
 def test_water_stands_where_the_ground_is_low_and_nowhere_else():
