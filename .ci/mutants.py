@@ -5,8 +5,9 @@
     python .ci/mutants.py FILE.jsonl [SAMPLE] [SEED]
 
 Cosmic Ray finds the places and makes the mutants. A sample of places is drawn, and one mutant of each. A mutant meets
-the tests that run its line, those that run the fewest lines first, and the files of tests that name its module.
-Decorators are left out, and so is `|`, which is nearly always of an annotation: mutants there change nothing.
+the tests that run its line, those that run the fewest lines first, the files of tests that name its module, and the
+tests of its package. Decorators are left out, and so is `|`, which is nearly always of an annotation: mutants there
+change nothing.
 
 A line of FILE is a mutant with its outcome, and the same command goes on where it was stopped. Files are changed where
 they are, so it needs a clone that nobody else uses. It needs Unix.
@@ -31,7 +32,13 @@ from cosmic_ray import plugins
 from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import use_mutation
 
-ROOMS = ("games", "context", "evaluation/analysis", "records")
+ROOMS = {
+    "games": ["tests/test_specs.py", "tests/test_paper_protocol.py"],
+    "context": ["tests", "--ignore-glob=tests/*/*"],
+    "evaluation/analysis": ["tests/evaluation"],
+    "records": ["tests", "--ignore-glob=tests/*/*", "tests/evaluation"],
+}
+"""The packages whose code is changed, and the tests of each; games have their own besides."""
 OPTIONS = ("-xq", "--tb=no", "-pno:cacheprovider", "-mnot slow", "-Wignore::pytest.PytestAssertRewriteWarning")
 IMPORTED = ("crafter", "gymnasium", "hypothesis", "jinja2", "matplotlib", "mcp.types", "openai", "pydantic", "typer")
 """Libraries that take long to import, which one process does for all mutants."""
@@ -76,6 +83,13 @@ def tests_of(place: Place, run: dict[str, dict[int, list[str]]], width: Counter[
     return list(dict.fromkeys(test.partition("|")[0] for test in sorted(tests, key=lambda test: (width[test], test))))
 
 
+def tests_of_package(path: str, room: str) -> list[str]:
+    """Return the tests of a package, and of a game all that have its name."""
+    game = Path(path).relative_to("smartplay_tools").parts[1]
+    own = sorted(map(str, Path("tests").rglob(f"test_{game}*.py"))) or ["tests/games"]
+    return [*ROOMS[room], *(own if room == "games" else ())]
+
+
 def main(file: str, sample: str = "600", seed: str = "1") -> None:
     """Draw the sample, and plant what of it has no line in the file yet."""
     sys.dont_write_bytecode = True
@@ -89,8 +103,9 @@ def main(file: str, sample: str = "600", seed: str = "1") -> None:
     files = sorted(Path("tests").rglob("test_*.py"), key=lambda path: path.stat().st_size)
     named = {str(path): path.read_text(encoding="utf-8") for path in files}
     by_place: dict[Place, list[tuple[str, int]]] = defaultdict(list)
-    for path in sorted(path for room in ROOMS for path in Path("smartplay_tools", room).rglob("*.py")):
-        for place, *mutant in mutants(path):
+    rooms = {str(path): room for room in ROOMS for path in Path("smartplay_tools", room).rglob("*.py")}
+    for path in sorted(rooms):
+        for place, *mutant in mutants(Path(path)):
             by_place[place].append(mutant)
     results.touch()
     done = {tuple(json.loads(line)["place"]) for line in results.read_text(encoding="utf-8").splitlines()}
@@ -103,7 +118,13 @@ def main(file: str, sample: str = "600", seed: str = "1") -> None:
         naming = [file for file, text in named.items() if module in text]
         with use_mutation(path, plugins.get_operator(operator)(), number) as (_, code):
             said = "survived"
-            for batch, seconds in ((running[:25], 60), (naming[:5], 300), (running[25:400], 300)):
+            batches = (
+                (running[:25], 60),
+                (naming[:5], 300),
+                (tests_of_package(place[0], rooms[place[0]]), 600),
+                (running[25:400], 300),
+            )
+            for batch, seconds in batches:
                 said = outcome(batch, seconds) if batch and said == "survived" else said
         line = {"place": place, "mutant": operator, "outcome": said, "becomes": code.splitlines()[place[1] - 1]}
         with results.open("a", encoding="utf-8") as out:
