@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -139,55 +139,15 @@ def test_runs_without_a_game_in_common_are_refused():
         compare({"a": episodes([1, 2]), "b": [r | {"game": RPS} for r in episodes([1, 2])]})
 
 
-# The command.
+# The command; `tests/test_first_layout.py` has its tables.
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    path = tmp_path_factory.mktemp("runs")
-    for name, history in (("short", 1), ("long", "game")):
-        sp.evaluate(
-            [RPS, "Hanoi3Disk-v0"],
-            ["rule", "random"],
-            out=path / name,
-            trials=3,
-            executor="inline",
-            budgets=sp.Budget(history=history),
-        )
-    return path / "long", path / "short"
-
-
-def run(*words):
-    return CliRunner(env={"COLUMNS": "80"}).invoke(app, ["compare", *map(str, words)])
-
-
-def test_the_command_prints_a_table_of_eighty_columns(folders):
-    shown = run(*folders)
-    assert shown.exit_code == 0
-    assert "    B rule, history 1" in shown.output
-    assert f"A: {folders[0]}" in shown.output.replace("\n", "")
-    assert max(len(line) for line in shown.output.splitlines() if "/" not in line[:6]) <= 80
-    assert "over all games" in shown.output
-
-
-def test_the_command_writes_what_papers_and_programs_read(folders):
-    rows = list(csv.DictReader(run(*folders, "--format", "csv").output.splitlines()))
-    assert [(line["game"], line["player"], line["pairs"]) for line in rows] == [
-        (game, player, "3") for game in (RPS, "Hanoi3Disk-v0") for player in ("rule", "random")
-    ]
-    assert float(rows[0]["score_difference_low"]) <= float(rows[0]["score_difference"]) < 0
-    assert float(rows[0]["tokens_difference"]) < 0
-    printed = json.loads(run(*folders, "--format", "json").output)
-    assert [pairing["losses"] for pairing in printed["pairings"]] == [int(line["losses"]) for line in rows]
-    assert "\\toprule" in run(*folders, "--format", "latex").output
-    assert "| RockPaperScissorBasic-v0, A rule |" in run(*folders, "--format", "markdown").output
-
-
-def test_what_cannot_be_compared_is_one_sentence(folders, tmp_path):
+def test_what_cannot_be_compared_is_one_sentence(tmp_path):
+    published = Path(__file__).parents[2] / "experiments" / "tools-v1" / "rule"
     for words, sentence in (
-        ([folders[0], folders[0]], "The same folder is named twice"),
+        ([published, published], "The same folder is named twice"),
         ([tmp_path], "is not the folder of a run"),
     ):
-        refused = run(*words)
+        refused = CliRunner().invoke(app, ["compare", *map(str, words)])
         assert refused.exit_code == 2
         assert sentence in refused.output

@@ -182,10 +182,3 @@ def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
         assert re.fullmatch(r"smartplay-tools: \S+file\S* cannot be read or written: \w+ .*\.\n", done.output), (
             done.output
         )
-
-
-@pytest.mark.parametrize(
-    ("form", "sign"), [("latex", "\\toprule"), ("markdown", "| ---"), ("csv", "score_low"), ("json", '"cells"')]
-)
-def test_results_are_printed_in_every_format(folder, form, sign):
-    assert sign in run(folder, "--all", "--format", form).output
