@@ -95,6 +95,10 @@ def test_a_rule_counts_the_examples_of_its_source(rule):
     assert rule.source.startswith("https://")
 
 
+def test_the_narrowest_picture_is_scaled_to_one_pixel_and_no_tile_is_smaller():
+    assert (RULES["claude-28"].count(5_000, 3), RULES["gemini-258"].count(1, 1_000)) == (56, 258_000)
+
+
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 def test_a_larger_picture_never_has_fewer_tokens_below_the_cap_of_its_rule(rule):
     sizes = [28, 64, 200, 252, 288, 384]

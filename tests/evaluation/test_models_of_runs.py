@@ -9,8 +9,10 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.records.rows import unplayed
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
+from tests.evaluation.window_rows import row
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 MODEL = "openai:m"
@@ -89,6 +91,19 @@ def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path
     assert run("report", tmp_path, "--out", page)[0] == 0
     words = page.read_text(encoding="utf-8").partition('id="episodes"')[0]
     assert f"2 episodes of {MODEL} at {BANDIT} ended without any action" in words
+
+
+def test_the_cause_of_an_episode_without_any_action_is_what_most_of_its_replies_were():
+    def cause(idle=0, **ends):
+        counts = {"turns": 4, "idle_replies": idle, "malformed_calls": 0, "illegal_actions": 0}
+        played = row(steps=0, end_reason="stalled_turns", **counts)
+        played["tokens"]["provider"] = ends
+        return unplayed([played])[0]
+
+    assert "cut at their length" in cause(cut=3)
+    assert "refused by the model" in cause(refused=3)
+    assert cause(idle=3, cut=2, refused=2).endswith("the end is stalled turns.")
+    assert "has called no tool" in cause(idle=4)
 
 
 # The command `check`.

@@ -53,6 +53,7 @@ def test_means_and_differences_of_a_worked_example():
     assert small.differences["prefix_share"].mean == 0
     assert "cost" not in small.means
     assert full.differences == {}
+    assert [line[4] for line in windows_table([small, full]).rows[1:]] == ["0.37", "-"]
 
 
 def test_players_games_manuals_and_options_are_families_of_their_own():
@@ -155,6 +156,7 @@ def test_differences_that_hold_together_are_no_wider_than_by_bonferroni_and_narr
         return 1 - jointly([Sample(own.tolist(), None, range(20)) for own in differences]).confidence
 
     assert 0.05 / 8 <= level(apart) < 0.02 < level(alike) <= 0.05
+    assert [level(apart), level(alike)] == pytest.approx([0.006537, 0.03352], rel=1e-3)
     assert level(apart[:1]) == pytest.approx(0.05, rel=0.1)
     assert level(np.ones((4, 20))) == pytest.approx(1 - 0.95**0.25, rel=0.1)  # constant: nothing correlates
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
