@@ -37,7 +37,7 @@ class Digits:
             ((at, _counts(text)) for at in reversed(range(len(messages))) if NOTE.search(text := _words(messages[at]))),
             (0, dict.fromkeys(rock_paper_scissors.BEATS, 0)),
         )
-        since = Reading(replace(reading.prompt, messages=messages[at:]))
+        since = Reading(replace(reading.prompt, shared=messages[at:]))
         for hand in _hands(since.observations):
             counts = tallied(counts, hand)
         note = ", ".join(f"{hand} {number}" for hand, number in counts.items())

@@ -281,7 +281,7 @@ class RulePixelsPlayer(RulePlayer):
 
     def reply(self, prompt: Prompt) -> Reply:
         """Decide as `rule` would, from words made of the pictures."""
-        return super().reply(replace(prompt, messages=in_words(prompt)))
+        return super().reply(replace(prompt, shared=in_words(prompt)))
 
 
 def in_words(prompt: Prompt) -> list[Message]:

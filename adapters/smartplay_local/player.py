@@ -120,7 +120,7 @@ class LocalPlayer(OpenAIPlayer):
             body = super().request(replace(prompt, tools=tuple(map(bounded, prompt.tools))))
             body |= {"tool_choice": "required", self._limit_field: MOST_TOKENS, **body} if may_call else {}
         else:
-            body = super().request(replace(prompt, messages=as_text(prompt.messages, prompt.tools), tools=()))
+            body = super().request(replace(prompt, shared=as_text(prompt.messages, prompt.tools), tools=()))
             body.pop("tool_choice", None)
             body |= {"grammar": grammar_of(prompt.tools)} if may_call else {}
         if self.loading.slots > 1 and prompt.cache_key:

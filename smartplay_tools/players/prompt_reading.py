@@ -47,7 +47,7 @@ class Reading:
     @cached_property
     def system(self) -> str:
         """The system text, and the manual once it was read: a window puts it there, a host leaves it in a result."""
-        texts = [text_of(m) for m in self.prompt.messages if m["role"] in ("system", "developer")]
+        texts = [text_of(m) for m in self.prompt.shared if m["role"] in ("system", "developer")]
         return "\n\n".join([*texts, *self._manuals])
 
     @cached_property
@@ -80,7 +80,7 @@ class Reading:
             seen.extend(_seen(call, answers[at]) for at, call in enumerate(calls) if at in answers)
             answers.clear()
 
-        for message in self.prompt.messages:
+        for message in self.prompt.shared:
             if message["role"] == "assistant":
                 settle()
                 calls = calls_of(message)
@@ -104,7 +104,7 @@ class Reading:
 
     @cached_property
     def _latest_answer(self) -> str | None:
-        answers = [message for message in self.prompt.messages if message["role"] == "tool"]
+        answers = [message for message in self.prompt.shared if message["role"] == "tool"]
         return _answer(answers[-1]) if answers else None
 
     @cached_property
@@ -113,7 +113,7 @@ class Reading:
 
         Lines `Step 3: TEXT` of the user's, as a custom strategy writes them, come before these.
         """
-        users = (m for m in self.prompt.messages if m["role"] == "user" and not is_carried(m))
+        users = (m for m in self.prompt.shared if m["role"] == "user" and not is_carried(m))
         told = (text for message in users for _, text in STEP.findall(text_of(message)))
         answers = (s.text for s in self.seen if s.tool in ("act", "observe"))
         shown = (text for text in answers if text not in in_any_version("observation_left") and not is_error(text))
@@ -122,7 +122,7 @@ class Reading:
     @cached_property
     def is_start(self) -> bool:
         """Whether no reply of the player is visible."""
-        return not any(message["role"] == "assistant" for message in self.prompt.messages)
+        return not any(message["role"] == "assistant" for message in self.prompt.shared)
 
 
 def is_carried(message: Message) -> bool:

@@ -86,7 +86,7 @@ def visible(reading: Reading, steps: int, known: Mapping[str, int]) -> dict[int,
     Those whose step is `known` may be quoted anywhere, as compactors do; other results are counted back from the
     number of steps played.
     """
-    text = "\n".join(text for each in reading.prompt.messages if not is_carried(each) for text in _texts(each))
+    text = "\n".join(text for each in reading.prompt.shared if not is_carried(each) for text in _texts(each))
     seen = {int(step): line for step, line in STEP.findall(NUMBERED.sub("", text))}
     seen |= {step: " ".join(observation.split()) for observation, step in known.items() if observation in text}
     for each in reversed(reading.seen):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -17,32 +18,12 @@ Purpose = Literal["play", "summary", "compaction"]
 a question of a compactor."""
 
 
-class _Messages:
-    """The field `messages` of a prompt: a list is the prompt's own, a tuple is copied when it is first read."""
-
-    def __get__(self, prompt: Prompt | None, owner: type[Prompt]) -> list[Message]:
-        if prompt is None:
-            raise AttributeError("The messages of a prompt have no default.")
-        messages = prompt.__dict__["_messages"]
-        if isinstance(messages, tuple):
-            messages = prompt.__dict__["_messages"] = list(map(copy_of, messages))
-        own: list[Message] = messages
-        return own
-
-    def __set__(self, prompt: Prompt, messages: Sequence[Message]) -> None:
-        prompt.__dict__["_messages"] = messages
-
-
 @dataclass(frozen=True)
 class Prompt:
-    """The input of a player: messages in chat form, the tools, and how many tokens the reply may have.
+    """The input of a player: messages in chat form, the tools, and how many tokens the reply may have."""
 
-    The prompts of a conversation share its messages, as a tuple, until they are first read: a player that needs only
-    the tools does not pay for a long window.
-    """
-
-    messages: _Messages = _Messages()
-    """The messages, which the player may change."""
+    shared: Sequence[Message]
+    """The messages, which must not be changed: the prompts of a conversation share them."""
     tools: tuple[ToolSpec, ...] = ()
     max_tokens: int | None = None
     prefix_messages: int = field(default=0, compare=False)
@@ -55,6 +36,11 @@ class Prompt:
     """The pictures that the messages name, by their sha256."""
     version: str = field(default="", compare=False)
     """The version of the words around the game; empty for a prompt that came through a provider's interface."""
+
+    @cached_property
+    def messages(self) -> list[Message]:
+        """The messages as copies, which the player may change. A player that needs only the tools has none made."""
+        return list(map(copy_of, self.shared))
 
     @property
     def asks_for_summary(self) -> bool:

@@ -86,7 +86,7 @@ def with_pictures_below(prompt: Prompt) -> Prompt:
             message = message.copy()
             message["content"] = f"{text_of(message)}\n{words('picture_below')}"
         shown.append(message)
-    return replace(prompt, messages=shown[:-1], prefix_messages=stable)
+    return replace(prompt, shared=shown[:-1], prefix_messages=stable)
 
 
 _END: Message = {"role": "user", "content": None}

@@ -44,7 +44,7 @@ class Memory:
 
 def recall(reading: Reading) -> Memory:
     """Return the memory in a prompt that covers most, and what was seen since."""
-    messages = reading.prompt.messages
+    messages = reading.prompt.shared
     newest: tuple[int, int, dict[str, Any]] | None = None
     for at, message in enumerate(messages):
         for text in _texts(message):
@@ -53,7 +53,7 @@ def recall(reading: Reading) -> Memory:
     if newest is None:
         return Memory(None, reading)
     _, at, facts = newest
-    return Memory(facts, Reading(replace(reading.prompt, messages=messages[at:])))
+    return Memory(facts, Reading(replace(reading.prompt, shared=messages[at:])))
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Earlier:
 
 def earlier(reading: Reading) -> Earlier | None:
     """Return what was carried over from the game before; None if nothing was, or nothing was kept there."""
-    text = next((text_of(message) for message in reading.prompt.messages if is_carried(message)), None)
+    text = next((text_of(message) for message in reading.prompt.shared if is_carried(message)), None)
     facts = None if text is None else _facts(text)
     return None if text is None or facts is None else Earlier(facts, text)
 
@@ -81,7 +81,7 @@ def line(facts: dict[str, Any]) -> str:
 def newest_quoted(reading: Reading) -> str | None:
     """Return the memory that covers most among those quoted in the messages, in whatever form; None without any."""
     memories: list[dict[str, Any]] = []
-    for message in reading.prompt.messages:
+    for message in reading.prompt.shared:
         for place in re.finditer("Notes: ", text_of(message)):
             try:
                 facts, _ = json.JSONDecoder().raw_decode(text_of(message), place.end())
@@ -100,7 +100,7 @@ def notes_cap(reading: Reading) -> int | None:
 def summary_cap(reading: Reading) -> int | None:
     """Return how many tokens the summary may have that the prompt asks for, None where it asks for none."""
     prompt = reading.prompt
-    return _cap_in(text_of(prompt.messages[-1])) if prompt.asks_for_summary and prompt.messages else None
+    return _cap_in(text_of(prompt.shared[-1])) if prompt.asks_for_summary and prompt.shared else None
 
 
 def _cap_in(text: str) -> int | None:
@@ -134,7 +134,7 @@ def looked_up(message: Message) -> Message:
 def filed(message: Message, text: str, reading: Reading) -> Message:
     """Return a reply that also writes the file of the memory anew, before anything else that it does."""
     message = _with_call(message, MEMORY_TOOL, command="create", path=FILE, file_text=text)
-    if any(FILE in text_of(m) or FILE in str(m.get("tool_calls")) for m in reading.prompt.messages if _has_file(m)):
+    if any(FILE in text_of(m) or FILE in str(m.get("tool_calls")) for m in reading.prompt.shared if _has_file(m)):
         message = _with_call(message, MEMORY_TOOL, command="delete", path=FILE)
     return message
 
@@ -157,12 +157,12 @@ def with_recalled(reading: Reading) -> tuple[Reading, str]:
     steps, visible = _steps_played(reading), _steps_in(reading)
     earlier = {step: text for step, text in _recalled(reading).items() if step <= steps - visible}
     missing = next(step for step in range(1, steps + 2) if step not in earlier)
-    at = next((at for at, message in enumerate(reading.prompt.messages) if message["role"] == "assistant"), None)
-    messages = list(reading.prompt.messages)
+    at = next((at for at, message in enumerate(reading.prompt.shared) if message["role"] == "assistant"), None)
+    messages = list(reading.prompt.shared)
     for step in sorted(earlier, reverse=True):
         result: Message = {"role": "tool", "content": earlier[step], "tool_call_id": "call_0"}
         messages[at:at] = [call("act"), result]
-    return Reading(replace(reading.prompt, messages=messages)), f"{missing}-{steps}"
+    return Reading(replace(reading.prompt, shared=messages)), f"{missing}-{steps}"
 
 
 def searched(message: Message, query: str) -> Message:
@@ -189,12 +189,12 @@ def _recalled(reading: Reading) -> dict[int, str]:
 
 def _steps_played(reading: Reading) -> int:
     """How many steps have been played, counted on from the newest query of the player."""
-    messages = reading.prompt.messages
+    messages = reading.prompt.shared
     for at in reversed(range(len(messages))):
         for searching in calls_of(messages[at]):
             query = (read(searching["function"]["arguments"]).values or {}).get("query", "")
             if match := re.fullmatch(r"\d+-(\d+)", str(query)):
-                return int(match[1]) + _steps_in(Reading(replace(reading.prompt, messages=messages[at:])))
+                return int(match[1]) + _steps_in(Reading(replace(reading.prompt, shared=messages[at:])))
     return _steps_in(reading)
 
 
