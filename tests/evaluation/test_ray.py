@@ -84,12 +84,12 @@ class Asks:
 """
 
 
-def test_every_executor_plays_the_records_of_chains_and_of_a_compactor_that_asks(tmp_path):
+def test_processes_and_a_cluster_play_the_records_of_chains_and_of_a_compactor_that_asks(tmp_path):
     (tmp_path / "asks.py").write_text(ASKS)
     asked = f"--games {BANDIT} --players rule-notes --trials 6 --carry notes --chain 3 --notes-tokens 100 --workers 2"
     asked += " --history none --prompt-tokens 900 --strategy asks.py:Asks"
     played = []
-    for executor in ("inline", "processes", "async", "ray"):
+    for executor in ("inline", "processes", "ray"):
         out = tmp_path / executor
         command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
         subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240, cwd=tmp_path)
@@ -97,7 +97,7 @@ def test_every_executor_plays_the_records_of_chains_and_of_a_compactor_that_asks
         assert all(row["questions"] > 0 and row["end_reason"] == "rollout" for row in folder.rows())
         played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
     assert len(played[0]) == 6
-    assert played[1:] == played[:1] * 3
+    assert played[0] == played[1] == played[2]
 
 
 RETRIED_ELSEWHERE = """
