@@ -94,8 +94,8 @@ def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path
 
 
 def test_the_cause_of_an_episode_without_any_action_is_what_most_of_its_replies_were():
-    def cause(idle=0, **ends):
-        counts = {"turns": 4, "idle_replies": idle, "malformed_calls": 0, "illegal_actions": 0}
+    def cause(idle=0, turns=4, **ends):
+        counts = {"turns": turns, "idle_replies": idle, "malformed_calls": 0, "illegal_actions": 0}
         played = row(steps=0, end_reason="stalled_turns", **counts)
         played["tokens"]["provider"] = ends
         return unplayed([played])[0]
@@ -103,7 +103,7 @@ def test_the_cause_of_an_episode_without_any_action_is_what_most_of_its_replies_
     assert "cut at their length" in cause(cut=3)
     assert "refused by the model" in cause(refused=3)
     assert cause(idle=3, cut=2, refused=2).endswith("the end is stalled turns.")
-    assert "has called no tool" in cause(idle=4)
+    assert "has called no tool" in cause(idle=1, turns=1)
 
 
 # The command `check`.
