@@ -52,6 +52,7 @@ def test_whatever_is_called_the_answer_is_that_of_the_definition(files):
         ({"command": "read", "path": "/memories"}, "`command` must be one of"),
         ({"command": "view"}, "The command view needs `path`."),
         ({"command": "create", "path": "/memories/a", "file_text": None}, "The command create needs `file_text`."),
+        ({"command": "rename", "old_path": "/memories/a"}, "The command rename needs `new_path`."),
         ({"command": "delete", "path": "/memories/a", "old_str": "x"}, "The command delete takes `path` only."),
         ({"command": "view", "path": 5}, "`path` must be a string."),
         ({"command": "view", "path": "/memories", "view_range": [1]}, "`view_range` must be two integers."),
