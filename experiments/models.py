@@ -6,11 +6,11 @@
     python experiments/models.py --qwen FILE --publish   # both, with three records of every cell
     python experiments/tables.py models                  # the tables of the page, from the published rows
 
-It needs the extras `local`, `popgym`, `evaluation` and `langchain`. Qwen2.5-Coder-1.5B-Instruct plays as it was
-published, with replies drawn at temperature 0.7, because at temperature 0 it repeats a call without end. SmolLM2-135M
-plays at temperature 0, as it was published and with the adapter of this package. Two processes play, each with one
-thread. What the engine has kept of another episode can decide between two close replies, so rows that are played again
-can differ; records hold what was replied.
+It needs the extras `local`, `popgym`, `evaluation`, `langchain` and `pydantic-ai`. Qwen2.5-Coder-1.5B-Instruct plays as
+it was published, with replies drawn at temperature 0.7, because at temperature 0 it repeats a call without end.
+SmolLM2-135M plays at temperature 0, as it was published and with the adapter of this package. Two processes play, each
+with one thread. What the engine has kept of another episode can decide between two close replies, so rows that are
+played again can differ; records hold what was replied.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ WAYS: Mapping[str, Mapping[str, Any]] = {
     "summary": {"summary_tokens": 60, "slack": 0.5},
     "recall": {"recall_tokens": 100, "slack": 0.5},
     "LangChain, clearing": {"strategy": "langchain-clear"},
+    "Pydantic AI, newest": {"strategy": "pydantic-ai-newest"},
     "LangChain, summary": {"strategy": "langchain-summary", "question_tokens": 4 * CAP},
     TOLD: {"slack": 0.5},
 }
