@@ -12,6 +12,8 @@ tests'.
 And that files of slow tests only, marked as a whole, are not imported where slow tests are left out: with the libraries
 that nothing else needs, they were a seventh of the time of collection.
 
+And that a game that a test registers, or reads from a file, is known until the test ends.
+
 And that clients know one certificate, of nobody, instead of all authorities of the system, which take 25 ms to read for
 each client: fast tests speak to servers on this machine, without TLS. Slow tests install packages.
 """
@@ -23,6 +25,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from smartplay_tools.games import specs
 
 settings.register_profile("quick", max_examples=50, deadline=None)
 settings.register_profile("thorough", max_examples=1_000, deadline=None)
@@ -36,6 +40,12 @@ SLOW_AS_A_WHOLE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.slow\b", re.MUL
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     processors = os.cpu_count() or 2
     return processors * 3 // 2 if config.option.markexpr == "not slow" else processors * 2
+
+
+@pytest.fixture(autouse=True)
+def forget_what_a_test_registers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(specs.GAMES, "_specs", dict(specs.GAMES._specs))
+    monkeypatch.setattr(specs.IN_FILES, "read", dict(specs.IN_FILES.read))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

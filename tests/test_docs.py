@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-import smartplay_tools as sp
-
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(path for path in [ROOT / "README.md", *ROOT.glob("docs/**/*.md")] if path.exists())
 BLOCK = re.compile(r"^```(python|python continued)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
@@ -40,11 +38,6 @@ def blocks(kind: str) -> list[tuple[Path, str]]:
 def test_there_is_documentation():
     assert PAGES[0].name == "README.md"
     assert len(blocks("python")) >= 3
-
-
-@pytest.fixture(autouse=True)
-def forget_what_a_page_registers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
 
 
 PYTHON = [

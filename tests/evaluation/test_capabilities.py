@@ -70,8 +70,7 @@ def test_unknown_weights_are_refused():
         capability_scores({}, weights="equal")
 
 
-def test_a_setting_from_elsewhere_counts_if_it_is_rated(monkeypatch):
-    monkeypatch.setattr(sp.GAMES, "_specs", dict(sp.GAMES._specs))
+def test_a_setting_from_elsewhere_counts_if_it_is_rated():
     unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Unrated-v0", challenges={}))
     alone = capability_scores({BANDIT: [0.4, 0.6]})
     assert capability_scores({BANDIT: [0.4, 0.6], unrated.id: [1.0, 1.0]}).left_out == ("Unrated-v0",)

@@ -26,10 +26,9 @@ BANDIT, MESSENGER, HANOI = "BanditTwoArmedHighLowFixed-v0", "MessengerL1-v0", "H
 
 
 @pytest.fixture
-def cards(monkeypatch):
+def cards():
     """A game of 50 cards, each of which gains or loses 0.02 of a point."""
     spec = dataclasses.replace(GAMES[BANDIT], id="Cards-v0", score_bounds=(-1, 1), worst_step=-0.02)
-    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
     return sp.register(spec).id
 
 

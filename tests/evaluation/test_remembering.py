@@ -9,7 +9,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.headline import TERMS
 from smartplay_tools.evaluation.analysis.remembering import ANSWERS, remembering_tables
-from smartplay_tools.games import GAMES, with_action_list
+from smartplay_tools.games import with_action_list
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay
 from smartplay_tools.records.remembered import remembered
@@ -46,8 +46,7 @@ class Echo(sp.TextGame):
 
 
 @pytest.fixture
-def echo(monkeypatch):
-    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
+def echo():
     spec = sp.GameSpec(id="Echo-v0", family="echo", entry_point=Echo, history=STEPS, rollout=STEPS, trials=3)
     return sp.register(spec).id
 
