@@ -261,3 +261,12 @@ def test_a_prompt_is_the_same_before_and_after_its_messages_are_read():
         assert "changed" not in (unread.messages[0]["content"], conversation.prompt().messages[0]["content"])
         with pytest.raises(AttributeError, match="no attribute 'message'"):
             _ = unread.message
+
+
+def test_prompts_with_the_same_messages_are_equal_whatever_a_player_changes():
+    prompt, other = (
+        sp.Prompt([{"role": "user", "content": "Play."}]),
+        sp.Prompt(({"role": "user", "content": "Play."},)),
+    )
+    prompt.messages[0]["content"] = "Stop."
+    assert prompt == other

@@ -37,6 +37,10 @@ class Prompt:
     version: str = field(default="", compare=False)
     """The version of the words around the game; empty for a prompt that came through a provider's interface."""
 
+    def __post_init__(self) -> None:
+        """Hold the messages as a tuple, so that prompts with the same messages are equal."""
+        object.__setattr__(self, "shared", tuple(self.shared))
+
     @cached_property
     def messages(self) -> list[Message]:
         """The messages as copies, which the player may change. A player that needs only the tools has none made."""
