@@ -38,7 +38,7 @@ ROOMS = {
     "evaluation/analysis": ["tests/evaluation"],
     "records": ["tests", "--ignore-glob=tests/*/*", "tests/evaluation"],
 }
-"""The packages whose code is changed, and the tests of each; games have their own besides."""
+"""The mutated packages, each with the tests that its mutants meet; those of a game also meet the tests of the game."""
 OPTIONS = ("-xq", "--tb=no", "-pno:cacheprovider", "-mnot slow", "-Wignore::pytest.PytestAssertRewriteWarning")
 IMPORTED = ("crafter", "gymnasium", "hypothesis", "jinja2", "matplotlib", "mcp.types", "openai", "pydantic", "typer")
 """Libraries that take long to import, which one process does for all mutants."""

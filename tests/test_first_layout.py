@@ -67,7 +67,10 @@ def run(*words: str | Path, code: int = 0) -> Result:
 
 
 def test_every_table_says_what_it_said(files):
-    """Each command in the file prints what is below it: every number and every word."""
+    """Each command in the file prints what is below it: every number and every word.
+
+    After a change that is meant, what a command prints is put into the file.
+    """
     _, *tables = re.split(r"^\$ smartplay-tools (.*)\n", TABLES.read_text(encoding="utf-8"), flags=re.MULTILINE)
     for command, printed in zip(tables[::2], tables[1::2], strict=True):
         shown = run(*command.replace("tools-v1", str(PUBLISHED)).split()).output.replace(str(PUBLISHED), "tools-v1")

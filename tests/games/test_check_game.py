@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.games import GAMES, specs
+from smartplay_tools.games import specs
 from smartplay_tools.testing import check_game
 from tests.games.test_contract import IN_THIS_PROCESS
 from tests.games.test_gymnasium_game import COINS
@@ -191,8 +191,7 @@ IN_A_GYMNASIUM_GAME = {
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch, tmp_path):
-    """Games are registered for one test."""
-    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
+    """Files of games are known for one test."""
     monkeypatch.setattr(specs.IN_FILES, "read", {})
     monkeypatch.chdir(tmp_path)
 

@@ -24,7 +24,6 @@ NIM = "nim.py:SPEC"
 def folder(tmp_path, monkeypatch):
     """A folder with the file, known to nobody yet."""
     monkeypatch.setattr(specs.IN_FILES, "read", {})
-    monkeypatch.setattr(GAMES, "_specs", dict(GAMES._specs))
     monkeypatch.chdir(tmp_path)
     Path("nim.py").write_text(CODE, encoding="utf-8")
     return tmp_path
