@@ -84,7 +84,7 @@ class TestEnds:
                 for call in conversation.latest_turn.calls:
                     if call.name == "note":
                         conversation.add({"role": "tool", "tool_call_id": call.id, "content": "noted"})
-                counts.append(episode.ledger.stalls.in_a_row)
+                counts.append(episode.stats.stalled)
         assert counts == checker.stalled(scripts.as_json(events))
         assert sp.replay(events, tokenizer=scripts.Words()).identical
 

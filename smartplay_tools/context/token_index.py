@@ -9,7 +9,6 @@ masked in part.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from operator import attrgetter
 
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Form, Turn
@@ -29,6 +28,7 @@ class TokenIndex:
         self._spoken = [0]
         """The tokens of the words in the replies before each turn."""
         self.turns: list[Turn] = []
+        self._steps: list[int] = []
         self._counter = counter
         self.whole, self.masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
@@ -51,6 +51,7 @@ class TokenIndex:
         self._forms += turn.whole
         self._starts.append(len(self._forms))
         self.turns.append(turn)
+        self._steps.append(turn.step)
 
     def forms(self, first: int, stop: int) -> list[Form]:
         """Return the messages of the turns from `first` to before `stop`, with no observation masked."""
@@ -84,4 +85,4 @@ class TokenIndex:
 
     def first_from(self, step: int) -> int:
         """The first turn that is not older than a step; the number of turns if there is none."""
-        return bisect_left(self.turns, step, key=attrgetter("step"))
+        return bisect_left(self._steps, step)

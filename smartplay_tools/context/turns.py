@@ -164,8 +164,8 @@ class Turn:
     """The observations that its results show, in their order; the last is its step."""
     dates: tuple[int, ...] = field(init=False, repr=False, compare=False)
     """The dates of the results that age, in their order; the last is its step."""
-    messages: tuple[Message, ...] = field(init=False, repr=False, compare=False)
-    """All its messages, unmasked."""
+    whole: tuple[Form, ...] = field(init=False, repr=False, compare=False)
+    """All its messages, with no observation masked."""
 
     def __post_init__(self) -> None:
         if not self.calls and calls_of(self.assistant):
@@ -183,18 +183,18 @@ class Turn:
         self.dates = self.shows
         if True in [item.brings_back for item in items]:
             self.dates = tuple([date for item in items if (date := item.date) is not None])
-        self.messages = (self.shown, *[item.message for item in items])
+        reply = Form(self.shown, self.number, arguments=self.arguments)
+        self.whole = (reply, *[self._form(item, item.message, item.observation_step) for item in items])
 
     @cached_property
     def pictured(self) -> tuple[int, ...]:
         """The indices of the items with a picture."""
         return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
 
-    @cached_property
-    def whole(self) -> tuple[Form, ...]:
-        """All its messages, with no observation masked."""
-        reply = Form(self.shown, self.number, arguments=self.arguments)
-        return (reply, *[self._form(item, item.message, item.observation_step) for item in self.items])
+    @property
+    def messages(self) -> list[Message]:
+        """All its messages, unmasked."""
+        return [form.message for form in self.whole]
 
     @cached_property
     def hidden(self) -> tuple[Form, ...]:

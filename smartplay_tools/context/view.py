@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
-from operator import attrgetter
 from typing import Any
 
 from smartplay_tools.context.turns import Form, Turn
@@ -129,14 +128,9 @@ class View:
         return self.purpose != "play"
 
     @property
-    def shown(self) -> tuple[Message, ...]:
-        """The window's own messages, which must not be changed; `messages` returns copies."""
-        return tuple(map(attrgetter("message"), self.forms))
-
-    @property
     def messages(self) -> list[Message]:
         """Head and turns, in chronological order, as copies."""
-        return list(map(copy_of, self.shown))
+        return [copy_of(form.message) for form in self.forms]
 
     @property
     def masked_results(self) -> tuple[tuple[int, int], ...]:

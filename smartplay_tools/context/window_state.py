@@ -129,10 +129,12 @@ class WindowState:
 
     def selected(self, first: int) -> Selection:
         """Return the selection whose run begins at `first`."""
-        pinned = tuple(sorted(self._pinned_before(first).union(range(min(self.anchors, first)))))
+        pinned = self._pinned_before(first)
         hidden = self.notes if self.notes in pinned else None
+        if self.anchors:
+            pinned.update(range(min(self.anchors, first)))
         facts = hidden, self.words, self.anchors, self.pictures
-        return Selection(pinned, first, self.last, self.oldest, *facts, first_whole=self.first_whole)
+        return Selection(tuple(sorted(pinned)), first, self.last, self.oldest, *facts, first_whole=self.first_whole)
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""

@@ -105,6 +105,8 @@ class BaseConversation(ABC):
         self._ids = CallIds()
         self._view: View | None = None
         self._shown_before: Sequence[Form] = ()
+        self._shown_messages: tuple[Message, ...] = ()
+        """Those of the latest prompt, which must not be changed."""
         self._pending: Pending | None = None
         self._is_warm = False
         self._pictures: dict[str, Picture] = {}
@@ -263,10 +265,11 @@ class BaseConversation(ABC):
             self._record_view(view, max_tokens)
         if self._ledger.on_view is not None:
             self._ledger.on_view(view.tokens, max_tokens or 0)
-        prefix_messages = common_beginning(view.forms, self._shown_before, is_equal=True)
+        prefix = common_beginning(view.forms, self._shown_before, is_equal=True)
         self._shown_before = view.forms
+        self._shown_messages = (*self._shown_messages[:prefix], *[form.message for form in view.forms[prefix:]])
         facts = view.purpose, self._cache_key, self._shown_pictures(view), self.episode.words.version
-        return Pending(view, max_tokens, partial(Prompt, view.shown, view.tools, max_tokens, prefix_messages, *facts))
+        return Pending(view, max_tokens, partial(Prompt, self._shown_messages, view.tools, max_tokens, prefix, *facts))
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""
@@ -275,7 +278,7 @@ class BaseConversation(ABC):
         kept = self._pictures
         while not view.asks_for_summary and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
-        named = [part["sha256"] for message in view.shown for part in pictures_of(message)]
+        named = [part["sha256"] for message in self._shown_messages for part in pictures_of(message)]
         return {sha256: kept[sha256] for sha256 in named}
 
     def _keep_picture(self, picture: Picture) -> None:

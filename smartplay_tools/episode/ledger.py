@@ -16,7 +16,7 @@ from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
 from smartplay_tools.episode.game_session import Answer, GameSession
-from smartplay_tools.episode.stats import EpisodeStats, Stalls, versions
+from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.transcript.events import FORMAT, Event
@@ -46,7 +46,6 @@ class Ledger:
         """What the player says of the programs and files that decide its replies."""
         self.listeners: Sequence[Listener] = ()
         self.stats = EpisodeStats()
-        self.stalls = Stalls()
         self.result: EpisodeResult | None = None
         self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
         self.lock = threading.RLock()
@@ -165,7 +164,6 @@ class Ledger:
             self.write(*events)
             for event in events:
                 self.stats.apply(event)
-                self.stalls.apply(event)
 
     def write(self, *events: Mapping[str, Any]) -> None:
         """Write events to the transcript, if there is one, and tell the listeners. A view is written, not counted."""
@@ -178,7 +176,7 @@ class Ledger:
     def complete_turn(self) -> None:
         """End the episode if too many turns in a row showed nothing new; called after each turn."""
         cap = self.session.budget.stalled_turns
-        if cap is not None and self.stalls.in_a_row >= cap:
+        if cap is not None and self.stats.stalled >= cap:
             self.session.end("stalled_turns")
         self.finish_if_over()
 

@@ -34,6 +34,58 @@ SUMMED = tuple(name for name in Tokens.model_fields if name != "provider")
 """The fields of `Tokens` that are sums of our counts. They are numbers here: a new model every turn takes longer."""
 
 
+class Stalls:
+    """Counts the turns in a row that showed nothing new; the latest turn counts as if it were complete."""
+
+    def __init__(self) -> None:
+        self._before = 0
+        """The turns in a row before the latest."""
+        self._turn = -1
+        self._is_new = self._is_foreign = True
+        """Whether the latest turn has shown something new, and whether it has the result of a foreign tool."""
+        self._observation = -1
+        self._manual_was_read = False
+        self._sent: dict[str, str] = {}
+        """The latest arguments that each of the strategies' tools has accepted."""
+
+    @property
+    def in_a_row(self) -> int:
+        """How many turns in a row have shown nothing new."""
+        if self._is_new:
+            return 0
+        return self._before + (not self._is_foreign)
+
+    def open(self, turn: int) -> None:
+        """Begin a turn, unless it is the latest."""
+        if turn != self._turn:
+            self._before, self._turn = self.in_a_row, turn
+            self._is_new = self._is_foreign = False
+
+    def answer(self, call: Mapping[str, Any]) -> None:
+        """Take note of the answer to a call."""
+        self.open(call["turn"])
+        if not call["is_error"] and self._shows_something_new(call):
+            self._is_new = True
+
+    def answer_foreign(self) -> None:
+        """Take note of the result of a foreign tool."""
+        self._is_foreign = True
+
+    def _shows_something_new(self, call: Mapping[str, Any]) -> bool:
+        """Whether an answer is a step, the first reading of the manual, or anything else that was not shown before."""
+        name, data = call["name"], call["data"]
+        if (step := data.get("observation_step")) is not None:
+            is_new, self._observation = step > self._observation, max(self._observation, step)
+            return is_new or "reward" in data
+        if data.get("manual"):
+            was_read, self._manual_was_read = self._manual_was_read, True
+            return not was_read
+        if name in TOOL_NAMES:
+            return False
+        sent, self._sent[name] = self._sent.get(name), read(call["arguments"]).canonical
+        return sent != self._sent[name]
+
+
 @dataclass
 class EpisodeStats:
     """Counters of an episode; the names are those of `EpisodeResult`."""
@@ -64,11 +116,17 @@ class EpisodeStats:
     unusable_usages: int = 0
     _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     _provider: Usage | None = None
+    _stalls: Stalls = field(default_factory=Stalls, repr=False, compare=False)
 
     @property
     def tokens(self) -> Tokens:
         """The tokens charged so far."""
         return Tokens(**self._sums, provider=self._provider)
+
+    @property
+    def stalled(self) -> int:
+        """How many turns in a row, the latest included, have shown nothing new."""
+        return self._stalls.in_a_row
 
     @classmethod
     def of(cls, events: Iterable[Mapping[str, Any]]) -> Self:
@@ -83,10 +141,14 @@ class EpisodeStats:
         match event["event"]:
             case "call":
                 self._count_call(event)
+                self._stalls.answer(event)
+            case "message" if event["by"] == "player":
+                self.turns = event["turn"] + 1
+                self._stalls.open(event["turn"])
             case "message":
-                if event["by"] == "player":
-                    self.turns = event["turn"] + 1
                 self.idle_replies += event["by"] == "library"
+                if "position" in event:
+                    self._stalls.answer_foreign()
             case "usage":
                 self._charge(event)
             case "summary":
@@ -160,58 +222,3 @@ COUNTERS = tuple(each.name for each in fields(EpisodeStats) if not each.name.sta
 def versions() -> dict[str, str]:
     """Return the versions of what can change how an episode runs or is counted."""
     return {"python": platform.python_version(), **{name: metadata.version(name) for name in RECORDED_PACKAGES}}
-
-
-class Stalls:
-    """Counts the turns in a row that showed nothing new; the latest turn counts as if it were complete."""
-
-    def __init__(self) -> None:
-        self._before = 0
-        """The turns in a row before the latest."""
-        self._turn = -1
-        self._is_new = self._is_foreign = True
-        """Whether the latest turn has shown something new, and whether it has the result of a foreign tool."""
-        self._observation = -1
-        self._manual_was_read = False
-        self._sent: dict[str, str] = {}
-        """The latest arguments that each of the strategies' tools has accepted."""
-
-    @property
-    def in_a_row(self) -> int:
-        """How many turns in a row have shown nothing new."""
-        if self._is_new:
-            return 0
-        return self._before + (not self._is_foreign)
-
-    def apply(self, event: Mapping[str, Any]) -> None:
-        """Take note of an event."""
-        match event["event"]:
-            case "call":
-                self._open(event["turn"])
-                if not event["is_error"] and self._shows_something_new(event):
-                    self._is_new = True
-            case "message":
-                if event["by"] == "player":
-                    self._open(event["turn"])
-                elif "position" in event:
-                    self._is_foreign = True
-
-    def _open(self, turn: int) -> None:
-        """Begin a turn, unless it is the latest."""
-        if turn != self._turn:
-            self._before, self._turn = self.in_a_row, turn
-            self._is_new = self._is_foreign = False
-
-    def _shows_something_new(self, call: Mapping[str, Any]) -> bool:
-        """Whether an answer is a step, the first reading of the manual, or anything else that was not shown before."""
-        name, data = call["name"], call["data"]
-        if (step := data.get("observation_step")) is not None:
-            is_new, self._observation = step > self._observation, max(self._observation, step)
-            return is_new or "reward" in data
-        if data.get("manual"):
-            was_read, self._manual_was_read = self._manual_was_read, True
-            return not was_read
-        if name in TOOL_NAMES:
-            return False
-        sent, self._sent[name] = self._sent.get(name), read(call["arguments"]).canonical
-        return sent != self._sent[name]

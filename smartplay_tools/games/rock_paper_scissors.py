@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import accumulate, permutations
 from typing import Any
@@ -37,8 +38,7 @@ def shuffle(table: Table, chance: Chance) -> Table:
 
 def opponent_hand(table: Table, chance: Chance) -> int:
     """Draw the opponent's hand."""
-    draw = chance.random()
-    return sum(draw >= edge for edge in list(accumulate(table.probabilities))[:-1])
+    return bisect_right(list(accumulate(table.probabilities))[:-1], chance.random())
 
 
 def reward(table: Table, hand: int, other: int) -> int:
