@@ -198,7 +198,8 @@ class PaperConversation(BaseConversation):
     def _shown(self, view: View) -> dict[str, Any]:
         first, step = view.selection.oldest, len(self._observations) - 1
         question = 1 if self._thoughts is None else 2
-        return {"question": question, "step": step, "first": first, "sha256": messages_sha256(view.shown)}
+        messages = [form.message for form in view.forms]
+        return {"question": question, "step": step, "first": first, "sha256": messages_sha256(messages)}
 
 
 def messages_sha256(messages: Sequence[Message]) -> str:
