@@ -42,6 +42,8 @@ class Form:
     Every form of a message of a turn is one object, so two prompts show the same message if they have the same form.
     """
 
+    __slots__ = ("_arguments", "_counter", "_line", "_position", "_tokens", "_turn", "message", "step")
+
     def __init__(
         self,
         message: Message,
@@ -62,16 +64,22 @@ class Form:
         """The observation that it shows; None if it shows none."""
         self._turn, self._position, self._arguments = turn, position, arguments
         self._counter: TokenCounter | None = None
+        self._line: bytes | None = None
         self._tokens = 0
 
-    @cached_property
-    def line(self) -> bytes:
-        """The canonical JSON of the message, of which a prompt's sha256 is made; the ids are `<turn>.<position>`."""
+    @staticmethod
+    def lines(forms: Sequence[Form]) -> list[bytes]:
+        """Return the canonical JSON of messages, of which a prompt's sha256 is made; ids are `<turn>.<position>`."""
+        return [form._line or form._encoded() for form in forms]
+
+    def _encoded(self) -> bytes:
         if self._turn is None:
-            return head_bytes(self.message)
-        positions = range(len(calls_of(self.message))) if self._position is None else [self._position]
-        ids = [f"{self._turn}.{position}" for position in positions]
-        return message_bytes(self.message, ids, self._arguments or ())
+            self._line = head_bytes(self.message)
+        else:
+            positions = range(len(calls_of(self.message))) if self._position is None else [self._position]
+            ids = [f"{self._turn}.{position}" for position in positions]
+            self._line = message_bytes(self.message, ids, self._arguments or ())
+        return self._line
 
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of the message."""

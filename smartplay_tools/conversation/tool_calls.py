@@ -7,12 +7,13 @@ without a call, other tools of the host, and the end. The two subclasses decide 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from smartplay_tools.context.base import Window
 from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, Pending
@@ -210,7 +211,7 @@ class ToolConversation(BaseConversation):
         chosen = view.selection
         turns = chosen.ranges
         encoded = self._tools_bytes if view.tools else tools_bytes(())
-        sha256 = prompt_sha256([form.line for form in view.forms], encoded)
+        sha256 = prompt_sha256(Form.lines(view.forms), encoded)
         if not self._has_strategies:
             return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
@@ -246,9 +247,10 @@ class ToolConversation(BaseConversation):
         """
         if position in self._results:
             return self._results[position]
-        call = self._builder.calls[position]
-        is_foreign = call.name in self._foreign
-        if refusal is None and not is_foreign and position < max(self._answered(), default=-1):
+        calls = self._builder.calls
+        call = calls[position]
+        is_foreign, answered = call.name in self._foreign, self._answered()
+        if refusal is None and not is_foreign and answered and position < max(answered):
             raise InvalidArgumentError(
                 f"The call {call.id} comes before one that has been answered: answer the calls of a message in their "
                 "order, or refuse the earlier one."
@@ -258,12 +260,14 @@ class ToolConversation(BaseConversation):
         arguments = call.arguments
         if position in self._edits and refusal is None:
             arguments = read(self._edits[position])
+        earlier = [calls[at].name for at in answered if at < position]
+        may_act = self.episode.config.batch == "all" or "act" not in earlier
         result = self._ledger.answer(
             self._builder.number,
             position,
             call.name,
             arguments,
-            may_act=self.episode.config.batch == "all" or not self._has_acted(position),
+            may_act=may_act,
             host="refused" if refusal is not None else "edited" if arguments is not call.arguments else None,
             refusal=refusal,
             is_foreign=is_foreign,
@@ -284,16 +288,11 @@ class ToolConversation(BaseConversation):
         self._results[position] = result
         return result
 
-    def _has_acted(self, position: int) -> bool:
-        """Whether an earlier call of the message was an action that the host let be played."""
-        calls = self._builder.calls
-        return any(calls[at].name == "act" for at in self._answered() if at < position)
-
-    def _answered(self) -> Iterator[int]:
+    def _answered(self) -> list[int]:
         """The positions of the message's own calls that the game answered before it was over."""
-        for at, result in self._results.items():
-            if self._builder.calls[at].name not in self._foreign and result.data.get("mistake") not in UNANSWERED:
-                yield at
+        calls, results = self._builder.calls, self._results.items()
+        own = [(at, result) for at, result in results if calls[at].name not in self._foreign]
+        return [at for at, result in own if result.data.get("mistake") not in UNANSWERED]
 
     def _own(self, call_id: str) -> int:
         """The position of a call of the latest reply that this library answers."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import math
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -311,8 +310,8 @@ class TextGame(gymnasium.Env[str, Any]):
         """
         state = self._state()
         digest = hashlib.blake2b(state if isinstance(state, bytes) else canonical_text(state).encode(), digest_size=16)
-        rest = ",".join([_plain(self._steps), _plain(self.score), _plain(self.completed), self._random_state()])
-        digest.update(f"[{rest}]".encode())
+        counts = canonical_text([self._steps, self.score, self.completed])
+        digest.update(f"{counts[:-1]},{self._random_state()}]".encode())
         return digest.hexdigest()
 
     def _random_state(self) -> str:
@@ -345,11 +344,3 @@ class ReadableGame(Protocol):
         The newest observation is the current one.
         """
         ...
-
-
-def _plain(value: Any) -> str:
-    """A number or a truth value as JSON: a few times a step, and so without an encoder where that is possible."""
-    if value is True or value is False:
-        return "true" if value else "false"
-    is_plain = type(value) is int or (type(value) is float and math.isfinite(value))
-    return repr(value) if is_plain else canonical_text(value)

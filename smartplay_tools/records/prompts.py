@@ -174,7 +174,7 @@ class Rebuilder:
         cap, asked = view["max_tokens"], purpose_of(view)
         prompt = Prompt(messages, tools, cap, purpose=asked, pictures=shown_pictures, version=self._version)
         encoded = self._tools_bytes if tools else tools_bytes(())
-        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256([form.line for form in forms], encoded))
+        return SentPrompt(view["turn"], prompt, view["sha256"], prompt_sha256(Form.lines(forms), encoded))
 
     def parts(self, view: Event) -> tuple[tuple[ToolSpec, ...], list[Form]]:
         """Return the tools and the messages of the prompt that a view shows."""
