@@ -9,6 +9,7 @@ from typing import Any
 
 from smartplay_tools.games.bandit import Chance
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
+from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.sums import added
 
 # --- Rules -----------------------------------------------------------------------------------------------------------
@@ -115,6 +116,7 @@ class RockPaperScissors(TextGame):
         self._hands: list[int] = []
         self._table = shuffle(self._setting, self.np_random)
         self._best = best(self._table)
+        self._dealt = canonical_text([self._table.probabilities, self._table.scores]).encode()
         self.manual = manual(self._table.scores)
         return START
 
@@ -125,5 +127,5 @@ class RockPaperScissors(TextGame):
         self.score += action == self._best
         return describe(action, other, score), score, False, False
 
-    def _state(self) -> Any:
-        return [self._table.probabilities, self._table.scores]
+    def _state(self) -> bytes:
+        return self._dealt
