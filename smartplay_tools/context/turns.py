@@ -185,14 +185,15 @@ class Turn:
         else:
             self.shown = self.sent
             self.arguments = tuple([call.arguments.sent_canonical for call in self.calls])
-        items = self.items
-        self.step = max([item.step for item in items], default=self.made_at)
-        self.shows = tuple([step for item in items if (step := item.observation_step) is not None])
-        self.dates = self.shows
-        if True in [item.brings_back for item in items]:
-            self.dates = tuple([date for item in items if (date := item.date) is not None])
-        reply = Form(self.shown, self.number, arguments=self.arguments)
-        self.whole = (reply, *[self._form(item, item.message, item.observation_step) for item in items])
+        self.step = max([item.step for item in self.items], default=self.made_at)
+        shows, dates, whole = [], [], [Form(self.shown, self.number, arguments=self.arguments)]
+        for item in self.items:
+            whole.append(self._form(item, item.message, item.observation_step))
+            if item.observation_step is not None:
+                shows.append(item.observation_step)
+            if (date := item.date) is not None:
+                dates.append(date)
+        self.shows, self.dates, self.whole = tuple(shows), tuple(dates), tuple(whole)
 
     @cached_property
     def pictured(self) -> tuple[int, ...]:

@@ -158,7 +158,7 @@ class ContextWindow(Window):
             return before
         cap, pins = self.budget.prompt_tokens, state.tokens(state.last)
         self._overflows = cap is not None and pins + self._reserve > cap
-        return state.last if self._overflows else self._fill(state, pins)
+        return state.last if self._overflows else self._fill(state, before, pins)
 
     def _holds(self, state: WindowState, first: int, summary: int) -> bool:
         """Whether the view that begins at `first` is within the limits, and leaves room to ask for another summary."""
@@ -167,10 +167,10 @@ class ContextWindow(Window):
             return False
         return cap is None or state.tokens(first) + question + summary <= cap
 
-    def _fill(self, state: WindowState, pins: int) -> int:
+    def _fill(self, state: WindowState, before: int, pins: int) -> int:
         """Return the first turn to keep when unpinned turns may take a share of the room and of the history.
 
-        `pins` are the tokens of the pinned parts.
+        `before` is the one before this turn, and `pins` are the tokens of the pinned parts.
         """
         history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
         if history is not None and self._ageing.drops:
@@ -181,8 +181,11 @@ class ContextWindow(Window):
         most = pins + math.floor(self._share * (cap - self._reserve - pins))
 
         def first_that_fits(low: int, high: int) -> int:
-            """From `high` back the total only grows: bisect for where it passes the room."""
-            return low + bisect_left(range(low, high), x=True, key=lambda at: state.tokens(at) <= most)
+            """From `high` back the total only grows: search for where it passes the room, first near where it did."""
+            near, step = min(max(low, before), high), 1
+            while near < high and state.tokens(near) > most:
+                low, near, step = near + 1, min(near + step, high), 2 * step
+            return low + bisect_left(range(low, near), x=True, key=lambda at: state.tokens(at) <= most)
 
         notes = state.notes
         if notes is None or notes < low:

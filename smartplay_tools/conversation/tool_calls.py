@@ -290,9 +290,8 @@ class ToolConversation(BaseConversation):
 
     def _answered(self) -> list[int]:
         """The positions of the message's own calls that the game answered before it was over."""
-        calls, results = self._builder.calls, self._results.items()
-        own = [(at, result) for at, result in results if calls[at].name not in self._foreign]
-        return [at for at, result in own if result.data.get("mistake") not in UNANSWERED]
+        own = [at for at in self._results if self._builder.calls[at].name not in self._foreign]
+        return [at for at in own if self._results[at].data.get("mistake") not in UNANSWERED]
 
     def _own(self, call_id: str) -> int:
         """The position of a call of the latest reply that this library answers."""

@@ -210,7 +210,8 @@ class EpisodeStats:
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
         sums["texts"] += event.get("texts", 0)
-        if (kind := {"summary": "summary", "compaction": "question"}.get(purpose_of(event))) is not None:
+        if (purpose := purpose_of(event)) != "play":
+            kind = "summary" if purpose == "summary" else "question"
             sums[f"{kind}_prompt"] += prompt
             sums[f"{kind}_reply"] += reply
 

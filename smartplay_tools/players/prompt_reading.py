@@ -209,5 +209,5 @@ def call(tool: str, *, say: str | None = None, **arguments: str) -> Message:
     return {"role": "assistant", "content": say, "tool_calls": [tool_call]}
 
 
-_text = json.JSONEncoder(ensure_ascii=False).encode
+_text = json.encoder.encode_basestring
 """Encodes a text as JSON."""
