@@ -249,7 +249,7 @@ def tune(student: Student, out: Path, *, tokens: int, rate: float, rewritten: fl
     """Learn the replies of the rows until `tokens` tokens were read."""
     draw = random.Random(seed)
     samples = [sample_of(student, row, rewritten, draw) for row in rows(out)]
-    held = 32_768 if student.device == "cuda" else 2_048
+    held = min(tokens, 32_768 if student.device == "cuda" else 2_048)
     read, losses, saved = 0, list[float](), time.monotonic()
     for step, batch in zip(
         count(1), chain.from_iterable(batches(samples, held, draw) for _ in repeat(None)), strict=False

@@ -86,10 +86,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("build/tools-v1"))
     parser.add_argument("--board", type=Path, help="the folder of the board; OUT/board")
+    parser.add_argument("--players", nargs="+", choices=PLAYERS, default=[*PLAYERS])
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--record", action="store_true", help="write the reference rows")
     asked = parser.parse_args()
-    for player in PLAYERS:
+    for player in asked.players:
         run = play(player, asked.out, asked.workers)
         if asked.record:
             record(player, run)
