@@ -59,7 +59,10 @@ IN_A_TEXT_GAME = {
         "global stream of random",
     ),
     "numpy's global source": ([(INTEGERS, "int(__import__('numpy').random.randint(1, 17))")], "stream of numpy.random"),
-    "an unseeded generator": ([(INTEGERS, "__import__('random').SystemRandom().randint(1, 16)")], f"{SEED}|{DIFFERS}"),
+    "an unseeded generator": (
+        [(INTEGERS, "__import__('random').SystemRandom().randint(1, 16)")],
+        f"{SEED}|{DIFFERS}|{SURVIVES}",
+    ),
     "a clock in the text": (
         [(RETURNS, RETURNS.replace("describe(guess", "describe(1 + __import__('time').time_ns() // 100 % 9"))],
         DIFFERS,
