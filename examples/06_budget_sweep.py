@@ -2,35 +2,25 @@
 
     python examples/06_budget_sweep.py
 
-Without a key it talks to a local endpoint in which the rule player answers: it knows only what its prompt says, so it
-scores less with a smaller window. For a model, set OPENAI_API_KEY and MODEL, and OPENAI_BASE_URL if it is not OpenAI's.
+Without a key the rule player plays: it knows only what its prompt says, so it scores less with a smaller window. For a
+model, set OPENAI_API_KEY and MODEL, and OPENAI_BASE_URL if it is not OpenAI's.
 Every cell has the same seeds; if OUT names a folder, the same command continues a sweep that was stopped.
 """
 
 import os
 import tempfile
-from contextlib import ExitStack
-
-import smartplay_openai
 
 import smartplay_tools as sp
 
-with ExitStack() as stack:
-    if os.environ.get("OPENAI_API_KEY"):
-        player, options = f"openai:{os.environ['MODEL']}", {}
-    else:
-        endpoint = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule")))
-        player, options = "openai:rule", {"base_url": endpoint.base_url}
-
-    swept = sp.sweep(
-        ["BanditTwoArmedHighLowFixed-v0"],
-        [player],
-        vary={"history": [1, 5, 50], "slack": [0, 0.5]},
-        budget=sp.Budget(reply_tokens=500),
-        trials=4,
-        player_options=options,
-        out=os.environ.get("OUT") or tempfile.mkdtemp(),
-    )
+swept = sp.sweep(
+    ["BanditTwoArmedHighLowFixed-v0"],
+    [f"openai:{os.environ['MODEL']}" if os.environ.get("OPENAI_API_KEY") else "rule"],
+    vary={"history": [1, 5, 50], "slack": [0, 0.5]},
+    budget=sp.Budget(reply_tokens=500),
+    trials=4,
+    out=os.environ.get("OUT") or tempfile.mkdtemp(),
+    executor="async",
+)
 
 for cell in swept.summary:
     difference = "the reference" if cell["reference"] else f"{cell['score_difference']:+6.2f} to the reference"
