@@ -16,7 +16,7 @@ import smartplay_tools as sp
 from smartplay_tools.transcript.file import comparable
 
 for spec in sp.GAMES.values():
-    spec = dataclasses.replace(spec, rollout=min(spec.rollout, 40))
+    spec = dataclasses.replace(spec, rollout=min(spec.rollout, 20))
     for player in ("random", "rule"):
         events = []
         with sp.Episode(spec, seed=5, budget=sp.Budget(prompt_tokens=4000, slack=0.3), transcript=events) as episode:

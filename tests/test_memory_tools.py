@@ -52,7 +52,7 @@ def judged_episode(seed: int) -> tuple[scripts.Played, dict[str, int]]:
     return played, {"recalls": played.result.recalls, "pages": played.result.pages}
 
 
-@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 158), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 58), marks=pytest.mark.slow)])
 def test_every_answer_is_what_the_definition_says(seeds):
     counts = [judged_episode(seed)[1] for seed in seeds]
     assert sum(count["recalls"] for count in counts) > 20

@@ -35,7 +35,7 @@ Cell = tuple[str, str, int]
 """A game, a player, and its past steps."""
 
 
-def play(folder: Path, history: int, trials: int = EPISODES) -> dict[Cell, list[float]]:
+def play(folder: Path, history: int, trials: int = EPISODES, executor: str = "auto") -> dict[Cell, list[float]]:
     """The scores of the players with this many past steps, by trial."""
     run = sp.evaluate(
         list(HISTORIES[history]),
@@ -43,6 +43,7 @@ def play(folder: Path, history: int, trials: int = EPISODES) -> dict[Cell, list[
         budgets=sp.Budget(history=history),
         trials=trials,
         out=folder / str(history),
+        executor=executor,
     )
     return {
         (cell.game, cell.player or "", history): [row["score"] for row in sorted(rows, key=lambda row: row["trial"])]

@@ -23,7 +23,7 @@ def test_the_page_says_how_often_an_interval_holds(name):
 
 @pytest.mark.slow
 def test_the_page_says_how_often_intervals_hold_together():
-    figures, pages = simulations.joint(repetitions=300), published("together")
+    figures, pages = simulations.joint(repetitions=150), published("together")
     assert figures.keys() == pages.keys()
     assert all(agrees("together", name, own, near=0.08) for name, own in figures.items())
     assert all(min(own) >= 0.92 for name, own in pages.items() if "max-T" in name)
@@ -33,7 +33,7 @@ def test_the_page_says_how_often_intervals_hold_together():
 @pytest.mark.parametrize("history", [3, 50])
 def test_populations_are_what_the_players_score(tmp_path, history):
     recorded = populations.scores()
-    for cell, played in populations.play(tmp_path, history, trials=2).items():
+    for cell, played in populations.play(tmp_path, history, trials=2, executor="inline").items():
         assert recorded[cell][:2].tolist() == played
 
 
@@ -46,7 +46,7 @@ def test_a_sum_over_settings(n):
     scales = [1 / (populations.bounds(game).high - populations.bounds(game).low) for game, *_ in keys]
     generator, held = np.random.default_rng(7), []
     truth = sum(scale * values.mean() for scale, values in zip(scales, scores, strict=True))
-    for _ in range(REPETITIONS):
+    for _ in range(500):
         samples = [generator.choice(values, size=n).tolist() for values in scores]
         (estimate,) = weighted_estimates(samples, [scales])
         held.append(estimate.low is None or estimate.low <= truth <= estimate.high)

@@ -300,7 +300,7 @@ def damaged(chance: random.Random, files: Files) -> None:
             files[name] = bundles.chained(lines) if fit else "".join(json.dumps(one) + "\n" for one in lines).encode()
 
 
-@pytest.mark.parametrize("count", [5, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [5, pytest.param(50, marks=pytest.mark.slow)])
 def test_damaged_bundles_never_raise(bundle, tmp_path, count):
     chance = random.Random(count)
     for number in range(count):

@@ -34,6 +34,6 @@ def test_the_fast_engine_repeats_the_original(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_reference_engine_repeats_the_original(seed: int) -> None:
-    replay(seed, "crafter")
+def test_the_reference_engine_repeats_the_original() -> None:
+    """With a death. The engines are compared with each other in more episodes (`test_crafter_lockstep.py`)."""
+    replay(12, "crafter")

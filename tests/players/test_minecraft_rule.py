@@ -84,4 +84,4 @@ def completion(task: int, seeds: range) -> float:
 @pytest.mark.slow
 def test_it_finds_most_biomes():
     tasks = (0, 1, 2, 4, 5, 7, 8, 9)
-    assert sum(completion(task, range(3)) for task in tasks) / len(tasks) >= 0.6
+    assert sum(completion(task, range(1)) for task in tasks) / len(tasks) >= 0.6
