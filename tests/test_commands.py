@@ -1,7 +1,8 @@
 """Every command on a page is run as it stands, with the client that it names, or listed with the reason why not.
 
 A block `console` begins in an empty folder, a block `sh` where the block before it was run. Models are a rule player
-behind OpenAI's interface on this machine, or a script behind Anthropic's.
+behind OpenAI's interface on this machine, or a script behind Anthropic's. Runs are played in this process, as long as a
+command names no other way: workers have tests of their own.
 """
 
 from __future__ import annotations
@@ -172,8 +173,9 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     elif SERVES.match(line):
         serve(words)
     elif words[0] == "smartplay-tools":
+        here = words[1] in ("eval", "sweep") and "--executor" not in words
         with local_port(line):
-            result = CliRunner().invoke(app, words[1:])
+            result = CliRunner().invoke(app, words[1:] + ["--executor", "inline"] * here)
         assert result.exit_code == 0, f"{line}: {result.output}"
     else:
         if words[0] == "npx" and shutil.which("npx") is None:

@@ -164,7 +164,9 @@ def test_a_run_that_is_named_twice_is_refused(tmp_path):
 @pytest.mark.slow
 def test_the_commands(tmp_path):
     for name, history in (("long", 50), ("short", 1)):
-        sp.evaluate([BANDIT], ["rule"], budgets=sp.Budget(history=history), trials=10, out=tmp_path / name)
+        sp.evaluate(
+            [BANDIT], ["rule"], budgets=sp.Budget(history=history), trials=10, out=tmp_path / name, executor="inline"
+        )
 
     def run(*given):
         shown = CliRunner(env={"COLUMNS": "80"}).invoke(
