@@ -135,14 +135,21 @@ def doctor(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_the_command_tells_of_everything_and_fails_for_nothing_optional():
-    shown = doctor("--json")
+def test_the_command_tells_of_its_parts_and_fails_for_nothing_optional():
+    shown = doctor("--json", "--only", "core", "--only", "engine", "--only", "model")
     assert shown.returncode == 0
     rows = {(row["kind"], row["name"]): row for row in json.loads(shown.stdout)}
     assert all(row["works"] for (kind, _), row in rows.items() if kind == "core")
     assert rows["engine", "voxel"]["works"]
     assert not rows["engine", "minedojo"]["works"]
     assert all(row["detail"] for row in rows.values())
+
+
+@pytest.mark.slow
+def test_an_extra_of_this_environment_works():
+    """Of two; the command imports all extras in this way, which takes half a minute."""
+    for name in ("anthropic", "mcp"):
+        assert check_modules("extra", name, checkup.requirements(name)).works
 
 
 @pytest.mark.slow
