@@ -90,15 +90,6 @@ def check(events: Sequence[Json], server: DialectServer, end: str = "terminated"
     return result
 
 
-def games(way: Way, dialect: Dialect, script: Sequence[Said], end: str) -> list[Json]:
-    """Play a script whole and, where there are streams, in pieces; return the results."""
-    played = [game(way, dialect, script, stream) for stream in ((False, True) if way.streams else (False,))]
-    results = [check(events, server, end) for events, server in played]
-    records = [said_and_done(events) for events, _ in played]
-    assert records[0] == records[-1] or not way.is_exact
-    return results
-
-
 @pytest.mark.parametrize(("way", "dialect"), [*QUICK, *SLOW], ids=lambda value: value.name)
 def test_a_short_game_is_played_to_its_end(way, dialect):
     way.skip_if_missing()
@@ -109,10 +100,11 @@ def test_a_short_game_is_played_to_its_end(way, dialect):
 @pytest.mark.slow
 @pytest.mark.parametrize(("way", "dialect"), WHOLE, ids=lambda value: value.name)
 def test_a_game_with_every_reply_is_played_to_its_end(way, dialect):
-    """Ways of frameworks with an environment of their own are played there."""
+    """Whole and, where there are streams, in pieces; frameworks with an environment of their own play there."""
     way.skip_if_missing()
-    for result in games(way, dialect, MIXED, "terminated"):
-        assert result["steps"] == 7
+    played = [game(way, dialect, MIXED, stream) for stream in sorted({False, way.streams})]
+    assert [check(*each)["steps"] for each in played] == [7] * len(played)
+    assert said_and_done(played[0][0]) == said_and_done(played[-1][0]) or not way.is_exact
 
 
 @pytest.mark.slow
@@ -121,7 +113,8 @@ def test_a_game_with_every_reply_is_played_to_its_end(way, dialect):
 def test_a_reply_that_never_ends_ends_the_episode(way, dialect, name):
     """The same hostile reply again and again: the episode ends by its own rule, after few requests."""
     way.skip_if_missing()
-    games(way, dialect, [HOSTILE[name]], "no_tool_call" if name == "nothing" else "stalled_turns")
+    played = game(way, dialect, [HOSTILE[name]], way.streams)
+    check(*played, end="no_tool_call" if name == "nothing" else "stalled_turns")
 
 
 def test_the_page_has_the_tables_of_the_rules():

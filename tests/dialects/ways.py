@@ -321,7 +321,6 @@ PAIRS = [(way, dialect) for way, dialect in MEET if "play" not in way.without(di
 def environment(server: DialectServer) -> dict[str, str]:
     """The variables by which clients that ask for the real host reach the server."""
     emptied = dict.fromkeys([name for name in os.environ if name.lower().endswith("_proxy")], "")
-    known = {
-        "SSL_CERT_FILE": str(Path(__file__).parents[1] / "data" / "one_authority.pem")
-    }  # as tests/conftest.py says
+    # As tests/conftest.py says of fast tests.
+    known = {"SSL_CERT_FILE": str(Path(__file__).parents[1] / "data" / "one_authority.pem")}
     return {**emptied, **known, "HTTP_PROXY": server.url, "http_proxy": server.url, "NO_PROXY": "127.0.0.1,localhost"}

@@ -163,10 +163,9 @@ def test_a_run_that_is_named_twice_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_the_commands(tmp_path):
-    for name, history in (("long", 50), ("short", 1)):
-        sp.evaluate(
-            [BANDIT], ["rule"], budgets=sp.Budget(history=history), trials=10, out=tmp_path / name, executor="inline"
-        )
+    for name, past in (("long", 50), ("short", 1)):
+        budget = sp.Budget(history=past)
+        sp.evaluate([BANDIT], ["rule"], budgets=budget, trials=10, out=tmp_path / name, executor="inline")
 
     def run(*given):
         shown = CliRunner(env={"COLUMNS": "80"}).invoke(
@@ -192,8 +191,7 @@ def test_the_page_says_how_often_a_word_is_wrong(name):
     Of the fewest pairs of one row; `python -m tests.evaluation.simulated_tables` makes them all.
     """
     key, margin = simulations.ALIKE[name]
-    population = simulations.against_itself(key)
-    wrong = simulations.wrong_words(population, margin, simulations.WORD_SIZES[0])
+    wrong = simulations.wrong_words(simulations.against_itself(key), margin, simulations.WORD_SIZES[0])
     assert wrong == pytest.approx(published("words")[name][:2], abs=NEAR)
     assert max(wrong) <= 0.065  # 5 %, and three standard errors
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -39,7 +37,6 @@ if __name__ == "__main__":
 
 SLOW = 'players={"slow": Slow}, player_options={"seconds": seconds}'
 CHAINS = 'players=["rule-notes"], carry="notes", chain=3, budgets=sp.Budget(notes_tokens=100)'
-LONG = {"games": [BANDIT, HANOI], "trials": 6, "seconds": 0.001}
 
 
 def start(
@@ -67,39 +64,25 @@ def children(pid: int) -> list[int]:
     return numbers
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Callable[..., bytes]:
-    """The rows of a run that was not killed, played once for all that were."""
-
-    @functools.cache
-    def rows(options: str) -> bytes:
-        out = tmp_path_factory.mktemp("whole") / "run"
-        with start(out, "inline", **LONG, options=options) as process:
-            assert process.wait(120) == 0
-        return (out / "results.jsonl").read_bytes()
-
-    return rows
-
-
-@pytest.mark.parametrize(
-    ("executor", "kills", "options"),
-    [("inline", 2, SLOW), ("processes", 2, SLOW), ("inline", 1, CHAINS), ("processes", 1, CHAINS)],
-)
-def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, whole, executor, kills, options):
-    chance = random.Random(f"kills {executor}")
-    how = {**LONG, "options": options}
-    for _ in range(kills):
-        with start(tmp_path / "killed", executor, **how) as process:
-            assert process.stdout is not None
-            process.stdout.readline()  # the run has begun
-            time.sleep(chance.random() * 0.8)
-            process.kill()
-    with start(tmp_path / "killed", executor, **how) as process:
+@pytest.mark.parametrize(("options", "kills"), [(SLOW, 2), (CHAINS, 1)])
+def test_a_run_that_was_killed_has_the_rows_of_one_that_was_not(tmp_path, options, kills):
+    how = {"games": [BANDIT, HANOI], "trials": 6, "seconds": 0.001, "options": options}
+    with start(tmp_path / "whole", "inline", **how) as process:
         assert process.wait(120) == 0
-    assert (tmp_path / "killed" / "results.jsonl").read_bytes() == whole(options)
-    assert {failure["end_reason"] for failure in RunFolder(tmp_path / "killed").failures()} <= {"interrupted"}
-    assert list((tmp_path / "killed" / "running").iterdir()) == []
-    assert not any(finding.differences for finding in audit(RunFolder(tmp_path / "killed"), 1))
+    for executor in ("inline", "processes"):
+        chance, killed = random.Random(f"kills {executor}"), tmp_path / executor
+        for _ in range(kills):
+            with start(killed, executor, **how) as process:
+                assert process.stdout is not None
+                process.stdout.readline()  # the run has begun
+                time.sleep(chance.random() * 0.8)
+                process.kill()
+        with start(killed, executor, **how) as process:
+            assert process.wait(120) == 0
+        assert (killed / "results.jsonl").read_bytes() == (tmp_path / "whole" / "results.jsonl").read_bytes()
+        assert {failure["end_reason"] for failure in RunFolder(killed).failures()} <= {"interrupted"}
+        assert list((killed / "running").iterdir()) == []
+        assert not any(finding.differences for finding in audit(RunFolder(killed), 1))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from smartplay_tools.evaluation.analysis.summary import summarize
 from tests.evaluation.runs import failed_row, play_rows
 
 HANOI = "Hanoi3Disk-v0"
-GRID = "--players rule,random --prompt-tokens 500,600,800,none --tool-calls 6 --trials 10 --executor inline"
+GRID = "--players rule,random --prompt-tokens 500,800,none --tool-calls 6 --trials 10 --executor inline"
 SWEEP = f"sweep --games {HANOI},BanditTwoArmedHighLowFixed-v0 {GRID} --out sweep --cache anthropic-512 --format latex"
 REPEATS = f"eval --games {HANOI} --players random --tool-calls 6 --trials 3 --repeats 2 --executor inline --out repeats"
 DECIDED = f"eval --games {HANOI} --players rule,random --until decided --margin 1 --executor inline --out decided"

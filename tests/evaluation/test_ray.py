@@ -57,7 +57,7 @@ def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
     rows = RunFolder(tmp_path / "run").rows()
     assert len({row["key"] for row in rows}) == 8
     # With the mark there nobody is killed: the same run, undisturbed and on one machine, has the same bytes.
-    assert run(tmp_path, "undisturbed", executor="processes") == "True 8 [] False"
+    assert run(tmp_path, "undisturbed", executor="inline") == "True 8 [] False"
     first, second = (tmp_path / name / "results.jsonl" for name in ("run", "undisturbed"))
     assert first.read_bytes() == second.read_bytes()
     # The replies that had arrived went on to the machine that runs the command; the episode continued behind them.
