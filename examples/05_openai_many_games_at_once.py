@@ -24,7 +24,7 @@ async def play(game: str, seed: int, player: sp.AsyncPlayer) -> sp.EpisodeResult
 
 async def play_all(model: str, base_url: str | None) -> list[sp.EpisodeResult]:
     async with sp.get_player(f"openai:{model}", base_url=base_url) as player:
-        return await asyncio.gather(*(play(game, seed, player) for game in GAMES for seed in range(2)))
+        return await asyncio.gather(*(play(game, seed, player) for game in GAMES for seed in range(3)))
 
 
 with ExitStack() as stack:

@@ -135,15 +135,14 @@ def doctor(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_the_command_tells_of_its_parts_and_fails_for_nothing_optional():
-    shown = doctor("--json", "--only", "core", "--only", "engine", "--only", "model")
+def test_the_command_tells_of_everything_and_fails_for_nothing_optional():
+    shown = doctor("--json")
     assert shown.returncode == 0
     rows = {(row["kind"], row["name"]): row for row in json.loads(shown.stdout)}
     assert all(row["works"] for (kind, _), row in rows.items() if kind == "core")
-    assert [rows["engine", name]["works"] for name in ("voxel", "minedojo")] == [True, False]
+    assert rows["engine", "voxel"]["works"]
+    assert not rows["engine", "minedojo"]["works"]
     assert all(row["detail"] for row in rows.values())
-    # It imports all extras as it does these two, which takes half a minute.
-    assert all(check_modules("extra", name, checkup.requirements(name)).works for name in ("anthropic", "mcp"))
 
 
 @pytest.mark.slow

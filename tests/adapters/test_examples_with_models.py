@@ -44,7 +44,7 @@ def test_a_model_behind_openai_s_interface(example, openai_server, tmp_path):
 
 def test_many_games_at_once(openai_server, tmp_path):
     shown = run("05_openai_many_games_at_once", tmp_path, MODEL="rule", **openai_server)
-    assert shown.count("requests (") == 6
+    assert shown.count("requests (") == 9
     assert shown.count("(player_error)") == 0
 
 

@@ -144,7 +144,7 @@ def lure(tmp_path_factory) -> Iterator[Path]:
     assert str(folder / "secret.jsonl") not in opened
 
 
-@pytest.mark.parametrize("count", [12, pytest.param(66, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.slow)])
 def test_every_command_survives_the_folder_of_a_stranger(good, lure, tmp_path, monkeypatch, count):
     monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
     count = THOROUGH if settings().max_examples >= 1_000 else count
