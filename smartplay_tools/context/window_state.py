@@ -152,9 +152,11 @@ class WindowState:
         if self.newest in chosen.pinned and self.newest != chosen.hidden:
             turns = [self.newest]
         for number in turns:
-            for form in chosen.seen(self.index.turns[number]):
-                if form.step is not None:
-                    return self.index.turns[chosen.last].step + 1 - form.step
+            turn = self.index.turns[number]
+            is_whole = number >= self.first_whole
+            shown = turn.shows if is_whole else [form.step for form in chosen.seen(turn) if form.step is not None]
+            if shown:
+                return self.index.turns[chosen.last].step + 1 - shown[0]
         return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate, permutations
 from typing import Any
 
@@ -25,6 +26,11 @@ class Table:
     probabilities: tuple[float, ...]
     scores: tuple[int, ...]
 
+    @cached_property
+    def edges(self) -> list[float]:
+        """The sums of the probabilities of each hand but the last and those before it: a draw falls between two."""
+        return list(accumulate(self.probabilities))[:-1]
+
     def expected_reward(self, hand: int) -> float:
         """The mean reward of a round in which `hand` is played."""
         return added(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
@@ -39,7 +45,7 @@ def shuffle(table: Table, chance: Chance) -> Table:
 
 def opponent_hand(table: Table, chance: Chance) -> int:
     """Draw the opponent's hand."""
-    return bisect_right(list(accumulate(table.probabilities))[:-1], chance.random())
+    return bisect_right(table.edges, chance.random())
 
 
 def reward(table: Table, hand: int, other: int) -> int:

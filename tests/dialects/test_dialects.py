@@ -1,7 +1,4 @@
-"""Every player and adapter plays a whole game at every server that it can meet.
-
-With every reply, OpenAI's players play it at every server, and the others at the strictest ones.
-"""
+"""Every player and adapter plays a whole game at every server that it can meet."""
 
 from __future__ import annotations
 
@@ -38,12 +35,6 @@ QUICK = [
     and (way.name in ("openai:", "openai-responses:") or (way.name.startswith("serve") and dialect.name in STRICT))
 ]
 """The pairs that fast tests play: OpenAI's players everywhere, the endpoints in front of the strictest servers."""
-WHOLE = [
-    (way, dialect)
-    for way, dialect in PAIRS
-    if way.interface != "chat" or way.name == "openai:" or dialect.name in STRICT
-]
-SLOW = [pytest.param(*pair, marks=pytest.mark.slow) for pair in PAIRS if pair not in WHOLE]
 ONE_EACH = [(way, next(dialects)[1]) for way, dialects in groupby(PAIRS, key=lambda pair: pair[0])]
 """Each way in at one server."""
 
@@ -90,15 +81,14 @@ def check(events: Sequence[Json], server: DialectServer, end: str = "terminated"
     return result
 
 
-@pytest.mark.parametrize(("way", "dialect"), [*QUICK, *SLOW], ids=lambda value: value.name)
+@pytest.mark.parametrize(("way", "dialect"), QUICK, ids=lambda value: value.name)
 def test_a_short_game_is_played_to_its_end(way, dialect):
-    way.skip_if_missing()
     events, server = game(way, dialect, SHORT, way.streams)
     assert check(events, server)["steps"] == 7
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("way", "dialect"), WHOLE, ids=lambda value: value.name)
+@pytest.mark.parametrize(("way", "dialect"), PAIRS, ids=lambda value: value.name)
 def test_a_game_with_every_reply_is_played_to_its_end(way, dialect):
     """Whole and, where there are streams, in pieces; frameworks with an environment of their own play there."""
     way.skip_if_missing()
