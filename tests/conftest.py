@@ -1,4 +1,4 @@
-"""How many examples property tests draw: 50 in `make test`, 500 with `--hypothesis-profile=thorough`. No clock
+"""How many examples property tests draw: 50 in `make test`, 300 with `--hypothesis-profile=thorough`. No clock
 decides about an example, since a busy machine is not a fault.
 
 And how many processes `-n auto` starts: two for each processor for the slow tests, which wait for servers, terminals
@@ -29,7 +29,7 @@ from hypothesis import settings
 from smartplay_tools.games import specs
 
 settings.register_profile("quick", max_examples=50, deadline=None)
-settings.register_profile("thorough", max_examples=500, deadline=None)
+settings.register_profile("thorough", max_examples=300, deadline=None)
 settings.load_profile("quick")
 gc.disable()
 
