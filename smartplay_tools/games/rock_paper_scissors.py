@@ -31,6 +31,11 @@ class Table:
         """The sums of the probabilities of each hand but the last and those before it: a draw falls between two."""
         return list(accumulate(self.probabilities))[:-1]
 
+    @cached_property
+    def encoded(self) -> bytes:
+        """The table as canonical JSON: a game's state, but for its random stream and its counts."""
+        return canonical_text([self.probabilities, self.scores]).encode()
+
     def expected_reward(self, hand: int) -> float:
         """The mean reward of a round in which `hand` is played."""
         return added(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
@@ -122,7 +127,6 @@ class RockPaperScissors(TextGame):
         self._hands: list[int] = []
         self._table = shuffle(self._setting, self.np_random)
         self._best = best(self._table)
-        self._dealt = canonical_text([self._table.probabilities, self._table.scores]).encode()
         self.manual = manual(self._table.scores)
         return START
 
@@ -134,4 +138,4 @@ class RockPaperScissors(TextGame):
         return describe(action, other, score), score, False, False
 
     def _state(self) -> bytes:
-        return self._dealt
+        return self._table.encoded
