@@ -16,7 +16,7 @@ from smartplay_tools.context.view import Head
 
 def common_beginning(forms: Sequence[Form], before: Sequence[Form], *, is_equal: bool) -> int:
     """Return how many messages at the beginning are the same forms, or with `is_equal` say the same."""
-    if forms[: len(before)] == before:  # as after most turns; compared in C, and a form is equal to itself alone
+    if forms[: len(before)] == before:  # the window has not moved; lists compare in C, and a form equals itself alone
         return len(before)
     for place in compress(count(), map(is_not, forms, before)):
         if not is_equal or forms[place].message != before[place].message:

@@ -249,7 +249,7 @@ class ToolConversation(BaseConversation):
             return self._results[position]
         calls = self._builder.calls
         call = calls[position]
-        is_foreign, answered = call.name in self._foreign, self._answered() if self._results else []
+        is_foreign, answered = call.name in self._foreign, self._answered()
         if refusal is None and not is_foreign and answered and position < max(answered):
             raise InvalidArgumentError(
                 f"The call {call.id} comes before one that has been answered: answer the calls of a message in their "
