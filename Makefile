@@ -72,9 +72,8 @@ types: $(VENV)/.ready
 
 check: lint types test  ## what has to be green before a commit
 
-PLAYERS ?= rule random first
 board: $(VENV)/.ready  ## play the suite tools-v1, compare with its rows in git, check the submissions, write the leaderboard
-	$(BIN)/python experiments/tools_v1.py --players $(PLAYERS) --board docs/_board/leaderboard
+	$(BIN)/python experiments/tools_v1.py $(if $(PLAYERS),--players $(PLAYERS)) --board docs/_board/leaderboard
 
 docs: $(VENV)/.ready  ## the documentation as a site, in docs/_build; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -E -b html docs docs/_build

@@ -19,7 +19,7 @@ swept = sp.sweep(
     budget=sp.Budget(reply_tokens=500),
     trials=4,
     out=os.environ.get("OUT") or tempfile.mkdtemp(),
-    executor="async",
+    executor="async",  # processes would import this script again
 )
 
 for cell in swept.summary:
