@@ -9,6 +9,7 @@ masked in part.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Form, Turn
@@ -30,18 +31,15 @@ class TokenIndex:
         self.turns: list[Turn] = []
         self._steps: list[int] = []
         self._counter = counter
-        self.whole, self.masked = [0], [0]
+        self.whole, self._masked = [0], [0]
         """Running sums: tokens of the turns before each, with no observation masked, and with all of them masked."""
-
         self._forms: list[Form] = []
         self._starts = [0]
         """Every message, unmasked, and how many are before each turn."""
 
     def append(self, turn: Turn) -> None:
         """Add a turn."""
-        tokens = turn.tokens(self._counter)
-        self.whole.append(self.whole[-1] + tokens)
-        self.masked.append(self.masked[-1] + tokens - self.saved(turn, turn.step + 1))
+        self.whole.append(self.whole[-1] + turn.tokens(self._counter))
         if self._with_words:
             self._spoken.append(self._spoken[-1] + turn.spoken(self._counter))
         if self._with_pictures:
@@ -52,6 +50,13 @@ class TokenIndex:
         self._starts.append(len(self._forms))
         self.turns.append(turn)
         self._steps.append(turn.step)
+
+    @property
+    def masked(self) -> Sequence[int]:
+        """Running sums as `whole`, with all observations masked; summed up when asked for, since few windows mask."""
+        for turn in self.turns[len(self._masked) - 1 :]:
+            self._masked.append(self._masked[-1] + turn.tokens(self._counter) - self.saved(turn, turn.step + 1))
+        return self._masked
 
     def forms(self, first: int, stop: int) -> list[Form]:
         """Return the messages of the turns from `first` to before `stop`, with no observation masked."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -62,19 +62,22 @@ class Selection:
         """Return the messages of a turn as the selection shows them."""
         return turn.seen(self.oldest_of(turn), bare=turn.step < self.words, pictures=self.pictures)
 
-    def forms(self, turns: Sequence[Turn], whole: Sequence[Form], summary: Form | None = None) -> list[Form]:
+    def forms(
+        self, turns: Sequence[Turn], whole: Callable[[int, int], Iterable[Form]], summary: Form | None = None
+    ) -> list[Form]:
         """Return the messages of the selected turns with the texts before them; `summary` is after the first turns.
 
-        `whole` are the messages of those after `changed`.
+        `whole` returns the messages of the turns from one to before another, with none of them masked.
         """
         shown: list[Sequence[Form]] = []
-        for number in (*self.pinned, *self.changed):
+        changed = self.changed
+        for number in (*self.pinned, *changed):
             if number in self.texts:
                 shown.append((self.texts[number],))
             shown.append(self.seen(turns[number]))
         if summary is not None:
             shown.insert(self.front, (summary,))
-        return [*chain.from_iterable(shown), *whole]
+        return [*chain.from_iterable(shown), *whole(changed.stop, self.last + 1)]
 
     @property
     def changed(self) -> range:
@@ -94,7 +97,7 @@ class Selection:
         return ranges_of(self)
 
 
-@dataclass
+@dataclass(slots=True)
 class View:
     """The contents of a prompt, with the numbers of what it leaves out. It is not changed once it is made."""
 

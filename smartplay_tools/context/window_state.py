@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.token_index import TokenIndex
@@ -13,7 +12,7 @@ from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Head, Selection
 
 
-@dataclass
+@dataclass(slots=True)
 class WindowState:
     """The facts after a number of turns, from which the selection is made."""
 
@@ -79,11 +78,11 @@ class WindowState:
         """The newest turn, -1 before the first."""
         return self.turns - 1
 
-    @cached_property
+    @property
     def _newest_tokens(self) -> int:
         return 0 if self.newest is None else self.run(self.newest, self.newest + 1)
 
-    @cached_property
+    @property
     def _notes_tokens(self) -> int:
         return 0 if self.notes is None else self.masked(self.notes)
 
@@ -160,7 +159,7 @@ class WindowState:
         return 0
 
 
-@dataclass
+@dataclass(slots=True)
 class Contents:
     """What a prompt holds: a selection of the turns of a state, the summary, and the question for another."""
 
@@ -168,10 +167,10 @@ class Contents:
     selection: Selection
     summary: Summary | None = None
     question: Form | None = None
+    forms: Sequence[Form] = field(init=False)
+    """The messages after the head."""
 
-    @cached_property
-    def forms(self) -> Sequence[Form]:
-        """The messages after the head."""
+    def __post_init__(self) -> None:
         chosen, index, summary = self.selection, self.state.index, None if self.summary is None else self.summary.form
-        shown = chosen.forms(index.turns, index.forms(chosen.changed.stop, chosen.last + 1), summary)
-        return shown if self.question is None else [*shown, self.question]
+        shown = chosen.forms(index.turns, index.forms, summary)
+        self.forms = shown if self.question is None else [*shown, self.question]

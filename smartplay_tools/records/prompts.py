@@ -192,7 +192,10 @@ class Rebuilder:
         if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
             summary = self._form.show(text).form
         question = [self._form.question] if self._form is not None and asked == "summary" else []
-        whole = [form for turn in self._turns[chosen.changed.stop : chosen.last + 1] for form in turn.whole]
+
+        def whole(first: int, stop: int) -> list[Form]:
+            return [form for turn in self._turns[first:stop] for form in turn.whole]
+
         return self._tools, [*head, *chosen.forms(self._turns, whole, summary), *question]
 
     def _rewritten(self, stop: int) -> RewrittenHistory:

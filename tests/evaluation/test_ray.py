@@ -1,10 +1,11 @@
-"""A run on a local Ray cluster, with a worker that is killed during the run."""
+"""Runs on Ray clusters: one that is named, where a worker is killed, and one that the run itself starts."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,10 +20,28 @@ pytestmark = pytest.mark.slow
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 ROOT = Path(__file__).parents[2]
 
+CLUSTER = """
+import sys
+from ray.cluster_utils import Cluster
+cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+print(cluster.address, flush=True)
+sys.stdin.read()
+cluster.shutdown()
+"""
+
+
+@pytest.fixture(scope="module")
+def named_cluster() -> Iterator[str]:
+    command = [sys.executable, "-c", CLUSTER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process.stdout.readline().strip()
+
+
 # Ray leaves threads and sockets behind that raise warnings, so it runs in a separate process.
 SCRIPT = """
 import os, signal, sys
 from pathlib import Path
+import ray
 import smartplay_tools as sp
 from tests.evaluation.players import FirstMoves
 
@@ -39,21 +58,27 @@ if __name__ == "__main__":
     run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=4, executor=sys.argv[3], workers=2,
                       run_tokens=cap, player_options=options, budgets=sp.Budget(reply_tokens=100))
     print(run.complete, len(run.rows), [row["end_reason"] for row in run.failures], run.cap_reached)
+    assert not ray.is_initialized()
 """
 
 
-def run(tmp_path: Path, name: str, cap: int = 0, executor: str = "ray") -> str:
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT % (BANDIT, HANOI))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])}
-    command = [sys.executable, str(script), str(tmp_path / name), str(cap), executor]
+def lines_of(script: str, tmp_path: Path, *arguments: str, address: str = "") -> list[str]:
+    (tmp_path / "script.py").write_text(script)
+    path = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": path, "RAY_ADDRESS": address}
+    command = [sys.executable, str(tmp_path / "script.py"), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
-    return done.stdout.strip().splitlines()[-1]
+    return done.stdout.strip().splitlines()
 
 
-def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
-    assert run(tmp_path, "run") == "True 8 ['interrupted'] False"
+def run(tmp_path: Path, name: str, cap: int = 0, executor: str = "ray", address: str = "") -> str:
+    script = SCRIPT % (BANDIT, HANOI)
+    return lines_of(script, tmp_path, str(tmp_path / name), str(cap), executor, address=address)[-1]
+
+
+def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path, named_cluster):
+    assert run(tmp_path, "run", address=named_cluster) == "True 8 ['interrupted'] False"
     rows = RunFolder(tmp_path / "run").rows()
     assert len({row["key"] for row in rows}) == 8
     # With the mark there nobody is killed: the same run, undisturbed and on one machine, has the same bytes.
@@ -67,9 +92,9 @@ def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path):
     assert run_snapshot(folder).spending.other_attempts.replies == 0
 
 
-def test_a_cap_holds_on_a_cluster(tmp_path):
+def test_a_cap_holds_on_a_cluster(tmp_path, named_cluster):
     (tmp_path / "killed").touch()
-    assert run(tmp_path, "run", cap=100_000).endswith("True")
+    assert run(tmp_path, "run", cap=100_000, address=named_cluster).endswith("True")
     assert 0 < run_snapshot(RunFolder(tmp_path / "run")).spending.total.tokens <= 100_000
 
 
@@ -84,15 +109,17 @@ class Asks:
 """
 
 
-def test_processes_and_a_cluster_play_the_records_of_chains_and_of_a_compactor_that_asks(tmp_path):
+def test_processes_and_a_cluster_play_the_records_of_chains_and_of_a_compactor_that_asks(tmp_path, named_cluster):
     (tmp_path / "asks.py").write_text(ASKS)
     asked = f"--games {BANDIT} --players rule-notes --trials 6 --carry notes --chain 3 --notes-tokens 100 --workers 2"
     asked += " --history none --prompt-tokens 900 --strategy asks.py:Asks"
-    played = []
+    played, environment = [], {**os.environ, "RAY_ADDRESS": named_cluster}
     for executor in ("inline", "processes", "ray"):
         out = tmp_path / executor
         command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
-        subprocess.run([*command, "--out", str(out)], check=True, capture_output=True, timeout=240, cwd=tmp_path)
+        command += ["--out", str(out)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=tmp_path, env=environment)
+        assert done.returncode == 0, done.stderr
         folder = RunFolder(out)
         assert all(row["questions"] > 0 and row["end_reason"] == "rollout" for row in folder.rows())
         played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})
@@ -100,48 +127,36 @@ def test_processes_and_a_cluster_play_the_records_of_chains_and_of_a_compactor_t
     assert played[0] == played[1] == played[2]
 
 
-RETRIED_ELSEWHERE = """
+RETRIED_AND_LOST = """
 import gc, os, sys
 from pathlib import Path
 import ray
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
 from smartplay_tools.evaluation.runs.executors.ray import RayExecutor
-from ray.cluster_utils import Cluster
 from tests.evaluation.players import BrokenOnce
 
 if __name__ == "__main__":
-    out, where = Path(sys.argv[1]), sys.argv[2]
-    out.with_name(where).mkdir()
-    if where == "named":
-        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
-        os.environ["RAY_ADDRESS"] = cluster.address
+    out = Path(sys.argv[1])
     run = sp.evaluate([%r], {"stumbles": BrokenOnce}, out=out, trials=2, executor="ray", workers=2, run_tokens=10**7,
-                      player_options={"marks": str(out.with_name(where))}, budgets=sp.Budget(reply_tokens=100))
-    if where == "named":
-        def lose(progress):
-            if progress.finished:
-                ray.kill(next(each for each in gc.get_objects() if type(each) is RayExecutor)._records)
-        try:
-            sp.evaluate([%r], ["rule"], out=f"{out}-lost", trials=9, executor="ray", workers=1, on_progress=lose)
-        except EngineError as error:
-            print(error)
-        cluster.shutdown()
+                      player_options={"marks": str(out.parent)}, budgets=sp.Budget(reply_tokens=100))
     print(run.complete, [row["end_reason"] for row in run.failures], ray.is_initialized())
+
+    def lose(progress):
+        if progress.finished:
+            ray.kill(next(each for each in gc.get_objects() if type(each) is RayExecutor)._records)
+    os.environ["RAY_ADDRESS"] = sys.argv[2]
+    try:
+        sp.evaluate([%r], ["rule"], out=f"{out}-lost", trials=9, executor="ray", workers=1, on_progress=lose)
+    except EngineError as error:
+        print(error)
 """
 
 
-@pytest.mark.parametrize("where", ["named", "here"])
-def test_a_failed_episode_is_tried_again_in_a_cluster_that_is_named_or_started_here(tmp_path, where):
-    script = tmp_path / "script.py"
-    script.write_text(RETRIED_ELSEWHERE % (HANOI, HANOI))
-    environment = {name: value for name, value in os.environ.items() if name != "RAY_ADDRESS"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
-    command = [sys.executable, str(script), str(tmp_path / "run"), where]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
-    assert done.returncode == 0, done.stderr
-    *lost, last = done.stdout.strip().splitlines()
-    assert last == "True ['player_error', 'player_error'] False"
-    if where == "named":
-        assert "of 9 episodes that are finished are kept; the same command continues the run." in lost[-1]
-        assert lost[-1].startswith("The Ray cluster has lost what this run needs (ActorDiedError)")
+def test_a_failed_episode_is_tried_again_in_the_cluster_started_for_it_and_a_lost_actor_loses_no_row(
+    tmp_path, named_cluster
+):
+    retried, *_, lost = lines_of(RETRIED_AND_LOST % (HANOI, HANOI), tmp_path, str(tmp_path / "run"), named_cluster)
+    assert retried == "True ['player_error', 'player_error'] False"
+    assert lost.startswith("The Ray cluster has lost what this run needs (ActorDiedError)")
+    assert "of 9 episodes that are finished are kept; the same command continues the run." in lost

@@ -141,6 +141,8 @@ class TokenCounter:
         count = 3 + self.text(role) + self.content(message)
         if message.get("name"):
             count += 1 + self.text(message["name"])
+        if role == "tool":
+            return count + 8
         for position, call in enumerate(calls_of(message)):
             function = call["function"]
             count += _CALL + self.text(str(function["name"]))
@@ -148,8 +150,6 @@ class TokenCounter:
                 count += self._arguments(as_text(function["arguments"]))
             else:
                 count += self.text(arguments[position])
-        if role == "tool":
-            count += 8
         reasoning = self._thoughts(message)
         return count + (self.text(reasoning) if reasoning else 0)
 

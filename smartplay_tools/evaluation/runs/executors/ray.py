@@ -101,7 +101,7 @@ class RayExecutor:
     def _begin(self, task: Task, under_way: dict[Any, _RayAttempt]) -> None:
         self._begun += 1
         previous = None if task.previous is None else task.previous.read_bytes()
-        reference = self._play.remote(task, previous, self.limits, self._records, self._begun)
+        reference = self._play.remote(task, previous, self.limits, self._records, self._begun, Path.cwd())
         under_way[reference] = _RayAttempt(self._begun, task)
 
     def _write_records(self, attempts: Iterable[_RayAttempt]) -> None:
@@ -195,8 +195,15 @@ class _RemoteLimits:
         ray.get(self._actor.settle.remote(reserved, spent))
 
 
-def _play(task: Task, previous: bytes | None, limits: RunLimits | None, records: Any, number: int) -> Times:
-    """On a machine of the cluster: play, and send the record as it grows."""
+def _play(
+    task: Task, previous: bytes | None, limits: RunLimits | None, records: Any, number: int, working: Path
+) -> Times:
+    """On a machine of the cluster: play, and send the record as it grows.
+
+    `working` is the folder to work in, so that a relative path of a file of the user's leads where it leads the user.
+    """
+    if working.is_dir():
+        os.chdir(working)
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / task.record.name
         sent = 0
