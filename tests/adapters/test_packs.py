@@ -1,4 +1,4 @@
-"""The packs of games of POPGym and MiniGrid: `.ci/run` has an environment with each of their packages."""
+"""The packs of games of POPGym and MiniGrid: `.ci/run` has an environment with their packages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ POPGYM = [game for game in GAMES if game.startswith("popgym-")]
 MINIGRID = [game for game in GAMES if game.startswith("minigrid-")]
 PACKED = [*POPGYM, *MINIGRID]
 if not PACKED:
-    pytest.skip("needs popgym or minigrid; `.ci/run` has environments with them", allow_module_level=True)
+    pytest.skip("needs popgym or minigrid; `.ci/run` has an environment with them", allow_module_level=True)
 
 READ = [game for game in POPGYM if "Labyrinth" not in game]
 """The games of which the right actions follow from what was seen."""
