@@ -41,7 +41,6 @@ def named_cluster() -> Iterator[str]:
 SCRIPT = """
 import os, signal, sys
 from pathlib import Path
-import ray
 import smartplay_tools as sp
 from tests.evaluation.players import FirstMoves
 
@@ -58,14 +57,13 @@ if __name__ == "__main__":
     run = sp.evaluate([%r, %r], {"first": KilledOnce}, out=out, trials=2, executor=sys.argv[3], workers=2,
                       run_tokens=cap, player_options=options, budgets=sp.Budget(reply_tokens=100, tool_calls=15))
     print(run.complete, len(run.rows), [row["end_reason"] for row in run.failures], run.cap_reached)
-    assert not ray.is_initialized()
 """
 
 
 def lines_of(script: str, tmp_path: Path, *arguments: str, address: str = "") -> list[str]:
     (tmp_path / "script.py").write_text(script)
-    path = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path, "RAY_ADDRESS": address}
+    paths = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": paths, "RAY_ADDRESS": address}
     command = [sys.executable, str(tmp_path / "script.py"), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
     assert done.returncode == 0, done.stderr
@@ -73,8 +71,8 @@ def lines_of(script: str, tmp_path: Path, *arguments: str, address: str = "") ->
 
 
 def run(tmp_path: Path, name: str, cap: int = 0, executor: str = "ray", address: str = "") -> str:
-    script = SCRIPT % (BANDIT, HANOI)
-    return lines_of(script, tmp_path, str(tmp_path / name), str(cap), executor, address=address)[-1]
+    arguments = str(tmp_path / name), str(cap), executor
+    return lines_of(SCRIPT % (BANDIT, HANOI), tmp_path, *arguments, address=address)[-1]
 
 
 def test_a_killed_worker_costs_no_row_and_makes_none_twice(tmp_path, named_cluster):
