@@ -7,7 +7,6 @@ import html
 import importlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -20,6 +19,7 @@ from typer.main import get_command
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import MissingExtraError
+from tests.evaluation.conftest import CHROMIUM
 
 pytest.importorskip("furo", reason="the extra `docs` is not installed")
 
@@ -150,11 +150,10 @@ def test_signatures_have_fields_and_examples_have_titles(site):
 def test_no_code_has_to_be_scrolled_sideways(site):
     """On a screen and on a phone, in every block of code and every signature of every page."""
     sync_api = pytest.importorskip("playwright.sync_api")
-    chromium = shutil.which("chromium")
-    if chromium is None:
+    if CHROMIUM is None:
         pytest.skip("there is no chromium on this machine")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--headless", "--no-sandbox"])
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--headless", "--no-sandbox"])
         page, wide = browser.new_page(), {}
         for file in sorted(site.glob("*.html")):
             page.goto(file.as_uri())
