@@ -337,7 +337,8 @@ def converse(
 
 def whole_observations(events: Sequence[dict[str, Any]]) -> list[str]:
     """The observations of a record as the same play shows them without caps, in their order."""
-    config = EpisodeConfig.from_event(events[0]).model_copy(update={"budget": sp.Budget(), "batch": "all"})
+    free = {"budget": sp.Budget(stalled_turns=None), "batch": "all"}  # without the pages that a turn read it may stall
+    config = EpisodeConfig.from_event(events[0]).model_copy(update=free)
     calls = [event for event in events if event["event"] == "call" and not event["is_error"]]
     with sp.Episode.from_config(config, tokenizer=Words()) as episode:
         return [
