@@ -34,7 +34,9 @@ cluster.shutdown()
 def named_cluster() -> Iterator[str]:
     command = [sys.executable, "-c", CLUSTER]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        yield process.stdout.readline().strip()
+        address = process.stdout.readline().strip()
+        assert address
+        yield address
 
 
 # Ray leaves threads and sockets behind that raise warnings, so it runs in a separate process.

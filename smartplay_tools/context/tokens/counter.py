@@ -141,7 +141,7 @@ class TokenCounter:
         count = 3 + self.text(role) + self.content(message)
         if message.get("name"):
             count += 1 + self.text(message["name"])
-        if role == "tool":
+        if role == "tool":  # a result has neither calls nor thoughts
             return count + 8
         for position, call in enumerate(calls_of(message)):
             function = call["function"]
