@@ -262,7 +262,8 @@ def main() -> None:
     if options.against:
         archive = subprocess.run(["git", "archive", options.against], cwd=ROOT, check=True, capture_output=True).stdout
         with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(archive)) as files_of_ref:
-            files_of_ref.extractall(folder, filter="data")
+            files_of_ref.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
+            files_of_ref.extractall(folder)
             columns.insert(0, sizes(Path(folder).resolve()))
     for row in columns[0]:
         print(

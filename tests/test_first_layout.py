@@ -38,7 +38,8 @@ def unpacked(tmp_path_factory) -> Path:
     """The files; no test changes them."""
     folder = tmp_path_factory.mktemp("first_layout")
     with tarfile.open(DATA / "first_layout.tar.xz") as archive:
-        archive.extractall(folder, filter="data")
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
+        archive.extractall(folder)
     return folder
 
 
