@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -29,6 +30,8 @@ from smartplay_tools.types.messages import Call, Message, assistant_message, cal
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 T = TypeVar("T")
+
+message_of: Callable[[Form], Message] = attrgetter("message")
 
 
 @dataclass(slots=True)
@@ -105,8 +108,6 @@ class BaseConversation(ABC):
         self._ids = CallIds()
         self._view: View | None = None
         self._shown_before: Sequence[Form] = ()
-        self._shown_messages: tuple[Message, ...] = ()
-        """Those of the latest prompt, which must not be changed."""
         self._pending: Pending | None = None
         self._is_warm = False
         self._pictures: dict[str, Picture] = {}
@@ -267,9 +268,9 @@ class BaseConversation(ABC):
             self._ledger.on_view(view.tokens, max_tokens or 0)
         prefix = common_beginning(view.forms, self._shown_before, is_equal=True)
         self._shown_before = view.forms
-        self._shown_messages = (*self._shown_messages[:prefix], *[form.message for form in view.forms[prefix:]])
+        messages = tuple(map(message_of, view.forms))
         facts = view.purpose, self._cache_key, self._shown_pictures(view), self.episode.words.version
-        return Pending(view, max_tokens, partial(Prompt, self._shown_messages, view.tools, max_tokens, prefix, *facts))
+        return Pending(view, max_tokens, partial(Prompt, messages, view.tools, max_tokens, prefix, *facts))
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""
@@ -278,7 +279,7 @@ class BaseConversation(ABC):
         kept = self._pictures
         while not view.asks_for_summary and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
-        named = [part["sha256"] for message in self._shown_messages for part in pictures_of(message)]
+        named = [part["sha256"] for form in view.forms for part in pictures_of(form.message)]
         return {sha256: kept[sha256] for sha256 in named}
 
     def _keep_picture(self, picture: Picture) -> None:

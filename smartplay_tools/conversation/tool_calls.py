@@ -290,8 +290,12 @@ class ToolConversation(BaseConversation):
 
     def _answered(self) -> list[int]:
         """The positions of the message's own calls that the game answered before it was over."""
-        own = [at for at in self._results if self._builder.calls[at].name not in self._foreign]
-        return [at for at in own if self._results[at].data.get("mistake") not in UNANSWERED]
+        calls, foreign = self._builder.calls, self._foreign
+        return [
+            at
+            for at, result in self._results.items()
+            if calls[at].name not in foreign and result.data.get("mistake") not in UNANSWERED
+        ]
 
     def _own(self, call_id: str) -> int:
         """The position of a call of the latest reply that this library answers."""
