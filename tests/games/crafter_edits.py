@@ -5,9 +5,13 @@ What play hardly ever meets - borders, ores, stations, ripe plants, arrows - is 
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
+from itertools import repeat
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from crafter import objects
@@ -18,6 +22,7 @@ from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.text import describe
 from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place, position
+from smartplay_tools.games.crafter.worldgen import FIELDS, points
 
 ACTION = {name: number for number, name in enumerate(facts.ACTIONS)}
 CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)
@@ -26,11 +31,25 @@ CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)
 # --- The engines, each with the same edits of free cells inside the map -----------------------------------------------
 
 
+@functools.cache
+def noise_places() -> list[tuple[float, float, float]]:
+    return [at for x, y, z in FIELDS.values() for at in zip(x.tolist(), y.tolist(), repeat(z), strict=False)]
+
+
+class Noise:
+    """The fast engine's noise in `opensimplex`'s place, which takes seconds for a world: tests compare the two."""
+
+    def __init__(self, seed: int) -> None:
+        values = dict(zip(noise_places(), points().values(seed).tolist(), strict=True))
+        self.noise3 = lambda *at: values[at]
+
+
 class Package(ReferenceEngine):
     """PyPI `crafter`, which draws what is compared, and every picture that takes random numbers: those of the night."""
 
-    def __init__(self, seed: int, episode: int) -> None:
-        super().__init__(seed, episode)
+    def __init__(self, seed: int, episode: int, *, quickly: bool) -> None:
+        with patch("opensimplex.OpenSimplex", Noise) if quickly else nullcontext():
+            super().__init__(seed, episode)
         draw_now = self.env._obs
         self.env._obs = lambda: draw_now() if self.env._world.daylight < 0.5 else None
 
@@ -93,8 +112,8 @@ class Fast(FastEngine):
 class Pair:
     """A world in the fast engine and in the package."""
 
-    def __init__(self, seed: int, episode: int = 1) -> None:
-        self.ours, self.package = Fast(seed, episode), Package(seed, episode)
+    def __init__(self, seed: int, episode: int = 1, *, quickly: bool = False) -> None:
+        self.ours, self.package = Fast(seed, episode), Package(seed, episode, quickly=quickly)
         self.both = (self.ours, self.package)
         self.steps = 0
 
@@ -291,7 +310,7 @@ EVERYTHING = frozenset({*facts.ACTIONS, *facts.ACHIEVEMENTS, "death", "lava", "a
 def play(policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
     """Run policies, each for some steps; after a death the next episode begins. Returns what was met."""
     rng = np.random.default_rng([seed, steps])
-    pair, episode, met = Pair(seed), 1, set[str]()
+    pair, episode, met = Pair(seed, quickly=True), 1, set[str]()
     pair.compare_everything()
     for policy in policies:
         for _ in range(steps):
@@ -300,7 +319,7 @@ def play(policies: Iterable[Policy], seed: int, steps: int) -> set[str]:
             met |= {facts.ACTIONS[action], *seen(pair.package)}
             if dead:
                 episode += 1
-                pair = Pair(seed, episode)
+                pair = Pair(seed, episode, quickly=True)
         pair.compare_everything()
     return met
 

@@ -4,33 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from tests.games.crafter_edits import (
-    EVERYTHING,
-    POLICIES,
-    Pair,
-    Policy,
-    craft_and_fight,
-    live_long,
-    meet_something_new,
-    play,
-    random_play,
-    sleep_a_lot,
-    walk_the_border,
-)
+from tests.games.crafter_edits import EVERYTHING, POLICIES, Pair, live_long, meet_something_new, play
 
 
-@pytest.mark.parametrize(
-    ("policy", "seed", "steps"),
-    [
-        (meet_something_new, 5, 100),
-        *(
-            pytest.param(policy, seed, 200, marks=pytest.mark.slow)
-            for policy, seed in ((random_play, 1), (sleep_a_lot, 2), (walk_the_border, 3), (craft_and_fight, 4))
-        ),
-    ],
-)
-def test_they_agree(policy: Policy, seed: int, steps: int) -> None:
-    play([policy], seed, steps)
+def test_they_agree() -> None:
+    play([meet_something_new], 5, 100)
 
 
 @pytest.mark.slow
