@@ -33,6 +33,7 @@ CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)
 
 @functools.cache
 def noise_places() -> list[tuple[float, float, float]]:
+    """Where a world asks for noise, in the order of the fast engine's values."""
     return [at for x, y, z in FIELDS.values() for at in zip(x.tolist(), y.tolist(), repeat(z), strict=False)]
 
 
