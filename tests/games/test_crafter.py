@@ -185,7 +185,6 @@ def test_small_draws_are_those_of_numpy() -> None:
         assert ours.quarter() == numpys.randint(0, 4)
 
 
-@pytest.mark.slow
 def test_noise_is_that_of_opensimplex() -> None:
     import opensimplex
 
