@@ -185,15 +185,15 @@ class Turn:
         else:
             self.shown = self.sent
             self.arguments = tuple([call.arguments.sent_canonical for call in self.calls])
-        self.step = max([item.step for item in self.items], default=self.made_at)
-        shows, dates, whole = [], [], [Form(self.shown, self.number, arguments=self.arguments)]
+        step, shows, dates, whole = self.made_at, [], [], [Form(self.shown, self.number, arguments=self.arguments)]
         for item in self.items:
+            step = max(step, item.step)
             whole.append(self._form(item, item.message, item.observation_step))
             if item.observation_step is not None:
                 shows.append(item.observation_step)
             if (date := item.date) is not None:
                 dates.append(date)
-        self.shows, self.dates, self.whole = tuple(shows), tuple(dates), tuple(whole)
+        self.step, self.shows, self.dates, self.whole = step, tuple(shows), tuple(dates), tuple(whole)
 
     @cached_property
     def pictured(self) -> tuple[int, ...]:
@@ -377,7 +377,7 @@ class TurnBuilder:
             content = [{"type": "text", "text": text}, picture_part(picture)]
             self._pictures += 1
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
-        is_back = not BROUGHT_BACK.isdisjoint(data)
+        is_back = not data.keys().isdisjoint(BROUGHT_BACK)
         self._answer(position, Item(message, self.step, observation, position, is_back, words=self._words))
 
     def add(self, message: Message, position: int | None) -> None:

@@ -137,10 +137,10 @@ class WindowState:
 
     def selection_tokens(self, chosen: Selection) -> int:
         """Tokens of head and the selected turns."""
-        pins = sum(
-            self._notes_tokens if index == chosen.hidden else self.run(index, index + 1) for index in chosen.pinned
-        )
-        return self.head.tokens + pins + self.run(chosen.first, chosen.last + 1)
+        tokens = self.head.tokens + self.run(chosen.first, chosen.last + 1)
+        for index in chosen.pinned:
+            tokens += self._notes_tokens if index == chosen.hidden else self.run(index, index + 1)
+        return tokens
 
     def visible(self, chosen: Selection) -> int:
         """How many observations a selection shows without a gap up to the newest.

@@ -249,7 +249,8 @@ class ToolConversation(BaseConversation):
             return self._results[position]
         calls = self._builder.calls
         call = calls[position]
-        is_foreign, answered = call.name in self._foreign, self._answered()
+        is_foreign = call.name in self._foreign
+        answered = self._answered() if self._results else []
         if refusal is None and not is_foreign and answered and position < max(answered):
             raise InvalidArgumentError(
                 f"The call {call.id} comes before one that has been answered: answer the calls of a message in their "
@@ -260,8 +261,8 @@ class ToolConversation(BaseConversation):
         arguments = call.arguments
         if position in self._edits and refusal is None:
             arguments = read(self._edits[position])
-        earlier = [calls[at].name for at in answered if at < position]
-        may_act = self.episode.config.batch == "all" or "act" not in earlier
+        may_act = not answered or self.episode.config.batch == "all"
+        may_act = may_act or "act" not in [calls[at].name for at in answered if at < position]
         result = self._ledger.answer(
             self._builder.number,
             position,

@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
@@ -210,7 +211,7 @@ class GameSession:
         data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True, **declared}
         if over or self.steps % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
             data["state_hash"] = self.game.state_hash()
-        return self._show_observation(text, self.words("game_is_over") if over else "", **data)
+        return self._show_observation(text, data, self.words("game_is_over") if over else "")
 
     def _declared(self, action: int) -> dict[str, Any]:
         """What the game declares about the action that comes next, for the record: `needs` and `breaks`."""
@@ -232,12 +233,17 @@ class GameSession:
         steps = self.steps if self.budget.history is None else min(self.steps, self.budget.history)
         return truncation.cut_history(self.game.recent, steps, current, cap, self.counter.text, self.words.cut), True
 
-    def _show_observation(self, text: str, last_line: str = "", **data: Any) -> Answer:
-        """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut."""
+    def _show_observation(
+        self, text: str, facts: Mapping[str, Any] = MappingProxyType({}), last_line: str = ""
+    ) -> Answer:
+        """Return the answer with the current observation: in words, as a picture, or both; a picture is never cut.
+
+        `facts` are further data of the answer.
+        """
         shown = self.words("picture_shown") if self.observation == "picture" else text
         shown = f"{shown}\n{last_line}" if last_line else shown
         words = self.cut(shown, self._cap_on_words, self._cut_observation)
-        data = {"step": self.steps, "observation_step": self.steps, **data}
+        data = {"step": self.steps, "observation_step": self.steps, **facts}
         if self.observation == "text":
             return Answer(words, data, cut=words != shown)
         picture = self.game.picture() if self.on_picture is None else self.on_picture(self.game.picture())

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
-from smartplay_tools.episode.game_session import Answer, GameSession
+from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.games.specs import GAMES
@@ -129,7 +129,7 @@ class Ledger:
                 if self.config.budget_line == "on" and not self.done:
                     self.session.add_budget_line(answer, prompt_tokens)
             result = ToolResult(answer.text, answer.is_error, self.done, answer.data, answer.picture)
-            event = self._call_event(turn, position, name, arguments, answer)
+            event = self._call_event(turn, position, name, arguments, result, cut=answer.cut)
             if host is not None:
                 event["host"] = host
             if refusal is not None:
@@ -217,18 +217,20 @@ class Ledger:
         custom = versions_of(self.strategies.custom)
         return {**versions(), **custom, **self.game.versions(), **self.player_versions}
 
-    def _call_event(self, turn: int, position: int, name: str, arguments: Arguments, answer: Answer) -> Event:
+    def _call_event(
+        self, turn: int, position: int, name: str, arguments: Arguments, result: ToolResult, *, cut: bool
+    ) -> Event:
         return {
             "event": "call",
             "turn": turn,
             "position": position,
             "name": name,
             "arguments": arguments.text,
-            "text": answer.text,
-            "is_error": answer.is_error,
-            "done": self.done,
-            "data": answer.data,
-            "cut": answer.cut,
+            "text": result.text,
+            "is_error": result.is_error,
+            "done": result.done,
+            "data": result.data,
+            "cut": cut,
         }
 
     def _deviations(self) -> dict[str, Any]:

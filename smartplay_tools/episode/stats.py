@@ -209,7 +209,8 @@ class EpisodeStats:
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
-        sums["texts"] += event.get("texts", 0)
+        if "texts" in event:
+            sums["texts"] += event["texts"]
         if (purpose := purpose_of(event)) != "play":
             kind = "summary" if purpose == "summary" else "question"
             sums[f"{kind}_prompt"] += prompt

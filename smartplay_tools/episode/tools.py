@@ -116,9 +116,9 @@ class Tools:
             raise self._malformed("bad_arguments", problem=problem, sent=quote(text), usage=self._usage(name))
         assert values is not None
         if name == "act":
-            if self.words.takes_numbers:
-                values = {argument: number_as_text(value) for argument, value in values.items()}
-            return ParsedCall("act", action=self._action(self._only(name, "action", values, text)))
+            takes_numbers = self.words.takes_numbers
+            sent = self._only(name, "action", values, text, takes_numbers=takes_numbers)
+            return ParsedCall("act", action=self._action(sent))
         if (added := self.added.get(name)) is not None:
             if added.argument is None:
                 return ParsedCall(name, values=values)
@@ -127,16 +127,21 @@ class Tools:
             raise self._malformed("unexpected_arguments", sent=quote(text), usage=self._usage(name))
         return ParsedCall(name)
 
-    def _only(self, tool: str, argument: str, values: Mapping[str, Any], sent: str) -> str:
+    def _only(
+        self, tool: str, argument: str, values: Mapping[str, Any], sent: str, *, takes_numbers: bool = False
+    ) -> str:
         """The text of a tool's one argument."""
+        value = values.get(argument)
+        if takes_numbers:
+            value = number_as_text(value)
         if argument not in values:
             problem = "missing_argument"
         elif len(values) > 1:
             problem = "other_arguments"
-        elif not isinstance(values[argument], str):
+        elif not isinstance(value, str):
             problem = "not_a_string"
         else:
-            return str(values[argument])
+            return value
         raise self._malformed(problem, argument=argument, sent=quote(sent), usage=self._usage(tool))
 
     def _action(self, sent: str) -> int:

@@ -33,8 +33,8 @@ class History:
             return None
         if not calls:
             return None if text_of(reply).strip() else {**reply, "content": NOTHING}
-        changed = with_arguments(reply, [call.arguments.sent for call in calls])
-        return None if changed is reply else changed
+        sent = [call.arguments.sent for call in calls]
+        return None if sent == [call.arguments.text for call in calls] else with_arguments(reply, sent)
 
     def head(self, messages: Sequence[Message]) -> list[Message]:
         """Return the messages of a head as prompts hold them: a host may begin with an earlier chat of its model."""

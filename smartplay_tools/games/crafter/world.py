@@ -55,9 +55,8 @@ CORNER = VIEW[0] // 2 * COLUMN + VIEW[1] // 2
 
 def cells_around(cells: bytes | bytearray, at: int) -> bytes:
     """The cells that a player at a place sees, column by column."""
-    corner = at - CORNER
-    columns = [cells[start : start + VIEW[1]] for start in range(corner, corner + VIEW[0] * COLUMN, COLUMN)]
-    return b"".join(columns)
+    corner, (columns, rows) = at - CORNER, VIEW
+    return b"".join([cells[start : start + rows] for start in range(corner, corner + columns * COLUMN, COLUMN)])
 
 
 IN_VIEW = {column * COLUMN + row - CORNER: (column, row) for column in range(VIEW[0]) for row in range(VIEW[1])}
