@@ -261,8 +261,11 @@ class ToolConversation(BaseConversation):
         arguments = call.arguments
         if position in self._edits and refusal is None:
             arguments = read(self._edits[position])
-        may_act = not answered or self.episode.config.batch == "all"
-        may_act = may_act or "act" not in [calls[at].name for at in answered if at < position]
+        may_act = (
+            not answered
+            or self.episode.config.batch == "all"
+            or "act" not in [calls[at].name for at in answered if at < position]
+        )
         result = self._ledger.answer(
             self._builder.number,
             position,

@@ -209,8 +209,7 @@ class EpisodeStats:
         sums["reply"] += reply
         sums["prefix"] += event.get("prefix", 0)
         sums["overruns"] += event.get("overrun", False)
-        if "texts" in event:
-            sums["texts"] += event["texts"]
+        sums["texts"] += event.get("texts", 0)
         if (purpose := purpose_of(event)) != "play":
             kind = "summary" if purpose == "summary" else "question"
             sums[f"{kind}_prompt"] += prompt

@@ -116,8 +116,7 @@ class Tools:
             raise self._malformed("bad_arguments", problem=problem, sent=quote(text), usage=self._usage(name))
         assert values is not None
         if name == "act":
-            takes_numbers = self.words.takes_numbers
-            sent = self._only(name, "action", values, text, takes_numbers=takes_numbers)
+            sent = self._only(name, "action", values, text, takes_numbers=self.words.takes_numbers)
             return ParsedCall("act", action=self._action(sent))
         if (added := self.added.get(name)) is not None:
             if added.argument is None:
