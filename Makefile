@@ -11,7 +11,7 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 unexport PYTHONDONTWRITEBYTECODE
 NEW_ENOUGH := import sys; sys.exit("smartplay-tools needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)
 
-.PHONY: demo demo-model test test-lowest coverage constraints lint types check board docs experiment benchmarks release clean
+.PHONY: demo demo-model test test-lowest coverage constraints lint types check docs experiment benchmarks release clean
 
 # A marker that is older than its sources means that the environment has to be made again.
 # Versions are those of constraints.txt, so that a new release of somebody else's breaks nothing by itself.
@@ -72,9 +72,6 @@ types: $(VENV)/.ready
 
 check: lint types test  ## what has to be green before a commit
 
-board: $(VENV)/.ready  ## play the suite tools-v1, compare with its rows in git, check the submissions, write the leaderboard
-	$(BIN)/python experiments/tools_v1.py $(if $(PLAYERS),--players $(PLAYERS)) --board docs/_board/leaderboard
-
 docs: $(VENV)/.ready  ## the documentation as a site, in docs/_build; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -E -b html docs docs/_build
 
@@ -88,4 +85,4 @@ release: $(VENV)/.ready  ## what is uploaded to a package index, in dist/, and t
 	.ci/release $(BIN)/python
 
 clean:
-	rm -rf $(VENV) $(DEMO) $(DEMO_MODEL) build dist docs/_board docs/_build docs/jupyter_execute .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(DEMO) $(DEMO_MODEL) build dist docs/_build docs/jupyter_execute .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -26,7 +26,7 @@ extensions += [
     "other_pages",
     "public_names",
 ]  # of our own, in `_extensions`
-exclude_patterns = ["_board", "_build", "jupyter_execute"]
+exclude_patterns = ["_build", "jupyter_execute"]
 nitpicky = True
 add_module_names = False
 
@@ -49,7 +49,6 @@ toc_object_entries_show_parents = "hide"
 html_theme = "furo"
 html_title = "smartplay-tools"
 html_static_path = ["_static"]
-html_extra_path = ["_board"] if (HERE / "_board").exists() else []  # the leaderboard, which `make board` builds
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False

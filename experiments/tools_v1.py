@@ -1,11 +1,10 @@
-"""The suite tools-v1 played by the included players: runs, submissions, their check, and a leaderboard.
+"""The suite tools-v1 played by the included players, and held against its reference rows.
 
     python experiments/tools_v1.py --out build/tools-v1
 
 Git holds the rows and the plan of each run (`experiments/tools-v1`), not its records: they follow from the seed. This
-script plays the runs, holds the rows against those in git, prepares a bundle for each player, checks it by replay, and
-writes the board. What was played before is kept, so a second call only checks. `--record` writes the rows to git's
-folder instead, which is right only when a new suite is made.
+script plays the runs and holds the rows against those in git. What was played before is kept, so a second call only
+compares. `--record` writes the rows to git's folder instead, which is right only when a new suite is made.
 """
 
 from __future__ import annotations
@@ -18,17 +17,10 @@ import sys
 from pathlib import Path
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.board.site import build_board
-from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 
-PLAYERS = {
-    "rule": "Rules written for each game, which read the prompt and nothing else.",
-    "random": "A random action, every time.",
-    "first": "The first action, every time.",
-}
+PLAYERS = ("rule", "random", "first")
 
 HERE = Path(__file__).parent / "tools-v1"
-DATE = "2026-11-22"
 KEPT = ("seed", "cells", "episodes")
 """What is compared of a manifest; the rest says where and with which versions it was played."""
 
@@ -65,27 +57,10 @@ def record(player: str, run: Path) -> None:
         shutil.copyfile(run / name, HERE / player / name)
 
 
-def prepare(player: str, run: Path, bundle: Path) -> None:
-    """Write the bundle of a run."""
-    facts = {
-        "model_name": player,
-        "model_organization": "smartplay-tools",
-        "submitting_organization": "smartplay-tools",
-        "submission_date": DATE,
-        "submission_type": "standard",
-        "suite": "tools-v1",
-        "methodology": {"notes": PLAYERS[player]},
-    }
-    bundle.parent.mkdir(parents=True, exist_ok=True)
-    bundle.unlink(missing_ok=True)
-    prepare_submission(run, bundle, facts)
-
-
 def main() -> None:
-    """Play, compare, prepare, check, and write the board."""
+    """Play and compare."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("build/tools-v1"))
-    parser.add_argument("--board", type=Path, help="the folder of the board; OUT/board")
     parser.add_argument("--players", nargs="+", choices=PLAYERS, default=[*PLAYERS])
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--record", action="store_true", help="write the reference rows")
@@ -95,19 +70,7 @@ def main() -> None:
         if asked.record:
             record(player, run)
         compare(player, run)
-        prepare(player, run, asked.out / "bundles" / f"{player}.zip")
         print(f"{player}: as in {HERE.name}", flush=True)
-    board = build_board(
-        asked.out / "bundles",
-        asked.board or asked.out / "board",
-        title="Leaderboard: the included players on tools-v1",
-        workers=asked.workers,
-    )
-    for place, checked in board.refused:
-        print(f"{checked.bundle} ({place}): {checked.errors[0].text}")
-    if board.refused:
-        sys.exit("A submission is not verified.")
-    print(f"{asked.board or asked.out / 'board'}/index.html: {len(board.checked)} submissions, verified by replay")
 
 
 if __name__ == "__main__":

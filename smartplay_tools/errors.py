@@ -245,15 +245,6 @@ def warn_damaged(why: SmartPlayError | str) -> None:
 
 
 @contextmanager
-def file_named(path: object) -> Iterator[None]:
-    """Turn the system's error about a file into an `InvalidArgumentError` that names it."""
-    try:
-        yield
-    except OSError as error:
-        raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None
-
-
-@contextmanager
 def extra_named(feature: str, extra: str) -> Iterator[None]:
     """Turn a failed import into a `MissingExtraError` that says which extra the feature needs."""
     try:

@@ -14,7 +14,6 @@ import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import metadata
-from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -44,9 +43,6 @@ COMMANDS = (
     ("export", "run", "--out", "rows.jsonl"),
     ("view", "--play", "any", "--port", "0"),
     ("view", "run", "--port", "0"),
-    ("submit", "prepare", "run", "--name", "rule", "--player", "rule", "--type", "custom", "--out", "bundles/run.zip"),
-    ("submit", "check", "bundles/run.zip", "--workers", "1"),
-    ("board", "bundles", "--out", "board", "--workers", "1"),
     ("serve", "openai", "--port", "0"),
     ("serve", "mcp", GAME, "--http", "--port", "0"),
     ("serve", "window", GAME, "--port", "0"),
@@ -96,5 +92,4 @@ def ended(command: tuple[str, ...]) -> dict[str, object]:
 if __name__ == "__main__":
     sys.meta_path.insert(0, Absent())
     os.chdir(sys.argv[1])
-    Path("bundles").mkdir()
     print(json.dumps([ended(command) for command in COMMANDS]))

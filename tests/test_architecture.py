@@ -50,10 +50,9 @@ ROOMS = {
     "pages": 4,
     "exports": 4,
     "runs": 5,
-    "board": 5,
     "__init__": 6,
 }
-"""The rooms of `evaluation` with their heights. A room imports only from lower ones: `runs` and `board` are apart."""
+"""The rooms of `evaluation` with their heights. A room imports only from lower ones."""
 
 
 def modules() -> list[Path]:

@@ -174,7 +174,6 @@ class TestCommands:
             "agent Hanoi3Disk-v0": "serve",
             "report run": "evaluation",
             "share hanoi.jsonl": "evaluation",
-            "board bundles": "evaluation",
             "view --play": "view",
             "view run": "view",
             "serve openai": "serve",

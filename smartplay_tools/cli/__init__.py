@@ -85,8 +85,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     },
     "Publish": {
         "export": _Entry("export:export", True),
-        "board": _Entry("submit:board", True),
-        "submit": _Entry("submit:app", of_group="Submit a run to a leaderboard, or check a submission."),
     },
     "Serve and set up": {
         "serve": _Entry("serve:app", of_group="Serve players and games to other programs."),

@@ -42,7 +42,7 @@ def view(
         str | None,
         _option(
             metavar="GAME",
-            help="Play this game in the browser as a model would; any lets you choose; or a challenge's link.",
+            help="Play this game in the browser as a model would; any lets you choose.",
         ),
     ] = None,
     out: Annotated[Path, _option(help="The folder of the run that you play; continued if it is there.")] = RECORDED,
@@ -77,7 +77,7 @@ def view(
 
     playing, begin, to_play = _playing(context, play, out, episode, seed=seed, pictures=pictures)
     options.import_game(game)
-    own = () if playing is None else (playing.folder, playing.challenges)
+    own = () if playing is None else (playing.folder,)
     runs = RunList(folders or ([] if playing else [Path()]), own=own)
     where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}
     server = ViewServer(runs, play=playing, plugins=plugins, annotate=annotate, **where)
@@ -96,7 +96,7 @@ def view(
 def _playing(
     context: typer.Context, play: str | None, out: Path, episode: EpisodeOptions, **how: Any
 ) -> tuple[BrowserGames | None, str, str]:
-    """The games to play, if any, the page where they begin, and their name: one, all that are here, or a challenge."""
+    """The games to play, if any, the page where they begin, and their name: one, or all that are here."""
     if play is None:
         _check_not_given(context, (*FOR_PLAY, "out"), MISSING)
         return None, "", ""
@@ -104,10 +104,6 @@ def _playing(
     from smartplay_tools.web.site import BrowserGames
 
     how |= {"budget": episode.budget, **episode.of_cells}
-    if "?" in play:
-        _check_not_given(context, FOR_PLAY, "fixed by the challenge")
-        playing = BrowserGames([], out, **how)
-        return playing, f"play/{playing.take(play)}", "a challenge"
     games = [name for name in GAMES if GAMES.is_loaded(name)] if play == ANY else [play]
     return BrowserGames(games, out, **how), "play", "games" if play == ANY else play
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
@@ -164,16 +164,6 @@ class CellConfig(Rules):
     def with_seed(self, seed: int, repeat: int = 0) -> EpisodeConfig:
         """Return the config of one episode."""
         return EpisodeConfig(**dict(self), seed=seed, repeat=repeat)
-
-    def episode_keys(self, seeds: Iterable[int]) -> Iterator[str]:
-        """Yield the keys of the episodes with these seeds; what they share, which may be long, is hashed once."""
-        plain, seed = self.to_json(), "seed"
-        before, after = ({name: plain[name] for name in plain if (name < seed) is first} for first in (True, False))
-        shared = hashlib.sha256(canonical_json(before)[:-1])
-        for number in seeds:
-            digest = shared.copy()
-            digest.update(b"," + canonical_json({seed: number, **after})[1:])
-            yield digest.hexdigest()[:16]
 
     @property
     def spec(self) -> GameSpec:

@@ -1,6 +1,6 @@
 """A pool of worker processes that do one job at a time, and a map over many records that uses it.
 
-`ProcessPool` plays the attempts of a run and checks submissions. A worker that dies or crosses a limit is replaced, and
+`ProcessPool` plays the attempts of a run. A worker that dies is replaced, and
 only its job is lost: a thread cannot be stopped, and `concurrent.futures` gives up all its processes when one of them
 dies. So each worker is a process with a pipe. It is spawned, never forked, so that it begins with a clean interpreter
 on every system, whatever threads its parent has.
@@ -11,14 +11,12 @@ depend on the number of processes, except for their order.
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import pickle
 import signal
 import sys
 import threading
-import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -58,33 +56,23 @@ def check_may_start_processes() -> None:
     if is_daemonic():
         raise InvalidArgumentError(
             "A daemonic process, such as a worker of multiprocessing.Pool, may not start others: play a run with "
-            'executor="async" or executor="inline", and check a submission with workers=0.'
+            'executor="async" or executor="inline".'
         )
 
 
 @dataclass(frozen=True)
 class Lost:
-    """A job without an answer: its worker died or crossed a limit."""
+    """A job without an answer: its worker died."""
 
     why: str
 
 
 class ProcessPool(Generic[J, A]):
-    """At most `workers` processes that do `work` on jobs; `work`, jobs and answers must be picklable.
+    """At most `workers` processes that do `work` on jobs; `work`, jobs and answers must be picklable."""
 
-    A worker calls `begin` before anything else. It is ended if a job takes more than `seconds`.
-    """
-
-    def __init__(
-        self,
-        work: Callable[[J], A],
-        workers: int,
-        *,
-        begin: Callable[[], None] | None = None,
-        seconds: float = math.inf,
-    ) -> None:
+    def __init__(self, work: Callable[[J], A], workers: int) -> None:
         check_may_start_processes()
-        self._work, self._begin, self._workers, self._seconds = work, begin, workers, seconds
+        self._work, self._workers = work, workers
         self._crew: list[_Worker[J, A]] = []
         self.has_begun = False
         """Whether any worker could begin."""
@@ -124,56 +112,50 @@ class ProcessPool(Generic[J, A]):
         for worker in self._crew:
             if worker.job is None:
                 return worker
-        self._crew.append(_Worker(self._work, self._begin))
+        self._crew.append(_Worker(self._work))
         return self._crew[-1]
 
     def _answers(self) -> list[tuple[J, A | Lost]]:
-        """Wait for answers, a limit, or the time to take jobs again; a lost worker leaves the crew."""
+        """Wait for answers, or the time to take jobs again; a lost worker leaves the crew."""
         busy, done = self._busy, list[tuple[J, A | Lost]]()
-        until = min(worker.given for worker in busy) + self._seconds
-        timeout = min(POLL_SECONDS, max(0.0, until - time.monotonic()))
-        ready = wait([worker.connection for worker in busy], timeout)
+        ready = wait([worker.connection for worker in busy], POLL_SECONDS)
         for worker in busy:
-            job, why = worker.job, None
+            if worker.connection not in ready:
+                continue
+            job = worker.job
             assert job is not None
-            if worker.connection in ready:
-                try:
-                    answer, error = worker.connection.recv()
-                except (EOFError, OSError):
-                    worker.process.join(1)
-                    why = f"its process ended with code {worker.process.exitcode}"
-                else:
-                    if error is not None:
-                        raise error
-                    if worker.has_begun:
-                        worker.job = None
-                        done.append((job, answer))
-                    worker.has_begun = self.has_begun = True
-            elif time.monotonic() - worker.given > self._seconds:
-                why = f"it took more than {self._seconds:g} seconds"
-            if why is not None:
-                done.append((job, Lost(why)))
+            try:
+                answer, error = worker.connection.recv()
+            except (EOFError, OSError):
+                worker.process.join(1)
+                done.append((job, Lost(f"its process ended with code {worker.process.exitcode}")))
                 worker.end()
                 self._crew.remove(worker)
+                continue
+            if error is not None:
+                raise error
+            if worker.has_begun:
+                worker.job = None
+                done.append((job, answer))
+            worker.has_begun = self.has_begun = True
         return done
 
 
 class _Worker(Generic[J, A]):
     """A process, its pipe, and the job that it has."""
 
-    def __init__(self, work: Callable[[J], A], begin: Callable[[], None] | None) -> None:
+    def __init__(self, work: Callable[[J], A]) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, work, begin))
+        self.process = context.Process(target=_serve, args=(theirs, work))
         with _signals_wait():
             self.process.start()
         theirs.close()
         self.has_begun = False
         self.job: J | None = None
-        self.given = 0.0
 
     def give(self, job: J) -> None:
-        self.job, self.given = job, time.monotonic()
+        self.job = job
         with suppress(BrokenPipeError, ConnectionResetError):  # it has died, which is seen when its answer is read
             self.connection.send(job)
 
@@ -205,15 +187,13 @@ def _signals_wait() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(connection: Connection, work: Callable[[Any], Any], begin: Callable[[], None] | None) -> None:
+def _serve(connection: Connection, work: Callable[[Any], Any]) -> None:
     """Answer jobs until the pipe is closed."""
     # Ctrl-C and SIGTERM go to whole groups of processes; only the parent handles them.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     if sys.platform != "win32" and hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
-    if begin is not None:
-        begin()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     connection.send((None, None))
     while True:

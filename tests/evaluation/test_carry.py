@@ -12,15 +12,12 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.area import areas
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
-from smartplay_tools.evaluation.board.submissions.check import check_submission
-from smartplay_tools.evaluation.board.submissions.prepare import prepare_submission
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
 from smartplay_tools.evaluation.runs.merge import audit, merge
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
-from tests.evaluation.bundles import FACTS
 from tests.evaluation.players import BrokenOnce
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -132,13 +129,6 @@ def test_a_replay_of_a_run_finds_a_trial_that_follows_another_record(played, tmp
     done.transcript(first).write_bytes(other.transcript(other.rows[0]["key"]).read_bytes())
     differences = {finding.key: " ".join(finding.differences) for finding in audit(done.folder, 1)}
     assert "another record" in differences[done.rows[1]["key"]]
-
-
-def test_a_submission_is_verified_with_its_chains(played, tmp_path):
-    prepare_submission(played.folder.path, tmp_path / "bundle.zip", FACTS)
-    checked = check_submission(tmp_path / "bundle.zip", workers=0)
-    assert checked.errors == []
-    assert len(checked.rows) == 6
 
 
 def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):

@@ -8,15 +8,15 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 import smartplay_tools as sp
 from smartplay_tools.errors import SmartPlayError
-from tests.evaluation.bundles import chained
+from smartplay_tools.transcript.hashing import chained_lines
 from tests.evaluation.command import run as command
-from tests.evaluation.test_hostile_bundles import damage
 
 pytest.importorskip("uvicorn")
 site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
@@ -54,6 +54,30 @@ def good(tmp_path_factory) -> Path:
     rows = (out / "results.jsonl").read_text().splitlines(keepends=True)
     (out / "results.jsonl").write_text("".join(row for row in rows if first.stem not in row))
     return out
+
+
+HOSTILE = [None, True, -1, 10**30, 1e308, float("nan"), "", "\ud800", "x" * 10_000, [], {}, [[[]]], {"a": {}}, "../x"]
+"""Values that are put where others belong."""
+
+
+def damage(chance: random.Random, value: object) -> object:
+    """Return plain data with a hostile value somewhere in it."""
+    if isinstance(value, dict) and value and chance.random() < 0.9:
+        name = chance.choice(sorted(value))
+        if chance.random() < 0.15:
+            return {other: kept for other, kept in value.items() if other != name}
+        return {**value, name: damage(chance, value[name])}
+    if isinstance(value, list) and value and chance.random() < 0.9:
+        at = chance.randrange(len(value))
+        return [*value[:at], damage(chance, value[at]), *value[at + 1 :]]
+    return chance.choice(HOSTILE)
+
+
+def chained(events: list[dict[str, Any]]) -> bytes:
+    """The lines of events with a chain that is right."""
+    for event in events:
+        event.pop("chain", None)
+    return chained_lines(events, "")[0]
 
 
 def spoil(chance: random.Random, folder: Path, lure: Path) -> str:

@@ -17,7 +17,6 @@ from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames
 from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell
-from smartplay_tools.web.site.challenge import Challenge
 from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
@@ -61,7 +60,7 @@ def playing(tmp_path):
 
     def start(game: str = HANOI, **options: Any) -> tuple[Any, Page]:
         games = BrowserGames([game], tmp_path / "human", **options)
-        server = view.ViewServer(view.RunList(own=[games.folder, games.challenges]), play=games)
+        server = view.ViewServer(view.RunList(own=[games.folder]), play=games)
         started.extend([games.__enter__(), server.__enter__()])
         return games.run_of(game), Page(server.url, game)
 
@@ -216,7 +215,7 @@ def test_options_of_a_play_need_one(tmp_path):
     assert (done.exit_code, "There is no game 'Chess-v0'" in done.output) == (2, True)
 
 
-def test_the_end_has_the_scores_of_others_and_a_challenge(playing):
+def test_the_end_has_the_scores_of_others(playing):
     budget = sp.Budget(prompt_tokens=900, tool_calls=2)
     play, page = playing(BANDIT, budget=budget)
     state = page.state()["asked"]
@@ -250,64 +249,3 @@ def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):
         assert page.request("GET", "/play/Chess-v0")[0] == 404
     with pytest.raises(sp.InvalidArgumentError, match="the run of one game"):
         BrowserGames([BANDIT, RPS], tmp_path / "human" / HANOI)
-
-
-def test_a_link_challenges_somebody_on_another_site(playing, tmp_path):
-    budget = sp.Budget(history=None, prompt_tokens=900, tool_calls=2)
-    play, page = playing(BANDIT, budget=budget, seed=5, manual="none")
-    page.state()
-    page.answer(tool="act", action="1")
-    assert page.answer(tool="act", action="2")["beat"] is None
-    page.post(f"{page.api}/next", {})
-    page.state()
-    page.answer(tool="act", action="2")
-    page.answer(tool="act", action="2")
-    link = json.loads(page.request("GET", f"{page.api}/beside")[1])["challenge"]
-    first, second = play.folder.rows()
-    with (
-        BrowserGames([HANOI], tmp_path / "other") as others,
-        view.ViewServer(view.RunList(own=[others.folder, others.challenges]), play=others) as server,
-    ):
-        other = Page(server.url, HANOI)
-        status, about = other.request("GET", link)
-        assert (status, "A challenge: BanditTwoArmed" in about, "prompts ≤ 900" in about) == (200, True, True)
-        assert not others.taken, "a page that is opened begins nothing"
-        assert other.post("/api/challenge", {"link": link.partition("?")[2]}, Origin="https://evil.example")[0] == 403
-        status, text = other.post("/api/challenge", {"link": link.partition("?")[2]})
-        other.api = "/api" + json.loads(text)["play"]
-        shown = other.state()
-        assert shown["beat"] == second["score"]
-        other.answer(tool="act", action="1")
-        over = other.answer(tool="act", action="2")
-        (row,) = RunFolder(others.challenges / second["key"]).rows()
-        assert (row["key"], row["seed"], row["trial"]) == (second["key"], second["seed"], 1)
-        assert row["seed"] != first["seed"]
-        assert other.request("GET", over["over"]["replay"])[0] == 200
-        assert "challenger" in json.loads(other.request("GET", f"{other.api}/beside")[1])["scores"]
-        other.post(f"{other.api}/next", {})
-        assert other.state()["beat"] is None, "the next world was nobody's challenge"
-    with BrowserGames([], tmp_path / "other") as again:
-        run = again.run_of(again.take(link))
-        assert (run.state()["state"], run.state()["over"]["key"]) == ("over", second["key"]), "it is not played twice"
-
-
-def test_a_challenge_reads_nothing_of_the_machine_and_says_what_is_wrong(tmp_path):
-    cell = human_cell(HANOI, budget=sp.Budget(notes_tokens=80, slack=0.25), protocol="tools")
-    query = Challenge(cell, 3, 2, 1.0).query()
-    assert Challenge.read(f"http://127.0.0.1:8010/challenge?{query}") == Challenge(cell, 3, 2, 1.0)
-    for changed, sentence in [
-        ("", "it has no game, seed, trial, score, key"),
-        (query.replace("Hanoi3", "Hanoi9"), "not a game of this version"),
-        (query.replace("seed=3", "seed=4"), "would not play the episode of the challenge"),
-        (query.replace("trial=2", "trial=99999"), "number from 0 to 9999"),
-        (query.replace("score=1", "score=nan"), "score of a challenge is a number"),
-        (query.replace("slack=0.25", "slack=7"), "budget of the challenge is not valid"),
-        (f"{query}&strategy={tmp_path}/own.py:Strategy", "other machines lack them"),
-        (f"{query}&option.texts=texts/of", "other machines lack them"),
-        (query.replace("o200k_base", "hf:somebody/model"), "other machines lack them"),
-        (f"{query}&carry=notes", "has no carry"),
-    ]:
-        with pytest.raises(sp.InvalidArgumentError, match=sentence):
-            Challenge.read(changed)
-    done = CliRunner().invoke(app, ["view", "--play", f"http://127.0.0.1/challenge?{query}", "--seed", "1"])
-    assert (done.exit_code, "--seed is fixed by the challenge" in done.output) == (2, True)

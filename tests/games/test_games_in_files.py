@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.board.submissions.submitted_plan import Allowed, _unsafe as unsafe
 from smartplay_tools.evaluation.runs.plan import make_cells
 from smartplay_tools.games import GAMES, get_spec, specs
 from smartplay_tools.records import Record, replay, resume
@@ -162,17 +161,3 @@ def test_a_person_plays_it_in_a_browser_and_a_host_of_mcp_continues_it(folder):
     forget()
     with open_episode(NIM, seed=3, transcript=folder / "a.jsonl") as again:
         assert again.stats.steps == 1
-
-
-def test_a_challenge_and_a_submission_cannot_have_one():
-    """Other machines lack the file, and a judge imports none."""
-    pytest.importorskip("starlette")
-    from smartplay_tools.web.site.challenge import Challenge
-
-    (cell,) = make_cells([NIM], ["random"], [sp.Budget()])
-    with pytest.raises(sp.InvalidArgumentError, match="A challenge cannot have a game"):
-        Challenge(cell, 0, 0, 1.0).query()
-    forget()
-    findings = [str(finding) for finding in unsafe(cell, Allowed())]
-    assert len(findings) == 1
-    assert "Nim-v0 was played from the file 'nim.py:SPEC'; files are not imported" in findings[0]

@@ -3,7 +3,6 @@
 site_runs     which runs there are now, and what a site shows of each, read again where the folder has changed
 site_record   the same of a single transcript
 browser_play  the episodes that a person plays in the browser, as `browser_player` answers
-challenge     an episode to play and the score to beat, as the address of a link
 app           the server, the routes, whom they answer, the stream of events; `playing` has the routes of play
 http_answers  headers with the content security policy, pages, scripts and styles
 templates/    the pages; static/ has their scripts; an episode is the replay page, made when it is opened

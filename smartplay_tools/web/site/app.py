@@ -41,14 +41,7 @@ from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
-from smartplay_tools.web.site.playing import (
-    CHALLENGE,
-    LONGEST_WAIT,
-    LOOK_SECONDS,
-    json_body,
-    play_routes,
-    refused,
-)
+from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, json_body, play_routes, refused
 from smartplay_tools.web.site.site_record import ServedPages
 from smartplay_tools.web.site.site_runs import COLUMNS, RunList, ViewedRun
 
@@ -86,7 +79,7 @@ def _routes(
         routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
     if play is not None and key is not None:
         return [*routes, *play_routes(play, key, is_stopping)]
-    return [*routes, *(Route(path, _no_games) for path in (CHALLENGE, "/play", "/play/{game}"))]
+    return [*routes, *(Route(path, _no_games) for path in ("/play", "/play/{game}"))]
 
 
 def _entry(request: Request, token: str | None) -> Response | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types import Budget
 from smartplay_tools.web.site.browser_player import PICTURES, BrowserPlayer
-from smartplay_tools.web.site.challenge import Challenge
 
 RANDOM_EPISODES = 20
 BESIDE = ("rule", f"random, mean of {RANDOM_EPISODES}")
@@ -74,21 +72,15 @@ class BrowserPlay:
         cell: what is played (`human_cell`).
         out: the run's folder; one that holds this run already is continued.
         seed: the seed of the run.
-        challenge: what the run answers to; its first trial is that of the challenge.
     """
 
-    def __init__(self, cell: CellConfig, out: str | Path, *, seed: int = 0, challenge: Challenge | None = None) -> None:
+    def __init__(self, cell: CellConfig, out: str | Path, *, seed: int = 0) -> None:
         self.game, self.folder, self.player = cell.game, RunFolder(out), BrowserPlayer()
-        self.challenge = challenge
         self._cell, self._seed = cell, seed
         self._row: Row | None = None
         self._error: str | None = None
         self._wants_next = False
         self._plan = self._next_plan()
-        if challenge is not None and self._is_made:
-            # One that was played already is shown, and not played again.
-            self._row = next((row for row in self.folder.rows() if row["trial"] == challenge.trial), None)
-            self.player.number += self._row is not None
         self._thread = threading.Thread(target=self._play, name="play", daemon=True)
 
     def __enter__(self) -> BrowserPlay:
@@ -111,40 +103,24 @@ class BrowserPlay:
             asked = self.player.asked
             over = None if self._row is None or asked is not None else self._row
             state = "asking" if asked else "failed" if self._error else "over" if over else "waiting"
-            shown = {"number": self.player.number, "state": state, "asked": asked, "over": over, "error": self._error}
-            return {**shown, "beat": self._to_beat()}
-
-    def _to_beat(self) -> float | None:
-        """The score to beat in the episode that is shown; those after the challenge have none."""
-        trial = self._plan.episodes[-1].trial if self._row is None else self._row["trial"]
-        return None if self.challenge is None or trial != self.challenge.trial else self.challenge.score
+            return {"number": self.player.number, "state": state, "asked": asked, "over": over, "error": self._error}
 
     def beside(self) -> dict[str, float | None]:
         """Return what `rule` and `random` score in the world of the latest episode, under the same budget and rules.
 
         The score of `random` is the mean of 20 episodes. None stands for a game that takes too long.
         """
-        row, beat = self._row, self._to_beat()
+        row, cell = self._row, self._cell
         if row is None:
             return {}
-        cell = self._cell
-        share = cell.spec.normalize
-        challenger = {} if beat is None else {"challenger": beat if share(beat) is None else share(beat)}
         if cell.setting.rollout > LONGEST_BESIDE:
-            return {**dict.fromkeys(BESIDE), **challenger}
+            return dict.fromkeys(BESIDE)
         options = {name: value for name, value in cell.options.items() if name != "render_mode"}
         cell = cell.model_copy(update={"options": options})
         config = cell.with_seed(row["seed"])
         random = [_played(config, "random", seed) for seed in range(RANDOM_EPISODES)]
         scores = (_played(config, "rule", config.seed), sum(random) / RANDOM_EPISODES)
-        return {**dict(zip(BESIDE, scores, strict=True)), **challenger}
-
-    def challenges(self) -> str:
-        """Return the query of a link that challenges somebody to the latest episode, which is over."""
-        row = self._row
-        if row is None:
-            raise InvalidArgumentError("No episode is over yet.")
-        return Challenge(self._cell, self._seed, row["trial"], row["score"]).query()
+        return dict(zip(BESIDE, scores, strict=True))
 
     def gone(self) -> dict[str, Any]:
         """Return how many turns the last prompt of the latest episode did not show as they were, of how many before it.
@@ -201,21 +177,15 @@ class BrowserPlay:
         if progress.row is not None:
             self._row = progress.row
 
-    @property
-    def _is_made(self) -> bool:
-        return (self.folder.path / "manifest.json").exists()
-
     def _next_plan(self) -> Plan:
         """The plan of the folder's run, with one more trial if all are finished."""
-        first = 0 if self.challenge is None else self.challenge.trial
-        trials = first + 1
-        if self._is_made:
+        trials = 1
+        if (self.folder.path / "manifest.json").exists():
             planned = self.folder.manifest().planned
             finished = {row["key"] for row in self.folder.rows()}
             left = any(episode.key not in finished for episode in planned)
-            trials = max((episode.trial for episode in planned), default=first - 1) + (1 if left else 2)
-        plan = plan_episodes([self._cell], trials=trials, seed=self._seed)
-        return replace(plan, episodes=plan.episodes[first:])
+            trials = max((episode.trial for episode in planned), default=-1) + (1 if left else 2)
+        return plan_episodes([self._cell], trials=trials, seed=self._seed)
 
 
 class BrowserGames:
@@ -230,8 +200,6 @@ class BrowserGames:
 
     def __init__(self, games: Sequence[str], out: str | Path, *, seed: int = 0, **options: Any) -> None:
         self.games, self.folder = tuple(get_spec(game).id for game in games), Path(out)
-        self.challenges = self.folder.with_name(f"{self.folder.name}-challenges")
-        """The folder of the runs that answer to challenges."""
         self._seed, self._options = seed, options
         self._runs: dict[str, BrowserPlay] = {}
         self._begun = ExitStack()
@@ -248,30 +216,13 @@ class BrowserGames:
         self._begun.close()
 
     def run_of(self, name: str) -> BrowserPlay:
-        """Return the run of a game, or of a challenge that was taken, which begins now if it has not yet."""
+        """Return the run of a game, which begins now if it has not yet."""
         with self._lock:
             if name in self.games and name not in self._runs:
                 self._make(name)
             if name not in self._runs:
-                raise InvalidArgumentError(
-                    f"There is no game {name!r} to play here; /play has the list. A challenge begins with its link."
-                )
+                raise InvalidArgumentError(f"There is no game {name!r} to play here; /play has the list.")
             return self._runs[name].begun(self._begun)
-
-    def take(self, link: str) -> str:
-        """Take a challenge, given as its link; return the name of its run."""
-        challenge = Challenge.read(link)
-        name = f"challenge-{challenge.key}"
-        with self._lock:
-            if name not in self._runs:
-                out = self.challenges / challenge.key
-                self._runs[name] = BrowserPlay(challenge.cell, out, seed=challenge.seed, challenge=challenge)
-        return name
-
-    @property
-    def taken(self) -> dict[str, Challenge]:
-        """The challenges that were taken, by the names of their runs."""
-        return {name: run.challenge for name, run in self._runs.items() if run.challenge is not None}
 
     def _make(self, game: str) -> None:
         out = self.folder if len(self.games) == 1 else self.folder / game

@@ -1,8 +1,6 @@
 """The routes of the site by which a person plays; the only ones that change anything.
 
 /play                             the games to choose from; the page of the game, if there is one only
-/challenge?...                    what a challenge is about, with a button that takes it
-/api/challenge                    POST: take a challenge, given as the query of its link
 /play/GAME                        the page of a game
 /api/play/GAME?after=N            the state to show, as soon as it is not number N
 /api/play/GAME/reply              POST: the answer to a prompt
@@ -23,25 +21,19 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from smartplay_tools.episode.config import RULES, CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.games.minecraft.engines import PAPER_GOALS
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web.site.browser_play import BrowserGames, BrowserPlay
 from smartplay_tools.web.site.browser_player import PassedError
-from smartplay_tools.web.site.challenge import Challenge
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page_now
 
 LONGEST_WAIT = 15.0
 """Seconds after which a page that waits is answered in any case."""
 
 LOOK_SECONDS = 0.05
-
-CHALLENGE = "/challenge"
-"""The path of challenges."""
 
 FAMILIES: Mapping[str, tuple[str, str]] = {
     "bandit": ("Two-armed bandit", "Find the machine that pays."),
@@ -60,8 +52,6 @@ def play_routes(play: BrowserGames, key: str, is_stopping: Callable[[], bool]) -
     api = "/api/play/{game}"
     return [
         Route("/play", site.games),
-        Route(CHALLENGE, site.challenge),
-        Route("/api/challenge", site.take, methods=["POST"]),
         Route("/play/{game}", site.of_run(site.page)),
         Route(api, site.of_run(site.state)),
         Route(f"{api}/reply", site.of_run(site.reply), methods=["POST"]),
@@ -77,25 +67,13 @@ class _Playing:
 
     async def games(self, request: Request) -> Response:
         """Answer with the games to choose from; the page of the game, if there is one only."""
-        if len(self._play.games) == 1 and not self._play.taken:
+        if len(self._play.games) == 1:
             return RedirectResponse(f"/play/{quote(self._play.games[0])}", 303, HEADERS)
         families: dict[str, list[str]] = {family: [] for family in FAMILIES}
         for game in self._play.games:
             families.setdefault(GAMES[game].family, []).append(game)
         shown = [(family, *FAMILIES.get(family, (family, "")), games) for family, games in families.items() if games]
-        return page_now("games.html.j2", families=shown, taken=self._play.taken)
-
-    async def challenge(self, request: Request) -> Response:
-        """Answer with what a challenge is about. It begins when a person wants it, as other pages can open this one."""
-        about = await run_in_threadpool(Challenge.read, request.url.query)
-        cell = about.cell
-        share = cell.spec.normalize(about.score)
-        facts = {"game": cell.game, "budget": typeset(cell.budget.describe()), "score": about.score, "share": share}
-        return page_now("challenge.html.j2", key=self._key, rules=_other_rules(cell), **facts)
-
-    async def take(self, request: Request) -> Response:
-        """Take a challenge; answer with the address of its page."""
-        return await _take(request, lambda given: {"play": f"/play/{self._play.take(str(given.get('link')))}"})
+        return page_now("games.html.j2", families=shown)
 
     def of_run(
         self, answer: Callable[[Request, BrowserPlay], Awaitable[Response]]
@@ -113,7 +91,7 @@ class _Playing:
 
     async def page(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with the page of a game."""
-        several = len(self._play.games) > 1 or bool(self._play.taken)
+        several = len(self._play.games) > 1
         name = request.path_params["game"]
         spec = get_spec(run.game)
         _, aim = FAMILIES.get(spec.family, ("", ""))
@@ -135,12 +113,7 @@ class _Playing:
         ours = await run_in_threadpool(run.beside)
         paper = {result.player: result.normalized.get(run.game) for result in PAPER_RESULTS}
         scores = {name: score for name, score in {**paper, **ours}.items() if score is not None}
-        answer: dict[str, Any] = {"scores": scores, **await run_in_threadpool(run.gone)}
-        try:
-            answer["challenge"] = f"{CHALLENGE}?{run.challenges()}"
-        except SmartPlayError as error:
-            answer["unshared"] = str(error)
-        return AsciiJson(answer, headers=HEADERS)
+        return AsciiJson({"scores": scores, **await run_in_threadpool(run.gone)}, headers=HEADERS)
 
     async def reply(self, request: Request, run: BrowserPlay) -> Response:
         """Take the answer to a prompt."""
@@ -153,13 +126,6 @@ class _Playing:
     async def next(self, request: Request, run: BrowserPlay) -> Response:
         """Begin another episode."""
         return await _take(request, lambda given: run.next())
-
-
-def _other_rules(cell: CellConfig) -> str:
-    """The rules and options that differ from the defaults, in words."""
-    usual = Rules()
-    differing = {name: getattr(cell, name) for name in RULES if getattr(cell, name) != getattr(usual, name)}
-    return ", ".join(f"{name} {value}" for name, value in {**differing, **cell.options}.items())
 
 
 async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:

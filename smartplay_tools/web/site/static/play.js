@@ -126,10 +126,7 @@ async function showBeside(over) {
   const found = await fetch(`${PLAYED}/beside`);
   if (!found.ok) return;
   const beside = await found.json();
-  const command = `smartplay-tools view --play "${location.origin}${beside.challenge}" --open`;
-  const links = [["A link that replays it", location.origin + over.replay]];
-  if (!beside.unshared) links.push(["Challenge somebody: a link to the same game, world and window", location.origin + beside.challenge], ["The same as a command", command]);
-  $("links").replaceChildren(...links.map(linkToCopy), beside.unshared ? element("p", { class: "small" }, beside.unshared) : "");
+  $("links").replaceChildren(linkToCopy("A link that replays it", location.origin + over.replay));
   $("gone").textContent = lost(beside);
   const isShare = over.normalized_score !== null;
   const all = [...Object.entries(beside.scores), ["you", isShare ? over.normalized_score : over.score]].sort(([, a], [, b]) => b - a);
@@ -144,17 +141,9 @@ async function showBeside(over) {
 }
 
 // Links are percent-encoded, so that they can stand between quotation marks in every shell.
-function linkToCopy([name, text]) {
+function linkToCopy(name, text) {
   const field = element("label", {}, element("span", {}, name), element("input", { type: "text", value: text, readonly: true }));
-  return element("p", { class: "challenge" }, field, element("button", { type: "button", onclick: ({ target }) => copy(target, text) }, "copy"));
-}
-
-function showBeat(beat, over) {
-  $("beat").hidden = beat === null;
-  if (beat === null) return;
-  const more = over && over.score - beat;
-  const outcome = !over ? "" : more > 0 ? `: you have beaten it by ${number(more)}` : more < 0 ? `: you are ${number(-more)} short of it` : ": you have the same";
-  $("beat").textContent = `Score to beat: ${number(beat)}${outcome}.`;
+  return element("p", { class: "link" }, field, element("button", { type: "button", onclick: ({ target }) => copy(target, text) }, "copy"));
 }
 
 function show(state) {
@@ -167,7 +156,6 @@ function show(state) {
   $("problem").textContent = "";
   $("budget-bars").replaceChildren(...(state.asked?.budget_bars ?? []).map(budgetBar));
   if (state.asked) showPrompt(state.asked);
-  showBeat(state.beat, state.over);
   if (state.over) showEnd(state.over);
   if (state.error) $("live").textContent = state.error;
 }
