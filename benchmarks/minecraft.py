@@ -1,13 +1,11 @@
-"""Time, memory and success rates of the Minecraft engines: `python benchmarks/minecraft.py [N] [ENGINE...]`.
+"""Time, memory and success rates of Minecraft's embedded engine: `python benchmarks/minecraft.py [N]`.
 
 The guide, a path finder that knows the map, has 150 actions; the players `rule` and `random`, which see what a model
-sees, have 200. Times of the embedded engine are processor time; Luanti runs in a separate process, so its times are
-elapsed time. Memory is the increase of a process that has imported everything, and for Luanti that of its server.
+sees, have 200. Times are processor time. Memory is the increase of a process that has imported everything.
 """
 
 from __future__ import annotations
 
-import resource
 import statistics
 import subprocess
 import sys
@@ -21,15 +19,13 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS, check_engines
+from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.climate import biomes, climate
 
 sys.path.append(str(Path(__file__).parents[1]))  # the guides belong to the tests
-from tests.guides.luanti import Guide as LuantiGuide
 from tests.guides.voxel import Guide
 
-_CLOCKS = {"voxel": (time.process_time, "processor time"), "luanti": (time.perf_counter, "the clock")}
 _GUIDE_STEPS = 150
 _MEASURED_STEPS = 60
 
@@ -39,31 +35,30 @@ def milliseconds(times: list[float]) -> tuple[str, str, str]:
     return f"{statistics.median(ordered):.1f}", f"{ordered[int(len(ordered) * 0.9)]:.1f}", f"{ordered[-1]:.1f}"
 
 
-def timed(call: Callable[[], object], times: list[float], clock: Callable[[], float]) -> None:
-    start = clock()
+def timed(call: Callable[[], object], times: list[float]) -> None:
+    start = time.process_time()
     call()
-    times.append(clock() - start)
+    times.append(time.process_time() - start)
 
 
-def speed(engine: str) -> Table:
-    clock, title = _CLOCKS[engine]
+def speed() -> Table:
     resets: list[float] = []
     steps: list[float] = []
     texts: list[float] = []
     for task in CORRECTED_GOALS:
-        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine=engine)
+        game = sp.GAMES[f"MinedojoCreative{task}-v0"].make()
         game.reset(seed=0)
         random = np.random.default_rng(task)
         for seed in range(1, 6):
-            timed(lambda game=game, seed=seed: game.reset(seed=seed), resets, clock)
+            timed(lambda game=game, seed=seed: game.reset(seed=seed), resets)
             for _ in range(_MEASURED_STEPS):
                 action = int(random.integers(4))
-                timed(lambda game=game, action=action: game.step(action), steps, clock)
-                timed(lambda game=game: describe(game._seen, "corrected"), texts, clock)
+                timed(lambda game=game, action=action: game.step(action), steps)
+                timed(lambda game=game: describe(game._seen, "corrected"), texts)
                 if game.completed:
                     game.reset()
         game.close()
-    table = Table("", "median", "p90", "max", title=f"{engine}: milliseconds of {title}", title_justify="left")
+    table = Table("", "median", "p90", "max", title="milliseconds of processor time", title_justify="left")
     table.add_row("new world and start", *milliseconds(resets))
     table.add_row("step, text included", *milliseconds(steps))
     table.add_row("of it the text", *milliseconds(texts))
@@ -87,30 +82,14 @@ print(resident() - before)
 """
 
 
-def memory(engine: str) -> float:
-    """MiB that an environment has added to a process, or holds in another, after 200 steps (Linux)."""
-    if engine == "luanti":
-        return server_memory()
+def memory() -> float:
+    """MiB that an environment has added to a process after 200 steps (Linux)."""
     shown = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, check=True)
     return float(shown.stdout)
 
 
-def server_memory() -> float:
-    """The most that a Luanti server has held so far."""
-    game = sp.GAMES["MinedojoCreative5-v0"].make(engine="luanti")
-    game.reset(seed=0)
-    random = np.random.default_rng(0)
-    for _ in range(200):
-        if game.step(int(random.integers(4)))[2]:
-            game.reset()
-    game.close()
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-
-
 def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
     x, _, z = game.world.position
-    if game.engine == "luanti":
-        return float(np.hypot(*game.world.way[-1]))
     axis = np.arange(-120, 121) * 8
     indices = np.nonzero(
         np.isin(biomes(climate(game.world.world.seed, int(x) + axis[:, None], int(z) + axis)), list(goals))
@@ -118,19 +97,15 @@ def distance_to_goal(game: TextGame, goals: frozenset[int]) -> float:
     return float(np.hypot(axis[indices[0]], axis[indices[1]]).min())
 
 
-def guide_for(game: TextGame, goals: frozenset[int]) -> Guide | LuantiGuide:
-    return LuantiGuide(game.world, seed=0) if game.engine == "luanti" else Guide(game.world, goals)
-
-
-def guided(engine: str, task: int, seeds: int) -> tuple[list[float], list[int]]:
+def guided(task: int, seeds: int) -> tuple[list[float], list[int]]:
     """Distances from start to goal, and the numbers of actions in which the guide got there."""
     goals = CORRECTED_GOALS[task].biomes
-    game = sp.GAMES[f"MinedojoCreative{task}-v0"].make(engine=engine)
+    game = sp.GAMES[f"MinedojoCreative{task}-v0"].make()
     distances, needed = [], []
     for seed in range(seeds):
         game.reset(seed=seed)
         distances.append(distance_to_goal(game, goals))
-        guide = guide_for(game, goals)
+        guide = Guide(game.world, goals)
         for step in range(1, _GUIDE_STEPS + 1):
             game.step(guide.best_action())
             if game.completed:
@@ -140,21 +115,21 @@ def guided(engine: str, task: int, seeds: int) -> tuple[list[float], list[int]]:
     return distances, needed
 
 
-def completion(engine: str, task: int, player: str, seeds: int) -> float:
+def completion(task: int, player: str, seeds: int) -> float:
     won = 0
     for seed in range(seeds):
-        with sp.Episode(f"MinedojoCreative{task}-v0", seed=seed, engine=engine) as episode:
+        with sp.Episode(f"MinedojoCreative{task}-v0", seed=seed) as episode:
             won += sp.play(episode, sp.get_player(player, seed=seed)).completed
     return won / seeds
 
 
-def players(engine: str, seeds: int) -> Table:
+def players(seeds: int) -> Table:
     columns = ("task", "median distance", "guide", "median actions", "rule", "random")
-    table = Table(*columns, title=f"{engine}: who finds it, {seeds} seeds", title_justify="left")
+    table = Table(*columns, title=f"who finds it, {seeds} seeds", title_justify="left")
     means = []
     for task, goal in CORRECTED_GOALS.items():
-        distances, needed = guided(engine, task, seeds)
-        shares = [len(needed) / seeds, *(completion(engine, task, player, seeds) for player in ("rule", "random"))]
+        distances, needed = guided(task, seeds)
+        shares = [len(needed) / seeds, *(completion(task, player, seeds) for player in ("rule", "random"))]
         means.append(shares)
         shown = [f"{share:.0%}" for share in shares]
         actions = f"{statistics.median(needed):.0f}" if needed else ""
@@ -166,12 +141,6 @@ def players(engine: str, seeds: int) -> Table:
 
 if __name__ == "__main__":
     console = Console()
-    for check in check_engines():
-        if check.engine not in (sys.argv[2:] or _CLOCKS):
-            continue
-        if not check.works:
-            console.print(check.detail)
-            continue
-        console.print(speed(check.engine))
-        console.print(f"Memory of an environment after 200 steps: {memory(check.engine):.0f} MiB\n")
-        console.print(players(check.engine, int(sys.argv[1]) if len(sys.argv) > 1 else 20))
+    console.print(speed())
+    console.print(f"Memory of an environment after 200 steps: {memory():.0f} MiB\n")
+    console.print(players(int(sys.argv[1]) if len(sys.argv) > 1 else 20))

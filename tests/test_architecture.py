@@ -149,7 +149,6 @@ OTHERS = {
     "smartplay_tools.cli": "a command is invoked",
     "smartplay_tools.evaluation.runs.executors.ray": "an event is sent",
     "smartplay_tools.games.crafter.world": "a world is generated",
-    "smartplay_tools.games.minecraft.luanti.engine": "the game's engine is asked",
     "smartplay_tools.players.human.player": "a person is asked",
     "smartplay_langchain.calls": "a tool is invoked",
     "smartplay_langchain.toolkit": "a tool is invoked",

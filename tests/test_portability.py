@@ -58,11 +58,10 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of filelock, which has neither Unix nor Windows here
     run = sp.evaluate(["Hanoi3Disk-v0"], out=sys.argv[1], trials=2, executor="inline")
 assert run.complete and len(RunFolder(sys.argv[1]).rows()) == 2
-for engine in ("luanti", "minedojo"):
-    try:
-        sp.Episode("MinedojoCreative0-v0", seed=0, engine=engine)
-    except sp.InvalidArgumentError as error:
-        print(error)
+try:
+    sp.Episode("MinedojoCreative0-v0", seed=0, engine="minedojo")
+except sp.InvalidArgumentError as error:
+    print(error)
 """
 
 
@@ -78,8 +77,7 @@ def run_python(script: str, *arguments: object) -> str:
 def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path):
     printed = run_python(IMPORT_EVERYTHING + WITHOUT_UNIX + PLAY, tmp_path / "run")
     assert printed.splitlines() == [
-        f"The engine {engine!r} needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."
-        for engine in ("luanti", "minedojo")
+        "The engine 'minedojo' needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."
     ]
 
 

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from fnmatch import fnmatch
-from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +10,6 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.games.minecraft import luanti
 from smartplay_tools.games.minecraft.engines import (
     CORRECTED_GOALS,
     ENGINES,
@@ -67,35 +62,6 @@ def test_the_original_takes_any_biome_whose_name_has_the_goals_words_in_it():
     assert [f"MinedojoCreative{task}-v0" for task in PAPER_GOALS] == [
         spec.id for spec in sp.GAMES.values() if spec.family == "minecraft"
     ]
-
-
-def between(text: str, begin: str, end: str) -> str:
-    return text.partition(begin)[2].partition(end)[0]
-
-
-def test_each_biome_of_luanti_counts_as_the_page_says():
-    lua = Path(luanti.__file__).with_name("mod").joinpath("biomes.lua").read_text(encoding="utf-8")
-    names, numbers = (part.split(", ") for part in re.search(r"local (OCEAN.*) = (.*)", lua).groups())
-    known = {name: int(number) for name, number in zip(names, numbers, strict=True)}
-    lands = re.findall(r"(\w+) = (\w+)", between(lua, "LAND = {", "\n}"))
-    known["LAND"] = defaultdict(int, {name: int(known.get(number, number)) for name, number in lands})
-    known["COLD"] = defaultdict(bool, re.findall(r"(\w+) = (true)", between(lua, "COLD = {", "}")))
-    returns = re.findall(r"(?:if (.*) then )?return (.*?)(?: end)?\n", between(lua, "function id_of", "\nend") + "\n")
-
-    page = Path("docs/minecraft.md").read_text(encoding="utf-8")
-    table = between(page, "| ground | water on it | counts as |\n|---|---|---|\n", "\n\n").replace("`", "")
-    rows = [line.strip("| ").split(" | ") for line in table.splitlines()]
-    water = {"any": range(4), "none": [0], "one or more": range(1, 4), "two or more": range(2, 4)}
-
-    climates, kinds = (*known["COLD"], "grassland", "desert"), ("ocean", "dunes", "beach", "shore", "under")
-    for name, depth in product([*dict(lands), *map("_".join, product(climates, kinds))], range(4)):
-        climate, _, kind = name.rpartition("_")
-        here = {**known, "name": name, "depth": depth, "climate": climate, "kind": kind}
-        # The mod's conditions are good Python, too.
-        counted = next(eval(value, here) for condition, value in returns if not condition or eval(condition, here))
-        fitting = (row for row in rows if depth in water[row[1]])
-        said = next(biome for grounds, _, biome in fitting if any(fnmatch(name, one) for one in grounds.split(", ")))
-        assert NAMES[counted].lower().replace(" ", "") == said.replace(" ", ""), (name, depth)
 
 
 def test_ice_spikes_cannot_be_found_in_the_original_and_can_here():

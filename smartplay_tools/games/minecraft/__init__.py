@@ -7,6 +7,5 @@ The tasks and the text are the same for all engines, which are interchangeable:
     engines        the goals and actions, the interface of an engine, and which engines work on this machine
     game           `Minecraft`, the environment that combines them
     voxel/         the embedded engine: a world of blocks in NumPy
-    luanti/        the engine Luanti, as a server without a screen
     minedojo/      MineDojo, the engine of the paper, in its own environment
 """

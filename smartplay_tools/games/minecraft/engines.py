@@ -126,18 +126,25 @@ ENGINES = Registry(
     "engine",
     {
         "voxel": "smartplay_tools.games.minecraft.voxel.engine:VoxelEngine",
-        "luanti": "smartplay_tools.games.minecraft.luanti.engine:LuantiEngine",
         "minedojo": "smartplay_tools.games.minecraft.minedojo.engine:MineDojoEngine",
     },
 )
 """Name to class, imported when a game needs it."""
 
-UNIX_ONLY = frozenset({"luanti", "minedojo"})
+UNIX_ONLY = frozenset({"minedojo"})
 """Engines that run as separate processes, connected by pipes."""
+
+FORMER = frozenset({"luanti"})
+"""Engines of earlier versions, which records may name."""
 
 
 def load_engine(name: str) -> type[Engine]:
     """Return the engine's class; raise `InvalidArgumentError` if it cannot run on this system."""
+    if name in FORMER:
+        raise InvalidArgumentError(
+            f"This version has no engine {name!r}, so nothing can be played on it again; its records are still read "
+            f"and reported. The engines are {', '.join(ENGINES)}."
+        )
     check_choice("engine", name, ENGINES)
     if name in UNIX_ONLY and not hasattr(os, "killpg"):
         raise InvalidArgumentError(

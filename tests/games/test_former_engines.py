@@ -1,0 +1,48 @@
+"""Records of an engine that has gone: they are read and reported, and not played again.
+
+`luanti_run.tar.xz` is a run that version 0.1.0 played on Luanti 5.6.1: four episodes of three calls.
+"""
+
+from __future__ import annotations
+
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from tests.evaluation.command import run
+
+DATA = Path(__file__).parents[1] / "data" / "luanti_run.tar.xz"
+REFUSED = "This version has no engine 'luanti', so nothing can be played on it again"
+
+
+@pytest.fixture(scope="module")
+def luanti(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("former")
+    with tarfile.open(DATA) as archive:
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
+        archive.extractall(folder)
+    return folder / "luanti"
+
+
+@pytest.mark.parametrize(
+    ("command", "shown"),
+    [
+        (("results", "{run}", "--all"), "MinedojoCreative0-v0 (luanti)"),
+        (("compare", "{run}", "--reference", "random"), "rule"),
+        (("cost", "{run}"), "rule"),
+        (("report", "{run}", "--out", "{out}.html"), "open it in a browser"),
+        (("export", "{run}", "--format", "sft", "--out", "{out}"), "4 episodes, 12 rows"),
+        (("merge", "{run}", "--out", "{out}"), "4 of 4 episodes are finished"),
+    ],
+)
+def test_they_are_read(luanti, tmp_path, command, shown):
+    code, printed, _ = run(*(word.format(run=luanti, out=tmp_path / "out") for word in command))
+    assert (code, shown in printed) == (0, True), printed
+
+
+def test_they_are_not_played_again(luanti):
+    code, _, said = run("replay", next((luanti / "episodes").glob("*.jsonl")))
+    assert (code, REFUSED in said, said.count("\n")) == (2, True, 1)
+    code, _, said = run("replay", luanti, "--workers", "1")
+    assert (code, said.count(REFUSED)) == (1, 4)
