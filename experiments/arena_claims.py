@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from arena import HISTORY
-from arena_curves import LEARNED_GAME, STAGES, SUBJECT, areas_of, described, play, play_learned
+from arena_curves import LEARNED_GAME, STAGES, SUBJECT, described, play, play_learned
 from page_tables import TOGETHER, Experiment, arguments, complete, markdown_table, records_of
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
+from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs
 from smartplay_tools.evaluation.analysis.together import bonferroni
-from smartplay_tools.records.rows import Row
+from smartplay_tools.records.rows import Row, grouped
 
 SEED = 2032
 """Of the runs: their worlds are in no other table."""
@@ -32,22 +32,20 @@ LEARNED_TRIALS = 32
 """Of a learned model, which takes longer."""
 
 
+CAP = 700
+"""The cap on prompts under which all claims are held: the smallest of the curves."""
+
+
 @dataclass(frozen=True)
 class Claim:
-    """That a strategy does better, or worse, than dropping."""
+    """That a strategy scores more, or less, than dropping does under the cap."""
 
     game: str
     way: Mapping[str, Any]
     """The strategy, as fields of a budget."""
     better: bool
     player: str = SUBJECT.name
-    cap: int | None = None
-    """Compares scores under this cap, with a history of 10; without one, areas under the curve."""
-
-    @property
-    def measure(self) -> str:
-        """What is compared."""
-        return "area" if self.cap is None else f"score under {self.cap:,}"
+    history: int | None = None
 
 
 BANDIT, HANDS, SCORED_HANDS, MESSENGER = (
@@ -64,34 +62,33 @@ CLAIMS = (
     Claim(HANDS, {"memory_tokens": 100}, better=False, player="full-0"),
     Claim(HANDS, {"summary_tokens": 100, "slack": 0.5}, better=False, player="full-0"),
     Claim(MESSENGER, {"memory_tokens": 200}, better=False),
-    Claim(BANDIT, {"first_turns": 3}, better=False, cap=700),
-    Claim(SCORED_HANDS, {"first_turns": 3}, better=True, cap=700),
-    Claim(SCORED_HANDS, {"notes_tokens": 200}, better=True, cap=700),
+    Claim(BANDIT, {"first_turns": 3}, better=False, history=HISTORY),
+    Claim(SCORED_HANDS, {"first_turns": 3}, better=True, history=HISTORY),
+    Claim(SCORED_HANDS, {"notes_tokens": 200}, better=True, history=HISTORY),
 )
 """Each is the sign of a difference whose joint interval in the first tables does not contain 0."""
 
 
 def played(out: Path, models: Path | None) -> Iterator[Row]:
-    """Play what the claims compare, and yield the rows; claims about a learned model need `models`."""
-    options: dict[str, Any] = {"trials": TRIALS, "seed": SEED}
-    for game in dict.fromkeys(claim.game for claim in CLAIMS):
-        own = [claim for claim in CLAIMS if claim.game == game]
-        for player in dict.fromkeys(claim.player for claim in own if claim.cap is None):
-            ways = [claim.way for claim in own if claim.player == player and claim.cap is None]
-            stage = replace(STAGES[game], ways=[{}, *ways])
-            if player == SUBJECT.name:
-                yield from play(stage, [SUBJECT], (), out / game, executor="inline", **options)
-            elif models is not None:
-                from learned_lab import Lab
+    """Play what the claims compare, and yield the rows; claims about a learned model need `models`.
 
-                few = {**options, "trials": LEARNED_TRIALS}
-                yield from play_learned(stage, Lab(models, LEARNED_GAME), player, out / "learned", **few)
-        for cap in dict.fromkeys(claim.cap for claim in own if claim.cap is not None):
-            ways = [{}, *(claim.way for claim in own if claim.cap == cap)]
-            budgets = [sp.Budget(history=HISTORY, prompt_tokens=cap, **way) for way in ways]
-            folder = out / game / f"history-{HISTORY}-{cap}"
+    Without a history, the rows have the other caps of the curves, too.
+    """
+    options: dict[str, Any] = {"trials": TRIALS, "seed": SEED}
+    for (game, player, history), own in grouped(CLAIMS, lambda each: (each.game, each.player, each.history)).items():
+        ways = [{}, *(claim.way for claim in own)]
+        if history is not None:
+            budgets = [sp.Budget(history=history, prompt_tokens=CAP, **way) for way in ways]
+            folder = out / game / f"history-{history}-{CAP}"
             run = complete([game], [SUBJECT], budgets=budgets, out=folder, executor="inline", **options)
             yield from described(run.rows, records_of(run))
+        elif player == SUBJECT.name:
+            yield from play(replace(STAGES[game], ways=ways), [SUBJECT], (), out / game, executor="inline", **options)
+        elif models is not None:
+            from learned_lab import Lab
+
+            stage, few = replace(STAGES[game], ways=ways), {**options, "trials": LEARNED_TRIALS}
+            yield from play_learned(stage, Lab(models, LEARNED_GAME), player, out / "learned", **few)
 
 
 @dataclass(frozen=True)
@@ -112,32 +109,28 @@ class Outcome:
 
 def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outcome | None]:
     """Return the outcome of every claim; None if its episodes are not among the rows."""
-    names = [_curve(claim) for claim in claims]
-    curves = areas_of([row for row in rows if row["budget"]["history"] is None], compared=len(claims))
-    shown = {(each.game, each.name): Outcome(each.seeds, *each.together) for each in curves if each.together}
     cells = {
-        (cell.game, f"{cell.player}, {way_name(cell)}", cell.budget["prompt_tokens"]): members
-        for cell, members in by_cell(row for row in rows if row["budget"]["history"] == HISTORY)
+        (cell.game, f"{cell.player}, {way_name(cell)}", cell.budget["history"]): members
+        for cell, members in by_cell(row for row in rows if row["budget"]["prompt_tokens"] == CAP)
     }
-    scored = [(claim, name) for claim, name in zip(claims, names, strict=True) if claim.cap is not None]
-    samples = []
-    for claim, name in scored:
-        plain = cells[claim.game, _curve(replace(claim, way={})), claim.cap]
-        samples.append(difference_sample(pairs(cells[claim.game, name, claim.cap], plain), MEASURES["score"]))
+    keys = [(claim.game, _name(claim), claim.history) for claim in claims]
+    plain = [(claim.game, _name(replace(claim, way={})), claim.history) for claim in claims]
+    samples = [
+        difference_sample(pairs(cells[key], cells[reference]), MEASURES["score"])
+        for key, reference in zip(keys, plain, strict=True)
+        if key in cells
+    ]
     estimates = iter(mean_estimates(samples, bonferroni(len(claims))))
-    result: list[Outcome | None] = []
-    for claim, name in zip(claims, names, strict=True):
-        if claim.cap is None:
-            result.append(shown.get((claim.game, name)))
-            continue
-        each = next(estimates)
-        assert each.low is not None
-        assert each.high is not None
-        result.append(Outcome(each.episodes, each.mean, each.low, each.high))
-    return result
+    return [_outcome(next(estimates)) if key in cells else None for key in keys]
 
 
-def _curve(claim: Claim) -> str:
+def _outcome(estimate: MeanEstimate) -> Outcome:
+    assert estimate.low is not None
+    assert estimate.high is not None
+    return Outcome(estimate.episodes, estimate.mean, estimate.low, estimate.high)
+
+
+def _name(claim: Claim) -> str:
     slack = claim.way.get("slack", 0)
     strategy = sp.Budget(**{name: claim.way[name] for name in claim.way if name != "slack"}).describe()
     name = f"{claim.player}, {strategy or sp.Budget().words()['beyond_history']}"
@@ -148,13 +141,14 @@ def table(rows: Sequence[Row]) -> str:
     """Every claim with its outcome, in Markdown."""
     lines = []
     for claim, outcome in zip(CLAIMS, outcomes(rows), strict=True):
-        claimed = f"{claim.measure}: {'more' if claim.better else 'less'} than dropping"
+        claimed = "more" if claim.better else "less"
+        window = f"{CAP} tokens" if claim.history is None else f"{CAP} tokens, {claim.history} past steps"
         facts = ["-", "-", "not played"]
         if outcome is not None:
             shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
             facts = [str(outcome.seeds), shown, outcome.of(claim)]
-        lines.append([f"`{claim.game}`", _curve(claim), claimed, *facts])
-    return markdown_table(("game", "player and strategy", "claim", "seeds", TOGETHER[0], "outcome"), lines)
+        lines.append([f"`{claim.game}`", _name(claim), window, claimed, *facts])
+    return markdown_table(("game", "player and strategy", "window", "claim", "seeds", TOGETHER[0], "outcome"), lines)
 
 
 EXPERIMENT = Experiment("arena-claims", lambda rows: {"arena-claims": table(rows)})

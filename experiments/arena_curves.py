@@ -9,7 +9,6 @@ Rows are those of runs, each with the calls of memory tools and with what the ep
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,15 +27,12 @@ from page_tables import (
     arguments,
     comparison_table,
     complete,
-    markdown_table,
     priced,
     records_of,
 )
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.area import Area, areas
-from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import tokens
 from smartplay_tools.evaluation.costs.tariffs import tariffs_of
@@ -49,7 +45,6 @@ from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TO
 
 if TYPE_CHECKING:
     from learned_lab import Lab
-    from matplotlib.figure import Figure
 
 CONTROL = "random"
 SEED = 815
@@ -179,55 +174,7 @@ MEANS: tuple[Column, ...] = (
 )
 
 
-def areas_of(rows: Sequence[Row], compared: int | None = None) -> list[Area]:
-    """The area under the curve of every player and strategy; their differences to dropping hold together.
-
-    `compared` is of how many differences they do; by default all those of these rows.
-    """
-    # Without a cap nothing leaves, so full context is the same episodes under every strategy.
-    families = dict.fromkeys((row["game"], row["player"]) for row in rows if row["player"] != CONTROL)
-    curves: list[list[Row]] = []
-    for game, player in families:
-        own = [row for row in rows if (row["game"], row["player"]) == (game, player)]
-        limited = [row for row in own if row["budget"]["prompt_tokens"] is not None]
-        ways = {json.dumps(way): way for way in map(_strategy_fields, limited)}
-        unlimited = [row for row in own if row["budget"]["prompt_tokens"] is None]
-        full = [{**row, "budget": {**row["budget"], **way}} for way in ways.values() for row in unlimited]
-        control = [row for row in rows if (row["game"], row["player"]) == (game, CONTROL)]
-        curves.append([*control, *full, *limited])
-    if compared is None:
-        compared = sum(len(areas(own)) - 1 for own in curves)
-    return [area for own in curves for area in areas(own, compared=compared)]
-
-
-def areas_table(curves: Sequence[Area]) -> str:
-    """Every strategy in one number for all caps, in Markdown."""
-    lines = []
-    for each in curves:
-        area = each.reason or f"{each.area:.2f} [{each.low:.2f}, {each.high:.2f}]"
-        if each.infeasible:
-            area += f"; does not fit {', '.join(map(str, each.infeasible))}"
-        less = "{:+.2f} [{:+.2f}, {:+.2f}]".format(*each.together) if each.together else "reference"
-        lines.append((f"`{each.game}`", each.name, str(each.seeds), area, "" if each.reason else less))
-    return markdown_table(("game", "player and strategy", "seeds", "area [95 %]", TOGETHER[0]), lines)
-
-
-def _strategy_fields(row: Row) -> dict[str, Any]:
-    return {name: row["budget"][name] for name in (*STRATEGIES, "slack") if name in row["budget"]}
-
-
-def tables(rows: Sequence[Row]) -> dict[str, str]:
-    """The tables of the page."""
-    return {"arena-curves": curves_table(rows), "arena-curve-areas": areas_table(areas_of(rows))}
-
-
-def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """The figure of the page, of the scripted player."""
-    drawn = [each for each in areas_of(rows) if each.name.startswith(SUBJECT.name)]
-    return {"arena-areas": areas_under_curves(drawn)}
-
-
-EXPERIMENT = Experiment("arena-curves", tables, figures)
+EXPERIMENT = Experiment("arena-curves", lambda rows: {"arena-curves": curves_table(rows)})
 
 
 def main() -> None:

@@ -16,13 +16,8 @@ from smartplay_tools.cli.results import print_next, run_tables
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, junit as as_junit, mean_gates
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
-from smartplay_tools.evaluation.analysis.stopping import (
-    Gate,
-    baseline_gates,
-    junit as as_junit,
-    mean_gates,
-)
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import plain, summary_json
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until

@@ -16,7 +16,6 @@ from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.errors import install_command
-from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import latencies
@@ -60,10 +59,8 @@ def sweep(
         return
     swept = Sweep.of(done, cells)
     written = swept.write()
-    curves = areas(swept.rows)
     took = took_tables(swept.comparisons, latencies(swept.rows, done.folder.timings()))
-    tables = [windows_table(swept.comparisons, single=single), *took, *([areas_table(curves)] if curves else [])]
-    tables += remembering_tables(swept.rows)
+    tables = [windows_table(swept.comparisons, single=single), *took, *remembering_tables(swept.rows)]
     print_tables(form, [*tables, *cost_columns([run.out], cache, caches)], swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)

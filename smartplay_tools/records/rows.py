@@ -86,17 +86,12 @@ def has_early_end(row: Row) -> bool:
 
 
 def mean_score(row: Row) -> float:
-    """Return the score that means use: `counted_score`, except in the paper's settings, which keep the paper's."""
-    return counted_score(row) if has_early_end(row) else float(row["score"])
+    """Return the score that means use; after an early end, the least that the missing steps could have led to.
 
-
-def counted_score(row: Row) -> float:
-    """Return the score of an episode; after an early end, the least that its missing steps could have led to.
-
-    Otherwise an agent that loses points with its steps would do better where a budget ends its episodes sooner. A game
-    of which nothing is known here counts with the score of its row.
+    Otherwise an agent that loses points with its steps would do better where a budget ends its episodes sooner. The
+    paper's settings keep the paper's score, and so does a game of which nothing is known here.
     """
-    scoring = scoring_of(row) if row["end_reason"] in EARLY_ENDS else None
+    scoring = scoring_of(row) if has_early_end(row) else None
     return float(row["score"]) if scoring is None else scoring.least_score(float(row["score"]), row["steps"])
 
 

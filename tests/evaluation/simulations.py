@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.area import interval_of, with_jackknife
 from smartplay_tools.evaluation.analysis.decisions import decide
 from smartplay_tools.evaluation.analysis.distributions import Values
 from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, mean_estimate, mean_estimates
@@ -147,24 +146,6 @@ def joint(repetitions: int | None = None) -> Mapping[str, tuple[float, ...]]:
                 for n in JOINT_SIZES
             )
     return figures
-
-
-# The area under a curve.
-
-
-def area_coverage() -> tuple[float, ...]:
-    """Four caps an octave apart, in the bandit: `random` under the smallest, `rule` with 10 and 50 past steps above."""
-    recorded = scores()
-    chance, full = recorded[BANDIT, "random", 50], recorded[BANDIT, "rule", 50]
-    curve = np.stack([recorded[BANDIT, "random", 10], *([recorded[BANDIT, "rule", 10]] * 2), full], 1)
-    places = np.log([250, 500, 1_000, 2_000]).tolist()
-    truth = interval_of(*with_jackknife(curve, chance, full, places))[0]
-    generator, held = np.random.default_rng(9), []
-    for n in SIZES:
-        drawn = (generator.integers(200, size=n) for _ in range(REPETITIONS))
-        ends = [interval_of(*with_jackknife(curve[at], chance[at], full[at], places)) for at in drawn]
-        held.append(float(np.mean([low <= truth <= high for _, low, high in ends])))
-    return tuple(held)
 
 
 # Words.

@@ -1,4 +1,4 @@
-"""An early end is no success: how means, areas and tables count episodes that a budget, a stall or a strategy ended."""
+"""An early end is no success: how means and tables count episodes that a budget, a stall or a strategy ended."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import get_args
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.area import areas, areas_table
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
@@ -16,7 +15,7 @@ from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records import Record, replay
-from smartplay_tools.records.rows import counted_score, mean_score, recorded_score
+from smartplay_tools.records.rows import mean_score, recorded_score
 from smartplay_tools.types import EndReason
 from smartplay_tools.web.site import site_runs
 from tests.evaluation.window_rows import row
@@ -48,20 +47,9 @@ def test_only_the_ends_that_budgets_stalls_and_strategies_cause_count(cards, rea
     assert (mean_score(early(cards, end_reason=reason)) < 0) == (reason in counts)
 
 
-@pytest.mark.parametrize(
-    ("game", "score", "counted"),
-    [
-        (BANDIT, 12.0, 12.0),
-        (MESSENGER, 0.0, -1.0),
-        (MESSENGER, -1.0, -1.0),
-        (HANOI, 1.0, 0.0),
-        ("Crafter-v0", 9.0, 9.0),
-    ],
-)
-def test_the_paper_s_settings_keep_the_paper_s_score_except_in_areas(game, score, counted):
-    ended = early(game, score)
-    assert mean_score(ended) == score
-    assert counted_score(ended) == counted
+@pytest.mark.parametrize(("game", "score"), [(BANDIT, 12.0), (MESSENGER, 0.0), (HANOI, 1.0), ("Crafter-v0", 9.0)])
+def test_the_paper_s_settings_keep_the_paper_s_score(game, score):
+    assert mean_score(early(game, score)) == score
 
 
 def test_a_game_that_is_not_known_here_counts_with_its_score():
@@ -69,7 +57,7 @@ def test_a_game_that_is_not_known_here_counts_with_its_score():
 
 
 def test_no_episode_counts_as_less_than_the_lowest_score_of_its_game(cards):
-    assert counted_score(early(cards, -0.9, steps=5)) == -1
+    assert mean_score(early(cards, -0.9, steps=5)) == -1
 
 
 def test_a_table_keeps_every_episode_and_marks_the_cell(cards):
@@ -103,18 +91,6 @@ def test_every_reader_of_a_run_counts_so_where_the_game_is_not_known(cards, tmp_
     older = [dict(event) for event in Record.read(paths[0]).events]
     del older[0]["scoring"]
     assert all("chain is broken" in difference for difference in replay(older).differences)
-
-
-def test_a_refused_cap_counts_as_an_episode_without_a_step(cards):
-    caps = (250, 500, 1_000, None)
-    dropping = [row(s, 0.5 + s / 100, prompt_tokens=cap, game=cards) for cap in caps for s in range(5)]
-    notes = [{**each, "budget": each["budget"] | {"notes_tokens": 200}} for each in dropping[5:]]
-    random = [row(s, -0.5, game=cards, player="random") for s in range(5)]
-    first, second = areas([*dropping, *notes, *random])
-    assert second.infeasible == (250,)
-    lost = (0.52 - -1) / (0.52 - -0.5) / 2 / 2  # half of one octave of two, from the full score down to -1
-    assert first.area - second.area == pytest.approx(lost)
-    assert any("250 too small, counted as -1" in note for note in areas_table([first, second]).notes)
 
 
 def complete(short):

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.evaluation.analysis.gates import mean_gates
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
-from smartplay_tools.evaluation.analysis.stopping import mean_gates
 from tests.evaluation.runs import play_rows
 
 GAME = "Hanoi3Disk-v0"

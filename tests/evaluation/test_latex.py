@@ -25,7 +25,7 @@ DECIDED = f"eval --games {HANOI} --players rule,random --until decided --margin 
 """What is played. Every command that follows prints tables."""
 
 TABLES = {
-    SWEEP: ["windows", "areas under the curve", "what an episode costs"],
+    SWEEP: ["windows", "what an episode costs"],
     "cost sweep --cache anthropic-512 --cache openai:gpt-5.5 --format latex": [
         "what an episode and a point of score cost",
         "which window is cheapest",

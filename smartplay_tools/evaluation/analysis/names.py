@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
-from smartplay_tools.evaluation.analysis.windows import FOLLOWS_FROM_WINDOW, LIMITS, WINDOW, WindowComparison
+from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
 from smartplay_tools.records.rows import grouped
 from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
 
@@ -34,29 +34,6 @@ def way_name(cell: PlayedCell) -> str:
     """Return the strategy of a cell and, if there is any, its slack."""
     slack = cell.budget["slack"]
     return strategy_name(cell) + (f", slack {slack:g}" if slack else "")
-
-
-def curve_names(cells: Sequence[PlayedCell]) -> list[str]:
-    """Return the names of curves over caps on prompts, each given by one of its cells: player, strategy and slack.
-
-    In the order budget, rules, options, a name has everything else in which the curves of a player at a game differ.
-    """
-    rivals = grouped(cells, lambda cell: (cell.game, cell.player))
-    names = _with_paths([", ".join(_curve(cell, rivals[cell.game, cell.player])) for cell in cells], cells)
-    check_distinct((cell.game, name) for cell, name in zip(cells, names, strict=True))
-    return names
-
-
-def _curve(cell: PlayedCell, rivals: Sequence[PlayedCell]) -> Iterator[str]:
-    limits = (name for name in ("history", *LIMITS) if name not in FOLLOWS_FROM_WINDOW)
-    varied = [name for name in limits if len({rival.budget[name] for rival in rivals}) > 1]
-    yield cell.player
-    yield from _in_words(cell, (name for name in varied if name == "history"))
-    yield way_name(cell)
-    yield from _in_words(cell, (name for name in varied if name != "history"))
-    rules = {name: value for name, value in cell.rules.items() if any(rival.rules[name] != value for rival in rivals)}
-    yield from (f"{name} {value}" for name, value in rules.items())
-    yield from _made_apart(cell, [*map(_made, rivals)])
 
 
 def apart(labels: Sequence[str]) -> tuple[list[str], str]:

@@ -125,7 +125,7 @@ class CellSummary:
     unplayed: int
     """Episodes that ended without a single action; their scores say nothing of how well the player plays."""
     early: int
-    """Episodes that a budget, a stall or a strategy ended and whose score counts as `records.rows.counted_score`."""
+    """Episodes that a budget, a stall or a strategy ended and whose score counts as `records.rows.mean_score`."""
 
     @property
     def privileged(self) -> bool:

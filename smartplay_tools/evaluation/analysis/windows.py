@@ -93,7 +93,7 @@ class WindowComparison:
     confidence: float
     """The level of each interval that holds together with the others."""
     early: int
-    """Episodes that ended early and whose score counts as `records.rows.counted_score`."""
+    """Episodes that ended early and whose score counts as `records.rows.mean_score`."""
     on_token_front: bool
     """Whether the cell is on the game's Pareto front of mean score against mean tokens."""
     on_cost_front: bool | None
