@@ -75,7 +75,7 @@ def measure(interface: str, base_url: str) -> None:
             if len(times["client"]) % SAMPLED == 0:
                 timed("typed", typed, **body)
                 timed("bare", bare, base_url, chat, body)
-            timed("receive()", conversation.receive, reply.message, reply.usage)
+            timed("receive()", conversation.receive, reply)
     report(interface, times)
 
 

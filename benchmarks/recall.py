@@ -44,7 +44,7 @@ class Agent:
             before = time.thread_time_ns()
             prompt = self._conversation.prompt()
             assert prompt is not None
-            self._conversation.receive(self._player.reply(prompt).message)
+            self._conversation.receive(self._player.reply(prompt))
             times.append((time.thread_time_ns() - before) / 1e3)
         return times
 

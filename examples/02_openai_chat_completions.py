@@ -29,7 +29,7 @@ with ExitStack() as stack:
         completion = client.chat.completions.create(model=model, **smartplay_openai.chat_request(prompt))
         reply = smartplay_openai.chat_reply(completion)
         print(f"{conversation.view.tokens} tokens sent in {len(prompt.messages)} messages")
-        for result in conversation.receive(reply.message, reply.usage):
+        for result in conversation.receive(reply):
             print(result.text)
 
 result = conversation.result

@@ -30,7 +30,7 @@ with ExitStack() as stack:
         response = client.responses.create(model=model, **smartplay_openai.responses_request(prompt))
         reply = smartplay_openai.responses_reply(response)
         print("output items:", ", ".join(item.type for item in response.output))
-        for result in conversation.receive(reply.message, reply.usage):
+        for result in conversation.receive(reply):
             print(result.text)
 
 result = conversation.result

@@ -22,7 +22,7 @@ with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=700)) as
     while (prompt := conversation.prompt()) is not None:
         body = request(prompt)
         answer = reply(client.messages.create(model=name, **body)) if client else rule.reply(prompt)
-        conversation.receive(answer.message, answer.usage)
+        conversation.receive(answer)
 
 print(f"the last request held {len(body['messages'])} messages and {len(body['tools'])} tools")
 print(f"{episode.result.score:g} disks moved in {episode.result.steps} steps ({episode.result.end_reason})")

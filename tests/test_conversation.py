@@ -11,6 +11,10 @@ import random
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.conversation import AgentSession, PaperConversation
+from smartplay_tools.conversation.base import CheckedReply
+from smartplay_tools.records.driver import unchained
+from smartplay_tools.transcript.file import MemoryRecord
 from tests import checker, scripts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -270,3 +274,39 @@ def test_prompts_with_the_same_messages_are_equal_whatever_a_player_changes():
     )
     prompt.messages[0]["content"] = "Stop."
     assert prompt == other
+
+
+@pytest.mark.parametrize("kind", [sp.Conversation, AgentSession, PaperConversation])
+@pytest.mark.parametrize("asynchronous", [False, True])
+def test_a_reply_is_taken_as_a_message_as_a_reply_or_checked(kind, asynchronous):
+    """All three leave the same record, except that a message has no usage."""
+    message = saying("Rock") if kind is PaperConversation else acting(say="Rock it is.")
+    reply = sp.Reply(message, sp.Usage(prompt=7, reply=2))
+    taken, records = [], []
+    for form in (message, reply, CheckedReply.of(reply)):
+        record = MemoryRecord()
+        with sp.Episode(RPS, seed=7, transcript=record) as episode:
+            conversation = kind(episode)
+            conversation.prompt()
+            taken.append(asyncio.run(conversation.areceive(form)) if asynchronous else conversation.receive(form))
+        records.append([unchained(event) for event in record.events])
+    assert taken[0] == taken[1] == taken[2]
+    assert records[1] == records[2]
+    plain, counted = ([event for event in one if event["event"] == "usage"] for one in records[:2])
+    assert [event["provider"] for event in plain] == [None]
+    assert counted == [{**plain[0], "provider": reply.usage.model_dump()}]
+
+
+@pytest.mark.parametrize(
+    "wrong", ["Rock", None, {"role": "user", "content": "Rock"}, sp.Reply(acting(), {}), sp.Reply("Rock")]
+)
+def test_what_is_not_a_reply_changes_nothing(wrong):
+    record = MemoryRecord()
+    with sp.Episode(RPS, seed=7, transcript=record) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.prompt()
+        before = list(record.events)
+        for receive in (conversation.receive, lambda reply: asyncio.run(conversation.areceive(reply))):
+            with pytest.raises(sp.InvalidArgumentError):
+                receive(wrong)
+        assert record.events == before

@@ -137,7 +137,7 @@ class TestOddReplies:
         with pytest.raises(ValueError):  # noqa: PT011 - the sentences are the point of other tests
             conversation.receive(reply)
         with pytest.raises(sp.InvalidArgumentError, match="usage"):
-            conversation.receive(acting(), usage={})
+            conversation.receive(sp.Reply(acting(), {}))
         assert len(events) == before
         assert conversation.receive(acting())[0].data["step"] == 1
 

@@ -43,7 +43,7 @@ def recorded(tmp_path_factory) -> list[dict[str, Any]]:
                 calls.append({"id": "n", "type": "function", "function": note})
             usage = sp.Usage(prompt=100 + number, reply=20)
             message = {"role": "assistant", "content": f"Number {number}.", "reasoning_content": "Because."}
-            conversation.receive({**message, "tool_calls": calls} if number != 3 else message, usage)
+            conversation.receive(sp.Reply({**message, "tool_calls": calls} if number != 3 else message, usage))
             if number == 1:
                 conversation.add({"role": "tool", "tool_call_id": "n", "content": "noted"})
             conversation.spend(sp.Usage(prompt=7))

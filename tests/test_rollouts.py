@@ -83,13 +83,13 @@ def test_tokens_and_their_probabilities_belong_together():
     with pytest.raises(ValueError, match="1 logprobs for 2 tokens"):
         sp.SampledTokens(reply=[1, 2], logprobs=[-1.0])
     with sp.Episode(GAME, seed=3) as episode, pytest.raises(sp.InvalidArgumentError, match="SampledTokens"):
-        sp.Conversation(episode).receive(sp.call("act", action="Rock"), sampled=[1, 2])
+        sp.Conversation(episode).receive(sp.Reply(sp.call("act", action="Rock"), sampled=[1, 2]))
 
 
 def test_a_step_of_an_environment_takes_them():
     env = sp.TextEnv(GAME, budget=BUDGET)
     env.reset(seed=3)
-    env.step(sp.call("act", action="Rock"), sampled=sp.SampledTokens(reply=[5]))
+    env.step(sp.Reply(sp.call("act", action="Rock"), sampled=sp.SampledTokens(reply=[5])))
     assert env.episode.stats.turns == 1
 
 

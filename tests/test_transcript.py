@@ -190,7 +190,7 @@ def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
         with sp.Episode(GAMES[0], seed=1, transcript=events) as episode:
             conversation = sp.Conversation(episode)
             call = {"id": call_id, "type": "function", "function": function}
-            conversation.receive({"role": "assistant", "content": None, "tool_calls": [call]}, usage)
+            conversation.receive(sp.Reply({"role": "assistant", "content": None, "tool_calls": [call]}, usage))
             conversation.prompt()
         return events
 

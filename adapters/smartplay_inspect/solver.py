@@ -106,7 +106,7 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         offered = tools if prompt.tools else []
         output = await model.generate(chat.write(sent.messages, sent.pictures), offered, config=config)
         reply = from_output(output)
-        await _in_thread(lambda reply=reply: conversation.receive(reply.message, reply.usage))  # type: ignore[misc]
+        await _in_thread(lambda reply=reply: conversation.receive(reply))  # type: ignore[misc]
         state.output = output
         if prompt.asks_for_summary:
             continue  # no turn of the conversation: the log has it as an event of the model

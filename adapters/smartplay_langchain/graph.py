@@ -192,7 +192,7 @@ class GraphSession(CallPlayer):
             if wasted.usage is not None:
                 self.session.spend(wasted.usage)
         self.begin_turn()
-        calls = self.session.receive(outcome.reply.message, outcome.reply.usage)
+        calls = self.session.receive(outcome.reply)
         return self._for_state(_with_ids(reply or outcome.reply.source, calls))
 
     def _add(self, added: Sequence[BaseMessage]) -> None:

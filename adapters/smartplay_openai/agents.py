@@ -245,7 +245,7 @@ class SmartPlayModel(Model):
         self._handoffs = frozenset(handoff.tool_name for handoff in handoffs)
         while (answer := await session.aask(send)) is not None:
             self._latest = answer.response
-            calls = await session.areceive(answer.message, answer.usage)
+            calls = await session.areceive(answer)
             response = self._for_runner(answer.response, calls)
             if shown := calls_in(response):
                 self._note_handoff(session, shown)

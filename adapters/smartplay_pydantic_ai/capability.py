@@ -55,6 +55,7 @@ from smartplay_tools import (
     Message,
     Player,
     Prompt,
+    Reply,
     ToolResult,
     ToolSpec,
 )
@@ -215,7 +216,7 @@ class SmartPlay(AbstractCapability[Any]):
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
         session = self._session
         before = session.latest_turn
-        calls = await session.areceive(from_response(response), usage_of(response))
+        calls = await session.areceive(Reply(from_response(response), usage_of(response)))
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary
             return await self._another_attempt()

@@ -81,7 +81,7 @@ async def _play(episode: Episode, player: ModelPlayer, trace: vf.Trace[Any, Any]
             else:
                 episode.end("host", detail=trace.stop_condition)
             return
-        await conversation.areceive(reply.message, reply.usage)
+        await conversation.areceive(reply)
 
 
 def _program_result(result: EpisodeResult) -> vf.ProgramResult:

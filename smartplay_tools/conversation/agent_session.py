@@ -8,13 +8,14 @@ playing, `answer` plays one call. A `Conversation` plays all calls of a reply at
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
-from smartplay_tools.conversation.base import CheckedReply, check_episode
+from smartplay_tools.conversation.base import AnyReply, CheckedReply, check_episode
 from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types import Prompt, Reply, SampledTokens, ToolResult, ToolSpec, Usage
+from smartplay_tools.types import Prompt, Reply, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call
 
@@ -55,15 +56,15 @@ class AgentSession(ToolConversation):
             )
         super().__init__(episode, player=player, head=head, foreign_tools=foreign_tools)
 
-    def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> tuple[Call, ...]:
+    def receive(self, reply: AnyReply) -> tuple[Call, ...]:
         """Take the reply to the latest prompt: validate, record and charge it, and return its calls (`Call`).
 
         The reply to a prompt for a summary is not a turn and returns no calls.
 
-        `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
-        The provider's `usage` is recorded next to our count. A reply without a call is answered at once.
+        `reply` is an assistant message in chat form or a `Reply`, whose usage is recorded next to our count; anything
+        else raises `InvalidArgumentError` and changes nothing. A reply without a call is answered at once.
         """
-        return self.open(message, usage)
+        return self.open_turn(CheckedReply.of(reply))
 
     def ask(self, send: Callable[[Prompt], R]) -> R | None:
         """Return the reply to the next prompt to play, for `receive`; None when the episode is over.
@@ -79,7 +80,7 @@ class AgentSession(ToolConversation):
                 raise
             if not prompt.asks_for_summary:
                 return reply
-            self.receive(reply.message, reply.usage)
+            self.receive(reply)
         return None
 
     async def aask(self, send: Callable[[Prompt], Awaitable[R]]) -> R | None:
@@ -92,7 +93,7 @@ class AgentSession(ToolConversation):
                 raise
             if not prompt.asks_for_summary:
                 return reply
-            await self.areceive(reply.message, reply.usage)
+            await self.areceive(reply)
         return None
 
     def edit(self, call_id: str, arguments: Any) -> None:
@@ -128,9 +129,9 @@ class AgentSession(ToolConversation):
                     self.answer_at(before)
             return self.answer_at(position, key=key)
 
-    async def areceive(self, message: Mapping[str, Any], usage: Usage | None = None) -> tuple[Call, ...]:
+    async def areceive(self, reply: AnyReply) -> tuple[Call, ...]:
         """Take a reply as `receive` does, without blocking the event loop for long."""
-        return await self._away(lambda: self.receive(message, usage))
+        return await self._away(partial(self.receive, CheckedReply.of(reply)))
 
     async def aanswer(self, call_id: str, arguments: Any = None, *, earlier: bool = True, key: str = "") -> ToolResult:
         """Play one call as `answer` does; where that may be slow, in a thread instead of the event loop."""
@@ -148,31 +149,22 @@ class Conversation(ToolConversation):
     `AgentSession`, without `summaries` and `pictures`.
     """
 
-    def receive(
-        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
-    ) -> list[ToolResult]:
+    def receive(self, reply: AnyReply) -> list[ToolResult]:
         """Take the reply to the latest prompt: charge it, play its calls, and return the results in order.
 
         The reply to a prompt for a summary is not a turn: none of its calls is played, and there are no results.
-        `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
-        The provider's `usage` is recorded next to our count, and the tokens that the model drew (`sampled`) beside the
-        message. Calls after the end of the game are refused.
+        `reply` is an assistant message in chat form or a `Reply`; anything else raises `InvalidArgumentError` and
+        changes nothing. The provider's usage is recorded next to our count, and the tokens that the model drew beside
+        the message. Calls after the end of the game are refused.
         """
-        return self.receive_checked(CheckedReply.of(message, usage, sampled))
-
-    def receive_checked(self, reply: CheckedReply) -> list[ToolResult]:
-        """Do what `receive` does with a reply that has been checked."""
+        checked = CheckedReply.of(reply)
         with self.episode.lock:
-            calls = self.open_checked(reply)
+            calls = self.open_turn(checked)
             return [self.answer_at(at) for at, call in enumerate(calls) if call.name not in self._foreign]
 
-    async def areceive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
+    async def areceive(self, reply: AnyReply) -> list[ToolResult]:
         """Take a reply as `receive` does, without blocking the event loop for long."""
-        return await self.areceive_checked(CheckedReply.of(message, usage))
-
-    async def areceive_checked(self, reply: CheckedReply) -> list[ToolResult]:
-        """Do what `areceive` does with a reply that has been checked."""
-        return await self._away(lambda: self.receive_checked(reply))
+        return await self._away(partial(self.receive, CheckedReply.of(reply)))
 
     def _settle(self, call: Call) -> None:
         # Only in a resumed record: the episode was interrupted before all calls of the reply were played.

@@ -25,7 +25,7 @@ from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError, name_of
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.types import EpisodeResult, Prompt, SampledTokens, ToolSpec, Usage
+from smartplay_tools.types import EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
 from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
@@ -45,14 +45,24 @@ class CheckedReply:
     """The tokens that the model drew, as plain data."""
 
     @classmethod
-    def of(cls, message: Mapping[str, Any], usage: Usage | None, sampled: SampledTokens | None = None) -> CheckedReply:
+    def of(cls, reply: AnyReply) -> CheckedReply:
         """Return a copy of a reply as the conversation keeps it; `InvalidArgumentError` if it is not a reply."""
-        return cls(assistant_message(message), checked_usage(usage), checked_tokens(sampled))
+        match reply:
+            case CheckedReply():
+                return reply
+            case Reply():
+                usage, sampled = checked_usage(reply.usage), checked_tokens(reply.sampled)
+                return cls(assistant_message(reply.message), usage, sampled)
+        return cls(assistant_message(reply), None)
 
     def event(self, name: str, turn: int, **facts: Any) -> Event:
         """Return the event that records the reply."""
         sampled = {} if self.sampled is None else {"sampled": self.sampled}
         return {"event": name, "turn": turn, **facts, "message": self.message, **sampled}
+
+
+AnyReply = Mapping[str, Any] | Reply | CheckedReply
+"""A reply as `receive` takes it: an assistant message in chat form, a `Reply`, or one that has been checked."""
 
 
 @dataclass(slots=True)
@@ -128,6 +138,13 @@ class BaseConversation(ABC):
     @abstractmethod
     def _shown(self, view: View) -> dict[str, Any]:
         """Return the fields of the `view` event from which the prompt is rebuilt, and the prompt's sha256."""
+
+    @abstractmethod
+    def open_turn(self, reply: CheckedReply) -> tuple[Call, ...]:
+        """Record and charge a reply and open its turn, and return its calls; nothing is played.
+
+        `receive` begins with it, and a record that is replayed has the rest in events of its own.
+        """
 
     @abstractmethod
     def _complete_turn(self) -> None:
@@ -228,7 +245,7 @@ class BaseConversation(ABC):
         provider = checked_usage(usage)
         self._ledger.record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
 
-    def _open_turn(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
+    def _record_reply(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
         """Record and charge the reply to a prompt, and return its calls; nothing is played."""
         number = self.episode.stats.turns
         if number != len(self._builder.turns) and not self.episode.done:

@@ -121,7 +121,7 @@ def play(
         except Exception as error:
             conversation.give_up(error)
             break
-        conversation.receive_checked(reply)
+        conversation.receive(reply)
         if on_turn is not None and not prompt.asks_for_summary:
             on_turn(conversation)
     return _result(conversation)
@@ -149,7 +149,7 @@ async def aplay(
         except Exception as error:
             conversation.give_up(error)
             break
-        await conversation.areceive_checked(reply)
+        await conversation.areceive(reply)
         if on_turn is not None and not prompt.asks_for_summary:
             on_turn(conversation)
     return _result(conversation)
@@ -234,7 +234,7 @@ def _checked(reply: Reply) -> CheckedReply:
     """Return a player's reply in canonical form. If it is not a reply, the error counts as the player's."""
     if not isinstance(reply, Reply):
         raise InvalidArgumentError(f"A player replies with a `Reply`, not with {type(reply).__name__}.")
-    return CheckedReply.of(reply.message, reply.usage, reply.sampled)
+    return CheckedReply.of(reply)
 
 
 def _result(conversation: AnyConversation) -> EpisodeResult:

@@ -15,23 +15,24 @@ history.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 from itertools import takewhile
 from typing import Any
 
 from smartplay_tools.context.tokens import PRIMING, truncation
 from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection, View
-from smartplay_tools.conversation.base import BaseConversation, CheckedReply
+from smartplay_tools.conversation.base import AnyReply, BaseConversation, CheckedReply
 from smartplay_tools.episode import budgets
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import PromptOverflowError
 from smartplay_tools.games.base import history_text
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
-from smartplay_tools.types import SampledTokens, ToolResult, Usage
+from smartplay_tools.types import ToolResult
 from smartplay_tools.types.arguments import read
-from smartplay_tools.types.messages import Message, text_of
+from smartplay_tools.types.messages import Call, Message, text_of
 
 SYSTEM = "You’re a player trying to play the game."
 OBSERVATION = "current step observation: "
@@ -98,42 +99,30 @@ class PaperConversation(BaseConversation):
         facts = {"before": before, "observation": observation, "cut_results": cut}
         super().__init__(episode, player=player, head=head, tools=(), **facts)
 
-    def receive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
+    def receive(self, reply: AnyReply) -> list[ToolResult]:
         """Take the answer to the latest question: thoughts, or a choice, which is played and whose result is returned.
 
-        `message` is an assistant message in chat form; anything else raises `InvalidArgumentError` and changes nothing.
+        What is not a reply raises `InvalidArgumentError` and changes nothing.
         """
-        return self.receive_checked(CheckedReply.of(message, usage))
-
-    def receive_checked(self, reply: CheckedReply) -> list[ToolResult]:
-        """Do what `receive` does with an answer that has been checked."""
+        checked = CheckedReply.of(reply)
         with self.episode.lock:
-            self.open_checked(reply)
+            self.open_turn(checked)
             return self.settle()
 
-    async def areceive(self, message: Mapping[str, Any], usage: Usage | None = None) -> list[ToolResult]:
+    async def areceive(self, reply: AnyReply) -> list[ToolResult]:
         """Take an answer as `receive` does; where that may be slow, in a thread instead of the event loop."""
-        return await self.areceive_checked(CheckedReply.of(message, usage))
+        return await self._away(partial(self.receive, CheckedReply.of(reply)))
 
-    async def areceive_checked(self, reply: CheckedReply) -> list[ToolResult]:
-        """Do what `areceive` does with an answer that has been checked."""
-        return await self._away(lambda: self.receive_checked(reply))
-
-    def open(
-        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
-    ) -> None:
-        """Validate, record and charge an answer; the action that it chooses is not played yet."""
-        self.open_checked(CheckedReply.of(message, usage, sampled))
-
-    def open_checked(self, reply: CheckedReply) -> None:
-        """Do what `open` does with an answer that has been checked."""
+    def open_turn(self, reply: CheckedReply) -> tuple[Call, ...]:
+        """Record and charge an answer; the action that it chooses is not played yet."""
         with self.episode.lock:
-            self._open_turn(reply, self._prepare())
+            calls = self._record_reply(reply, self._prepare())
             answer = text_of(reply.message)
             if self._thoughts is None:
                 self._thoughts = answer
             else:
                 self._choice = answer
+            return calls
 
     def settle(self) -> list[ToolResult]:
         """Play the action that was chosen and not played yet, if there is one."""

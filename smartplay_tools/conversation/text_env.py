@@ -11,17 +11,17 @@ stepped side by side, one forward pass of a model for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from smartplay_tools.conversation.agent_session import Conversation
+from smartplay_tools.conversation.base import AnyReply
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.factory import EpisodeFactory, RewardName
 from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.types import Budget, Prompt, SampledTokens, Usage
+from smartplay_tools.types import Budget, Prompt
 from smartplay_tools.types.messages import Message
 
 
@@ -71,23 +71,17 @@ class TextEnv:
         self._rewarded, self._prompt = 0.0, self._talk.prompt()
         return self._messages()
 
-    def step(
-        self,
-        reply: Mapping[str, Any] | str,
-        usage: Usage | None = None,
-        sampled: SampledTokens | None = None,
-    ) -> tuple[list[Message], float, bool, dict[str, Any]]:
+    def step(self, reply: AnyReply | str) -> tuple[list[Message], float, bool, dict[str, Any]]:
         """Take the reply to the latest messages; return the next messages, the reward, whether it is over, and facts.
 
-        The reply is an assistant message in chat form, or a text without calls. All its calls are played. `sampled` are
-        the tokens of which it was made, for the record. The facts
-        have `purpose` ("summary" if the next messages ask for one), `max_tokens`, the cap on the next reply, and at the
-        end `result`, the `EpisodeResult`. A step after the end is an `InvalidArgumentError`.
+        The reply is an assistant message in chat form, a `Reply`, or a text without calls. All its calls are played.
+        The facts have `purpose` ("summary" if the next messages ask for one), `max_tokens`, the cap on the next reply,
+        and at the end `result`, the `EpisodeResult`. A step after the end is an `InvalidArgumentError`.
         """
         talk = self._conversation
         if self._prompt is None:
             raise InvalidArgumentError("The episode is over; reset the environment.")
-        talk.receive({"role": "assistant", "content": reply} if isinstance(reply, str) else reply, usage, sampled)
+        talk.receive({"role": "assistant", "content": reply} if isinstance(reply, str) else reply)
         self._prompt = talk.prompt()
         before, self._rewarded = self._rewarded, self._factory.reward(talk.episode)
         return self._messages(), self._rewarded - before, self._prompt is None, self._facts()

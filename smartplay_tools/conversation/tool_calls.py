@@ -24,7 +24,7 @@ from smartplay_tools.episode.stats import UNANSWERED
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
-from smartplay_tools.types import Progress, SampledTokens, ToolResult, ToolSpec, Usage
+from smartplay_tools.types import Progress, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call, Message, head_messages, host_message, text_of
 from smartplay_tools.types.result import UNUSUAL_ENDS
@@ -136,23 +136,17 @@ class ToolConversation(BaseConversation):
         waiting, calls = self._builder.waiting, self._builder.calls
         return tuple([calls[at] for at in waiting if calls[at].name not in self._foreign]) if waiting else ()
 
-    def open(
-        self, message: Mapping[str, Any], usage: Usage | None = None, sampled: SampledTokens | None = None
-    ) -> tuple[Call, ...]:
-        """Validate, record and charge a reply and open its turn, without playing any of its calls.
+    def open_turn(self, reply: CheckedReply) -> tuple[Call, ...]:
+        """Record and charge a reply and open its turn, and return its calls; nothing is played.
 
         The reply to a prompt for a summary opens no turn and has no calls that could be played.
         """
-        return self.open_checked(CheckedReply.of(message, usage, sampled))
-
-    def open_checked(self, reply: CheckedReply) -> tuple[Call, ...]:
-        """Do what `open` does with a reply that has been checked."""
         with self.episode.lock:
             pending = self._prepare()
             if pending is not None and pending.view.asks_for_summary:
                 self._take_words(pending, reply)
                 return ()
-            calls = self._open_turn(reply, pending)
+            calls = self._record_reply(reply, pending)
             self._prompt_tokens = None if pending is None else pending.view.tokens
             if pending is not None:
                 self._ledger.strategies.answers(pending.view)

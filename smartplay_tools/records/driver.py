@@ -16,6 +16,7 @@ from smartplay_tools.context.compaction import AsRecorded
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
+from smartplay_tools.conversation.base import CheckedReply
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
@@ -23,7 +24,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.records.prompts import is_compacted
 from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, purpose_of
 from smartplay_tools.transcript.file import MemoryRecord
-from smartplay_tools.types import Purpose, SampledTokens, ToolCall, ToolSpec, Usage
+from smartplay_tools.types import Purpose, Reply, SampledTokens, ToolCall, ToolSpec, Usage
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
@@ -163,11 +164,12 @@ class Driver:
         usages = self._usages.get((event["turn"], purpose))
         usage = usages.popleft() if usages else None
         sampled = event.get("sampled")
-        self._needed().open(
+        reply = Reply(
             message,
             None if usage is None else Usage(**usage),
             None if sampled is None else SampledTokens.from_record(sampled),
         )
+        self._needed().open_turn(CheckedReply.of(reply))
 
     def _needed(self) -> Driven:
         if self.conversation is None:

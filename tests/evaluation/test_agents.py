@@ -24,7 +24,7 @@ BUDGET = sp.Budget(prompt_tokens=700)
 def through_a_session(session: sp.AgentSession) -> None:
     player = sp.get_player("rule")
     while (reply := session.ask(player.reply)) is not None:
-        for call in session.receive(reply.message, reply.usage):
+        for call in session.receive(reply):
             session.answer(call.id)
 
 

@@ -236,7 +236,7 @@ class WindowEpisode:
             await self._settle(self._latest, request.results)
         self._spent = Usage(requests=0)
         while (reply := await self._ask(session)) is not None:
-            await session.areceive(reply.message, reply.usage)
+            await session.areceive(reply)
             assert session.latest_turn is not None
             pending = self._pending(session.latest_turn, self._spent, tools, one_call=request.one_call)
             if pending.sent:

@@ -189,7 +189,7 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
                 replies.append(player.reply(prompt))
             except SmartPlayError as error:
                 return Probe(config.name, reachable=False, error=str(error))
-            conversation.receive(replies[-1].message, replies[-1].usage)
+            conversation.receive(replies[-1])
             fault = fault_of(replies[-1], conversation, MOST_TOKENS)
             was_played = was_played or fault is None
             if fault is not None:
