@@ -20,12 +20,12 @@ from typing import Any, TypeVar
 from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import View
-from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError, name_of
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
+from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
