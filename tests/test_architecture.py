@@ -27,6 +27,8 @@ LAYERS = (
     "errors",
     "registry",
     "types",
+    "statistics",
+    "providers",
     "games",
     "transcript",
     "context",
@@ -43,7 +45,6 @@ LAYERS = (
 
 ROOMS = {
     "suites": 0,
-    "quantities": 0,
     "processes": 0,
     "run_folder": 1,
     "costs": 2,
@@ -172,6 +173,40 @@ def test_modules_import_in_no_circle():
             f"{' <-> '.join(circle)} import each other: move what they share into the lowest of them, or have the "
             "lower one take what it needs as an argument or a Protocol"
         )
+
+
+SERVERS = ("smartplay_mcp", "smartplay_openai.server", "smartplay_openai.window", "smartplay_openenv")
+"""The adapters that are servers, which share what `web` has."""
+
+
+def test_adapters_do_without_the_laboratory():
+    for module, imported in graph().items():
+        if module.startswith(f"{sp.__name__}.") or module == sp.__name__:
+            continue
+        rooms = {name.split(".")[1] for name in imported if name.startswith(f"{sp.__name__}.")}
+        not_for_it = {"evaluation", "cli", "testing"} | ({"web"} if not module.startswith(SERVERS) else set())
+        assert not rooms & not_for_it, (
+            f"{module} imports {sorted(rooms & not_for_it)}, which one episode does not need: move what both need down"
+        )
+
+
+CORE = """
+import smartplay_tools as sp
+with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(prompt_tokens=900), transcript="hanoi.jsonl") as episode:
+    assert sp.play(episode, sp.get_player("rule")).completed
+assert sp.replay("hanoi.jsonl").identical
+"""
+
+
+@pytest.mark.parametrize("session", ["core", "openai", pytest.param("langchain", marks=pytest.mark.slow)])
+def test_an_episode_is_played_without_loading_the_laboratory(session, tmp_path):
+    """Nobody who plays one episode, by whichever framework, loads what plays, keeps and shows many, or a server."""
+    pytest.importorskip({"core": sp.__name__}.get(session, session))
+    code = {"core": CORE, "openai": sizes()["OPENAI"], "langchain": sizes()["LANGCHAIN"]}[session]
+    rooms = tuple(f"{sp.__name__}.{room}" for room in ("evaluation", "web", "cli", "testing"))
+    code += f"\nimport sys\nprint([name for name in sys.modules if name.startswith({rooms})])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.stdout.strip() == "[]", f"import what needs them in functions\n{done.stdout}{done.stderr}"
 
 
 @pytest.mark.slow

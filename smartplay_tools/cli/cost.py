@@ -18,7 +18,7 @@ from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost
 from smartplay_tools.evaluation.costs.charges import PLACES, Place
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 
 
 def cost(

@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.runs.players import check_no_credentials
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player, is_model
 from smartplay_tools.players.player_registry import second_player, without_second
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.types import EpisodeResult, Usage
 from smartplay_tools.types.messages import text_of

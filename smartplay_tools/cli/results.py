@@ -21,7 +21,6 @@ from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
-from smartplay_tools.evaluation.analysis.intervals import Method
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
@@ -33,6 +32,7 @@ from smartplay_tools.evaluation.analysis.windows import compare_windows, latenci
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.statistics.intervals import Method
 
 
 @dataclass(frozen=True)

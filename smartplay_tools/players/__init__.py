@@ -34,11 +34,11 @@ if TYPE_CHECKING:
         PLAYERS as PLAYERS,
         get_player as get_player,
         is_interactive as is_interactive,
-        is_model as is_model,
         player_names as player_names,
     )
     from smartplay_tools.players.prompt_reading import Reading as Reading, call as call
     from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
+    from smartplay_tools.providers.model_names import is_model as is_model
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

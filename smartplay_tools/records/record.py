@@ -18,7 +18,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,

@@ -22,7 +22,6 @@ from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
     are_identical,
@@ -34,6 +33,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     score,
 )
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.types import Budget
 
 __all__ = ["Comparison", "Overall", "Pairing", "Side", "compare"]

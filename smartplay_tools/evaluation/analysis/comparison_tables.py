@@ -18,9 +18,9 @@ from smartplay_tools.evaluation.analysis.formats import (
     sections,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
-from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % interval",

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.statistics.distributions import beyond, chi_squared_quantile, crossing, t_power
+from smartplay_tools.statistics.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
 
 POWERS = (0.8, 0.9)
 FEWEST_PAIRS = 10

@@ -34,9 +34,9 @@ from smartplay_tools.evaluation.analysis.summary import (
     Profile,
     RunSummary,
 )
-from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.types.quantities import short
 
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.intervals import FEW, MeanEstimate
+from smartplay_tools.statistics.intervals import FEW, MeanEstimate
 from smartplay_tools.types.arguments import well_formed
 
 

@@ -23,7 +23,7 @@ from smartplay_tools.evaluation.analysis.formats import (
 )
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
-from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.types.quantities import short
 
 CUT = "\N{DAGGER}"
 """The mark of cells in which tool results were cut to fit."""

@@ -16,12 +16,12 @@ from smartplay_tools.evaluation.analysis.comparison import Comparison
 from smartplay_tools.evaluation.analysis.comparison_tables import side_names
 from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, pairs_needed, plan_pairs
 from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, dollars, sections
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.pairs import is_control
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.intervals import CONFIDENCE, MeanEstimate
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 ALL = "all together"
 NOTES = (

@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.distributions import Values
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
-from smartplay_tools.evaluation.analysis.intervals import Bounds
 from smartplay_tools.evaluation.analysis.pairs import bounds_of, score
 from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.distributions import Values
+from smartplay_tools.statistics.intervals import Bounds
+from smartplay_tools.types.groups import grouped
 
 MOST_STAKED = 0.9
 """The share of the capital that a pair can cost at most."""

@@ -19,11 +19,11 @@ from smartplay_tools.evaluation.analysis.formats import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by seed; [ ]: 95 % interval",

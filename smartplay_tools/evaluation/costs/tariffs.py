@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from smartplay_tools.errors import DamageError, damage_named, warn_damaged
-from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.evaluation.costs.charges import PLACES, Charge, Place, charge, marks_of
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
 

@@ -20,9 +20,9 @@ from smartplay_tools.errors import InvalidArgumentError, damage_named, extra_nam
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types.arguments import read
+from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -23,7 +23,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
-from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder, damaged_attempt, failure
 from smartplay_tools.evaluation.run_folder.time_left import (
     CellWork,
@@ -33,13 +32,14 @@ from smartplay_tools.evaluation.run_folder.time_left import (
     most_replies,
     rest_of_tokens,
 )
-from smartplay_tools.players.player_registry import is_model
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.model_names import is_model
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row, mean_score, read_row
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
+from smartplay_tools.types.quantities import duration, short
 
 STALE_SECONDS = 15.0
 """A status file that is older was left by a run that was killed: a run writes one every second, or every five."""

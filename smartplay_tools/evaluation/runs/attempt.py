@@ -25,8 +25,8 @@ from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conver
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.episode.seeds import player_seed
 from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
-from smartplay_tools.evaluation.run_folder.folder import player_seed
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
@@ -35,7 +35,7 @@ from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import ModelPlayer, get_player, player_registry
 from smartplay_tools.players.player_registry import second_player, without_second
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
 from smartplay_tools.records.replays import recorded_pictures

@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
 from smartplay_tools.players.player_registry import takes_seed
 from smartplay_tools.players.prompt_reading import call
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import recorded_score
 from smartplay_tools.registry import is_in_file, read_file

@@ -18,7 +18,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.players import ModelPlayer, get_player, is_model
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.rows import MORE_TOKENS, without_calls
 from smartplay_tools.types import Budget, Reply, Usage
 from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of

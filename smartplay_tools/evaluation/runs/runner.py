@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, S
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
-from smartplay_tools.records.prices import Price, check_known
+from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 

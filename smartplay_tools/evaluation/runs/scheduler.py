@@ -31,7 +31,7 @@ from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
-from smartplay_tools.records.prices import Price, check_known
+from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of

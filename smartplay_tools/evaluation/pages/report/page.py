@@ -51,13 +51,14 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
     rules,
     totals,
 )
-from smartplay_tools.evaluation.quantities import figure, typeset
 from smartplay_tools.games.game_registry import importing_packages
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.accounts import PARTS
-from smartplay_tools.records.prices import Price
-from smartplay_tools.records.rows import Row, grouped, unplayed
+from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.types import MISTAKES, Budget
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import figure, typeset
 
 __all__ = ["render_report", "write_excerpt", "write_report"]
 
