@@ -286,8 +286,18 @@ class BaseConversation(ABC):
         prefix = common_beginning(view.forms, self._shown_before, is_equal=True)
         self._shown_before = view.forms
         messages = tuple(map(message_of, view.forms))
-        facts = view.purpose, self._cache_key, self._shown_pictures(view), self.episode.words.version
-        return Pending(view, max_tokens, partial(Prompt, messages, view.tools, max_tokens, prefix, *facts))
+        prompt = partial(
+            Prompt,
+            messages,
+            tools=view.tools,
+            max_tokens=max_tokens,
+            prefix_messages=prefix,
+            purpose=view.purpose,
+            cache_key=self._cache_key,
+            pictures=self._shown_pictures(view),
+            version=self.episode.words.version,
+        )
+        return Pending(view, max_tokens, prompt)
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""

@@ -38,7 +38,7 @@ def takes_seed(factory: Callable[..., Any]) -> bool:
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
-    "blind": "smartplay_tools.evaluation.runs.players:BlindPlayer",
+    "blind": "smartplay_tools.evaluation.runs.blind:BlindPlayer",
     "first": "smartplay_tools.players.scripted:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",

@@ -11,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate, pairwise
 from operator import add, sub
 from typing import Literal
@@ -219,19 +219,19 @@ class Accounts:
         room = None if cap is None else cap - view["tokens"]
         for turn in reversed(gone):
             age = step - turns[turn].step
-            facts = (turn, view["turn"])
+            left = partial(Departure, turn=turn, prompt=view["turn"], needs=needs[turn], age=age)
             if budget.strategy is not None:
-                yield Departure(*facts, "choice", needs[turn], age)
+                yield left(reason="choice")
             elif turn < run:
-                yield Departure(*facts, "pin", needs[turn], age)
+                yield left(reason="pin")
             elif history is not None and age > history:
-                yield Departure(*facts, "history", needs[turn], age, keeps=age)
+                yield left(reason="history", keeps=age)
             elif budget.slack == 0 and cap is not None and room is not None:
-                yield Departure(*facts, "full", needs[turn], age, free=room, keeps=cap + needs[turn] - room)
+                yield left(reason="full", free=room, keeps=cap + needs[turn] - room)
             elif cap is not None and unmoved > cap:
-                yield Departure(*facts, "full", needs[turn], age, keeps=unmoved)
+                yield left(reason="full", keeps=unmoved)
             else:
-                yield Departure(*facts, "block", needs[turn], age)
+                yield left(reason="block")
             if room is not None:
                 room -= needs[turn]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from smartplay_tools.evaluation.analysis import intervals
+from smartplay_tools.statistics import intervals
 from smartplay_tools.statistics.distributions import chi_squared_quantile
 from smartplay_tools.statistics.intervals import (
     Bounds,

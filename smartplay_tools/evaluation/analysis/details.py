@@ -9,22 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import (
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.grouping import Condition
+from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
+from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
-    Column,
-    TextTable,
     amount,
-    columns,
     count,
     decimals_of,
     dollars,
     interval_notes,
     percent,
-    sections,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.grouping import Condition
-from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
 from smartplay_tools.evaluation.analysis.summary import (
     Baseline,
     Baselines,

@@ -11,18 +11,10 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import (
-    NOTHING,
-    Column,
-    TextTable,
-    columns,
-    decimals_of,
-    dollars,
-    fixed,
-    percent,
-)
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge

@@ -71,8 +71,8 @@ def judge(differences: Sequence[float], bounds: Bounds, margin: float, compariso
     capital = np.maximum(_log_capital(x, grid).max(axis=-1), _log_capital(1 - x, 1 - grid).max(axis=-1))
     mean, kept = float(x.mean()), grid[capital < math.log(40 * comparisons)].tolist()
     low, high = min([mean, *kept]) - 1 / (GRID - 1), max([mean, *kept]) + 1 / (GRID - 1)
-    ends = [float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high)]
-    return Evidence(word, used, float(bounds.low + width * mean), *ends)
+    low, high = (float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high))
+    return Evidence(word, used, mean=float(bounds.low + width * mean), low=low, high=high)
 
 
 def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: int = 1) -> tuple[Places, Places]:

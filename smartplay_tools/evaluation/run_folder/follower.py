@@ -205,9 +205,15 @@ class Result(NamedTuple):
         """Return the figures of a row."""
         tokens, replies = row["tokens"], row["turns"] + row.get("summaries", 0)
         spent = Spent(replies, int(tokens["prompt"]), int(tokens["reply"]), row["cost"])
-        scores = (float(row["score"]), row["normalized_score"], int(row["steps"]))
         return cls(
-            *scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"], mean_score(row)
+            score=float(row["score"]),
+            normalized_score=row["normalized_score"],
+            steps=int(row["steps"]),
+            spent=spent,
+            mistakes=sum(row[name] for name in MISTAKES),
+            cut_results=row["cut_results"],
+            end_reason=row["end_reason"],
+            mean_score=mean_score(row),
         )
 
 
