@@ -272,8 +272,16 @@ class Scheduler:
         config = self._setup.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
         carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
-        price, files = self._setup.prices.get(player_of(cell)), (game_file(cell), strategy_file(cell))
-        task = Task(episode, config, record, previous, price, carried, *files)
+        task = Task(
+            episode,
+            config,
+            record,
+            previous,
+            price=self._setup.prices.get(player_of(cell)),
+            carried=carried,
+            game_file=game_file(cell),
+            strategy_file=strategy_file(cell),
+        )
         self._running[episode.key] = task
         self._failures_before[episode.key] = self._failures.copy()
         return task
