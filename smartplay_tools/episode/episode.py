@@ -35,7 +35,7 @@ from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.ledger import Ledger, Listener
 from smartplay_tools.episode.tools import tool_functions
 from smartplay_tools.errors import InvalidArgumentError, check_choice
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.transcript.events import Event
@@ -180,7 +180,7 @@ class Episode:
                 session.strategies.custom = strategy
             writer = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
-            self.game.close()
+            close_game(self.game)
             raise
         session.game_seconds = time.perf_counter() - began
         self.words = session.words
@@ -373,7 +373,7 @@ class Episode:
             finally:
                 if self.ledger.writer is not None:
                     self.ledger.writer.close()
-                self.game.close()
+                close_game(self.game)
 
     def __enter__(self) -> Self:
         return self

@@ -23,6 +23,7 @@ from typing import Literal
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.errors import SENSELESS, SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
@@ -94,7 +95,7 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None, c
         elif driver.record.written != written:
             differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
     finally:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
     resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
     result = driver.episode.result if record.is_complete else None
     not_compared = None if compares_pictures(recorded[0]) else PICTURES_ARE_NOT_COMPARED
@@ -168,7 +169,7 @@ def recorded_pictures(
     try:
         driver.run()
     finally:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
     pictures = {picture.sha256: picture for picture in made}
     shown = list(picture_names(events))
     if missing := [sha256 for sha256 in shown if sha256 not in pictures]:

@@ -22,6 +22,7 @@ from smartplay_tools.conversation.agent_session import AgentSession, Conversatio
 from smartplay_tools.episode.carried import STORES, Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SENSELESS, InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import read_events
@@ -89,7 +90,7 @@ def resume(
         elif end is not None:
             driver.episode.ledger.result = EpisodeResult(**end)  # unchanged, with the versions of the recording
     except BaseException:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
         raise
     return Resumed(driver.episode, driver.conversation, len(recorded))
 

@@ -14,6 +14,7 @@ episode instead of a hundred.
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -46,10 +47,14 @@ RETRIES = 3
 """How often a failed episode is retried in one run."""
 
 SAME_FAILURES = 3
-"""A player that fails so often with one kind of error, and has never played an action in this run, plays no more in it.
+"""A player that fails so often in one place, with no finished episode in between, plays no more in this run.
 
-Attempts that fail side by side count once, since they may have one cause that passes.
+Attempts that fail side by side count once, since they may have one cause that passes. After a failure the player's next
+attempts begin one at a time, until one finishes its episode.
 """
+
+FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
+"""A place in a traceback."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ class Scheduler:
         self._failures: Counter[tuple[str, str]] = Counter()
         self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
-        self._reasons: set[str] = set()
+        self._reasons: set[tuple[str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
         self._needed: set[int] | None = None
@@ -251,8 +256,8 @@ class Scheduler:
         return player in self._acted
 
     def _is_failing(self, player: str) -> bool:
-        """Whether a player has failed in this run and never played an action."""
-        return player not in self._acted and any(player == failed for failed, _ in self._failures)
+        """Whether a player has failed in this run and finished no episode since."""
+        return any(player == failed for failed, _ in self._failures)
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
@@ -302,7 +307,10 @@ class Scheduler:
         if outcome.times is not None:
             timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
             self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
-            self._tell_beginning(episode, outcome.times.began_again)
+            self._tell(
+                episode, "%s began again from its start: %s What it had spent is counted.", outcome.times.began_again
+            )
+            self._tell(episode, "%s keeps its result; after its end came %s.", outcome.times.after_the_end)
         row, error = None, record.error or record.end_reason
         if not record.exists:
             error = "There is no record of the attempt."
@@ -310,6 +318,8 @@ class Scheduler:
             record.path = self._folder.transcript(episode.key)  # it was moved
             row = self._rows[episode.key] = row_of(record, episode.trial)
             self._folder.append_row(row)
+            player = self._who[episode.place]
+            self._failures = Counter({key: n for key, n in self._failures.items() if key[0] != player})
             self._needed = None
             self._expected.finished(row)
             if row["cost"] is None and self._setup.caps.cost is not None:
@@ -318,17 +328,17 @@ class Scheduler:
             self._capped = True
         elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
-            self._judge(episode, error)
+            self._judge(episode, error, record)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
-    def _tell_beginning(self, episode: PlannedEpisode, why: str | None) -> None:
-        """Log why an episode began again, once for each reason."""
-        if why is not None and (reason := reason_of(why)) not in self._reasons:
-            self._reasons.add(reason)
-            log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
+    def _tell(self, episode: PlannedEpisode, sentence: str, why: str | None) -> None:
+        """Log what is to be known of an attempt, once for each reason; a row of `timings.jsonl` has it, too."""
+        if why is not None and (sentence, reason_of(why)) not in self._reasons:
+            self._reasons.add((sentence, reason_of(why)))
+            log.warning(sentence, episode.key, why)
 
-    def _judge(self, episode: PlannedEpisode, error: str) -> None:
+    def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
         """End the run if a server refuses every request; give up a player that never answers, or always fails."""
         assert self._executor is not None
         player = self._who[episode.place]
@@ -338,19 +348,20 @@ class Scheduler:
             self._executor.stop.set()
         elif kind == ModelCallError.__name__ and player not in self._answered:
             self._silent.add(player)
-        elif player not in self._acted:
-            self._count_failure(episode, kind, error)
+        elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break
+            frames = FRAME.findall(record.traceback or "")
+            self._count_failure(episode, f"{kind} {frames[-1:]}", error)
 
-    def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
-        """Count a failure, unless one of the same kind was counted while this attempt was played."""
+    def _count_failure(self, episode: PlannedEpisode, place: str, error: str) -> None:
+        """Count a failure, unless one in the same place was counted while this attempt was played."""
         player = self._who[episode.place]
-        if self._failures_before[episode.key][player, kind] < self._failures[player, kind]:
+        if self._failures_before[episode.key][player, place] < self._failures[player, place]:
             return
-        self._failures[player, kind] += 1
-        if self._failures[player, kind] == SAME_FAILURES:
+        self._failures[player, place] += 1
+        if self._failures[player, place] == SAME_FAILURES:
             self._silent.add(player)
-            name = player_of(episode.cell)
-            log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
+            why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
+            log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)

@@ -32,7 +32,7 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.games.game_registry import packages_are_imported
+from smartplay_tools.games.game_registry import close_game, packages_are_imported
 from smartplay_tools.games.minecraft.game import Minecraft
 from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
@@ -176,7 +176,7 @@ class Drawings:
     def _close(self) -> None:
         """Close the game. One that disagreed with a record is not used again: it may be broken."""
         if self._made is not None:
-            self._made[1].close()
+            close_game(self._made[1])
             self._made = None
 
 
