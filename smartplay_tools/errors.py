@@ -216,6 +216,17 @@ SENSELESS = (
 
 
 @contextmanager
+def record_named(what: object = "The record") -> Iterator[None]:
+    """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
+    try:
+        yield
+    except SmartPlayError:
+        raise
+    except SENSELESS as error:
+        raise TranscriptError(f"{what} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
+
+
+@contextmanager
 def damage_named(what: object) -> Iterator[None]:
     """Turn the errors raised while a record is used whose events are out of place into a `DamageError` that names it.
 

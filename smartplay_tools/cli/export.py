@@ -33,14 +33,18 @@ def export(
         typer.Option("--pictures", help="Export episodes with pictures, too, and write these as files (sft formats)."),
     ] = False,
     best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
+    tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write finished episodes as training rows, trajectories or Inspect logs.
 
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """
     # Reading many records takes imports that no other command needs.
+    from smartplay_tools.context.tokens import get_tokenizer
     from smartplay_tools.evaluation.exports import export as write
 
+    for name in tokenizer or ():
+        get_tokenizer(name)
     exported = write(
         run,
         out,

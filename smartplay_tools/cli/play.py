@@ -86,8 +86,9 @@ def play(
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
-        for one in filter(None, (who, second)):  # a player may have connections to close
-            enter_player(stack, one)
+        for each in (who, second):
+            if each is not None:  # a player may have connections to close
+                enter_player(stack, each)
         with new_episode as played:
             if page is not None:
                 played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet

@@ -21,6 +21,7 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import record_named
 from smartplay_tools.records.prompts import is_compacted
 from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, purpose_of
 from smartplay_tools.transcript.file import MemoryRecord
@@ -61,6 +62,7 @@ class Driver:
     `differences` compares the new record with the one that was fed.
     """
 
+    @record_named()
     def __init__(
         self,
         recorded: Sequence[Event],
@@ -71,8 +73,11 @@ class Driver:
         on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
         compactor: Literal["recorded", "called", "both"] = "recorded",
+        own: EpisodeConfig | None = None,
     ) -> None:
         """`on_picture` is called with every picture of a result; `config` is the record's, if it has been read.
+
+        `own` is the config of an episode of the caller's: if the record has the same, its names are the caller's.
 
         `compactor` says where rewritings are from: the record, the compactor, or the record while the compactor is
         called, too, so that it remembers what it did.
@@ -86,7 +91,12 @@ class Driver:
         Wording.recorded(recorded[0])  # otherwise the head would seem to differ
         carried = Carried.of(recorded[0])
         self.episode = Episode.from_config(
-            config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried, strategy=stand_in
+            config,
+            tokenizer=tokenizer,
+            transcript=self.record,
+            is_recorded=config != own,
+            carried=carried,
+            strategy=stand_in,
         )
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":

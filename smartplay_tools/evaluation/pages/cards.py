@@ -18,7 +18,6 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, damage_named, extra_named
 from smartplay_tools.games.game_registry import close_game
-from smartplay_tools.games.specs import get_spec
 from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import grouped
@@ -122,11 +121,11 @@ def _shots(record: Record) -> Iterator[_Shot]:
 def _images(record: Record) -> Iterator[Any]:
     """Yield the game's pictures of itself: at the start and after every played action; none if it makes none."""
     config = record.config
-    if PICTURES not in get_spec(config.game).load().metadata["render_modes"]:
+    if PICTURES not in config.registered.load().metadata["render_modes"]:
         return
     options = {**config.options, "render_mode": PICTURES}
     with ExitStack() as stack:
-        game = config.model_copy(update={"options": options}).make_game(config.spec)
+        game = config.model_copy(update={"options": options}).make_game(config.spec, is_recorded=True)
         stack.callback(close_game, game)
         game.reset(seed=config.seed)
         tools = Tools(game, Wording.of(record.config.prompts))

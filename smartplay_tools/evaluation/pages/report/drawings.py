@@ -169,7 +169,7 @@ class Drawings:
             if not packages_are_imported() and config.setting.kwargs != Setting.of(config.registered).kwargs:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
-            game = config.make_game(config.spec)
+            game = config.make_game(config.spec, is_recorded=True)
             self._made = (cell, game, Tools(game, Wording.of(config.prompts)))
         return self._made[1], self._made[2]
 
