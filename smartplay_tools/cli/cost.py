@@ -12,7 +12,6 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
-from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
@@ -40,8 +39,6 @@ def cost(
 
     Example: smartplay-tools cost runs/sweep --cache anthropic-512 --cache openai:gpt-5.5
     """
-    for name in tokenizer or ():
-        get_tokenizer(name)
     places = () if marks == "none" else tuple(options.names(marks))
     given = None if price is None else Price.parse(price)
     tariffs = tariffs_of(cache or [], caches=caches, price=given, marks=cast("tuple[Place, ...]", places))

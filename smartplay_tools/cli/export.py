@@ -40,11 +40,8 @@ def export(
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """
     # Reading many records takes imports that no other command needs.
-    from smartplay_tools.context.tokens import get_tokenizer
     from smartplay_tools.evaluation.exports import export as write
 
-    for name in tokenizer or ():
-        get_tokenizer(name)
     exported = write(
         run,
         out,

@@ -67,13 +67,19 @@ GameFiles = Annotated[
     list[str] | None,
     typer.Option("--game", help="A game that records name, if it is in a file: PATH/FILE.py:NAME; repeatable."),
 ]
-Tokenizers = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--tokenizer",
-        help="A tokenizer that records name, if it is no part of this package: hf:PATH_OR_NAME or a name; repeatable.",
-    ),
-]
+
+
+def _opened(names: list[str] | None) -> list[str] | None:
+    """Open the tokenizers that a user names for records, which open none."""
+    from smartplay_tools.context.tokens import get_tokenizer
+
+    for name in names or ():
+        get_tokenizer(name)
+    return names
+
+
+TOKENIZERS = "A tokenizer that records name, if it is no part of this package: hf:PATH_OR_NAME or a name; repeatable."
+Tokenizers = Annotated[list[str] | None, typer.Option("--tokenizer", help=TOKENIZERS, callback=_opened)]
 Caches = Annotated[
     list[str] | None,
     typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),

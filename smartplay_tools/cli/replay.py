@@ -17,7 +17,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named, is_called_again
+from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 
@@ -56,7 +56,8 @@ def replay(
     games, strategies = game or [], strategy or []
     if games or strategies or tokenizer:
         cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
-        import_named(games, strategies, tokenizer or [], cells=cells)
+        import_named(games, strategies, cells)
+        check_tokenizers(tokenizer or (), cells)
     if path.is_dir():
         code = _replay_run(path, workers, games, strategies, as_json=as_json)
     else:

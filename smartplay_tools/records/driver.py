@@ -76,11 +76,8 @@ class Driver:
         on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
         compactor: Literal["recorded", "called", "both"] = "recorded",
-        own: EpisodeConfig | None = None,
     ) -> None:
         """`on_picture` is called with every picture of a result; `config` is the record's, if it has been read.
-
-        `own` is the config of an episode of the caller's: if the record has the same, its names are the caller's.
 
         `compactor` says where rewritings are from: the record, the compactor, or the record while the compactor is
         called, too, so that it remembers what it did.
@@ -94,12 +91,7 @@ class Driver:
         Wording.recorded(recorded[0])  # otherwise the head would seem to differ
         carried = Carried.of(recorded[0])
         self.episode = Episode.from_config(
-            config,
-            tokenizer=tokenizer,
-            transcript=self.record,
-            is_recorded=config != own,
-            carried=carried,
-            strategy=stand_in,
+            config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried, strategy=stand_in
         )
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":
@@ -263,10 +255,10 @@ def picture_names(events: Iterable[Event]) -> Iterator[str]:
     """Yield the sha256 of every picture that a result of a record shows; files have these names."""
     for event in events:
         if "picture" in event.get("data", ()):
-            sha256 = event["data"]["picture"]["sha256"]
-            if not SHA256.fullmatch(str(sha256)):
-                raise TranscriptError(f"The record has a picture whose name is not a sha256: {sha256!r}.")
-            yield sha256
+            name = str(event["data"]["picture"]["sha256"])
+            if not SHA256.fullmatch(name):
+                raise TranscriptError(f"The record has a picture whose name is not a sha256: {name!r}.")
+            yield name
 
 
 def _naming(names: Iterator[str], on_picture: Callable[[Picture], object] | None) -> Callable[[Picture], Picture]:

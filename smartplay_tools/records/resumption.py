@@ -20,7 +20,6 @@ from smartplay_tools.context.strategies.files import FileError
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
 from smartplay_tools.episode.carried import STORES, Carried
-from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SENSELESS, InvalidArgumentError, TranscriptError, in_one_line
 from smartplay_tools.games.game_registry import close_game
@@ -59,7 +58,6 @@ def resume(
     session: bool = False,
     tokenizer: str | Tokenizer | None = None,
     on_step: Callable[[TextGame], None] | None = None,
-    own: EpisodeConfig | None = None,
 ) -> Resumed:
     """Continue an episode from its record, a file or its events.
 
@@ -71,7 +69,6 @@ def resume(
         tokenizer: required if the record was counted with one that does not ship with this package: a name in a record
             opens nothing, unless the program has named the same tokenizer before.
         on_step: called with the game after every step, the recorded ones included.
-        own: the config of an episode of yours; if the record has the same one, the names in it are yours.
 
     An episode that the game or its budgets have ended is returned in its final state. A record that was changed, or
     that plays differently here, raises a `TranscriptError`.
@@ -82,7 +79,7 @@ def resume(
     end = recorded[-1]["result"] if recorded[-1]["event"] == "end" else None
     goes_on = end is None or (transcript is not None and end["end_reason"] in EXTERNAL_ENDS)
     kind: type[Conversation] | type[AgentSession] = AgentSession if session else Conversation
-    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step, compactor="both", own=own)
+    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step, compactor="both")
     try:
         driver.run(with_end=not goes_on)
         kept = [event for event in driver.recorded if not (goes_on and event["event"] == "end")]

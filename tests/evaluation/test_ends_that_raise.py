@@ -5,51 +5,27 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import pytest
-from gymnasium import spaces
 
 import smartplay_tools as sp
 from smartplay_tools.errors import ClosingWarning
 from smartplay_tools.evaluation.runs.runner import Run
-from smartplay_tools.games import GAMES, GymnasiumGame
-from smartplay_tools.games.game_registry import GameSpec
-from smartplay_tools.records import Record
-from smartplay_tools.transcript.file import append_exception
+from smartplay_tools.games import GAMES
+from smartplay_tools.games.hanoi import Hanoi
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 ASKED: Counter[str] = Counter()
 
 
-class Display(gymnasium.Env[int, int]):
-    """An environment whose display is gone at the end, whether or not it was played."""
-
-    observation_space = action_space = spaces.Discrete(2)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[int, dict[str, Any]]:
-        super().reset(seed=seed)
-        self.steps = 0
-        return 0, {}
-
-    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
-        self.steps += 1
-        return 0, 1.0, self.steps == 3, False, {}
+class OnDisplay(Hanoi):
+    """A game whose display is gone at the end, whether or not it was played."""
 
     def close(self) -> None:
         raise RuntimeError("the display is gone")
-
-
-class OnDisplay(GymnasiumGame):
-    actions, manual = ("Left", "Right"), "Walk."
-
-    def make_env(self) -> Display:
-        return Display()
-
-    def describe(self, observation: int, info: dict[str, Any]) -> str:
-        return "A light."
 
 
 class Paid:
@@ -83,9 +59,8 @@ def dying(seed: int) -> Paid:
 
 @pytest.fixture
 def display() -> Any:
-    spec = GameSpec(id="Display-v0", family="odd", entry_point=OnDisplay, history=3, rollout=10, trials=2)
-    yield sp.register(spec).id
-    GAMES._specs.pop(spec.id)
+    yield sp.register(replace(GAMES[HANOI], id="Display-v0", entry_point=OnDisplay)).id
+    GAMES._specs.pop("Display-v0")
 
 
 def attempts(run: Run) -> int:
@@ -97,7 +72,7 @@ def test_a_game_that_cannot_be_closed_keeps_its_results(display: str, executor: 
     here = r"The game OnDisplay could not be closed: RuntimeError: the display is gone \(test_ends_that_raise.py, line"
     with pytest.warns(ClosingWarning, match=here):
         run = sp.evaluate([display], ["random"], out=tmp_path, trials=2, executor=executor)
-    assert ([row["end_reason"] for row in run.rows], attempts(run), run.failures) == (["terminated"] * 2, 2, [])
+    assert ([row["end_reason"] for row in run.rows], attempts(run), run.failures) == (["rollout"] * 2, 2, [])
     with pytest.warns(ClosingWarning, match=here):
         assert all(sp.replay(run.transcript(row["key"])).identical for row in run.rows)
 
@@ -159,16 +134,3 @@ def test_a_finished_episode_begins_the_count_of_failures_anew(tmp_path: Path) ->
 
     run = sp.evaluate([HANOI], {"mine": fails_twice}, out=tmp_path, trials=2, workers=1)
     assert (len(run.rows), ASKED["twice"]) == (2, 6)
-
-
-def test_nothing_follows_an_end_that_decides(tmp_path: Path) -> None:
-    ended, closed = tmp_path / "ended.jsonl", tmp_path / "closed.jsonl"
-    with sp.Episode(HANOI, seed=1, transcript=ended) as episode:
-        sp.play(episode, sp.get_player("rule"))
-    with sp.Episode(HANOI, seed=1, transcript=closed) as episode:
-        episode.begin()
-    before = ended.read_bytes()
-    assert not append_exception(ended, "E: late")
-    assert ended.read_bytes() == before
-    assert append_exception(closed, "E: it was closed on the way")
-    assert Record.read(closed).outcome == "failed"

@@ -23,13 +23,12 @@ from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conversation, play, player_versions
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
-from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full, place_of
 from smartplay_tools.evaluation.run_folder.folder import player_seed
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
-from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode, check_playable, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
@@ -258,8 +257,8 @@ class _Attempt:
 
     def _continue(self, players: Players) -> AnyConversation:
         events = self._earlier()
-        _ask_again(players, events, self._config.tokenizer)
-        resumed = resume(events, transcript=self.task.record, own=self._config)
+        _ask_again(players, events)
+        resumed = resume(events, transcript=self.task.record)
         resumed.episode.ledger.player_versions = player_versions(players.first)
         conversation = resumed.conversation
         if resumed.episode.done or not isinstance(conversation, Conversation | PaperConversation):
@@ -278,8 +277,7 @@ class _Attempt:
             self.began_again = "The record does not have the state of its agent."
         if has_begun and agent.goes_on:
             try:
-                earlier = self._earlier()
-                resumed = resume(earlier, transcript=self.task.record, session=True, own=self._config)
+                resumed = resume(self._earlier(), transcript=self.task.record, session=True)
                 session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
                 return Held(key, resumed.episode, session, self.stop)
             except SmartPlayError as error:
@@ -290,17 +288,15 @@ class _Attempt:
 
     def _new_episode(self) -> Episode:
         self._load_files()
-        return Episode.from_config(self._config, transcript=self.task.record, carried=self.task.carried)
-
-    @property
-    def _config(self) -> EpisodeConfig:
         planned = self.task.planned
-        return planned.cell.with_seed(planned.seed, planned.repeat)
+        config = planned.cell.with_seed(planned.seed, planned.repeat)
+        return Episode.from_config(config, transcript=self.task.record, carried=self.task.carried)
 
     def _earlier(self) -> list[Event]:
         """The record of an earlier attempt, unless it began with something other than the trial before has left."""
         assert self.task.previous is not None
         self._load_files()
+        check_playable(self.task.planned.cell)  # opens the plan's tokenizer and folders, which a record does not
         events = read_transcript(self.task.previous)
         if Carried.of(events[0]) != self.task.carried:
             raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
@@ -322,12 +318,12 @@ def remembers_nothing(player: Player | AsyncPlayer) -> bool:
     )
 
 
-def _ask_again(players: Players, events: list[Event], tokenizer: str) -> None:
+def _ask_again(players: Players, events: list[Event]) -> None:
     """Restore the state of players: ask them the recorded prompts, and compare their replies."""
     if all(remembers_nothing(player) for player in players if player is not None):
         return
     record = Record(events)
-    prompts = sent_prompts(events, pictures=recorded_pictures(events, tokenizer=tokenizer))
+    prompts = sent_prompts(events, pictures=recorded_pictures(events))
     for sent, replied in record.with_replies(prompts, record.sent_replies):
         player = players.first
         if players.second is not None and sent.prompt.purpose == "compaction":

@@ -17,12 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from smartplay_tools.context.strategies.custom import (
-    IN_FILES as STRATEGIES_IN_FILES,
-    load_strategy,
-    name_on_record,
-    parted,
-)
+from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.context.tokens.tokenizers import named_tokenizers, open_tokenizers, split_rule
 from smartplay_tools.episode.config import CellConfig
@@ -185,32 +180,30 @@ def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> 
         yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
 
 
-def import_named(
-    games: Iterable[str],
-    strategies: Iterable[str],
-    tokenizers: Iterable[str] = (),
-    cells: Iterable[CellConfig] = (),
-) -> None:
-    """Import the games and strategies in files, and open the tokenizers, that a user names for records.
+def import_named(games: Iterable[str], strategies: Iterable[str], cells: Sequence[CellConfig] = ()) -> None:
+    """Import the games and strategies in files that a user names for records, which import no file themselves.
 
-    Records do neither by themselves. What is not that of one of the cells is refused, a file before it is imported.
+    A file that is not that of one of the cells is refused before it is imported.
     """
-    cells = list(cells)
     for game in games:
         GAMES_IN_FILES.check(game, [cell.game_sha256 for cell in cells])
         load_game(game)
     for strategy in strategies:
-        place, _ = parted(strategy)
+        place, _ = custom.parted(strategy)
         if is_in_file(place):
-            STRATEGIES_IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
-        load_strategy(strategy)
-    for tokenizer in tokenizers:
-        sha256 = getattr(get_tokenizer(tokenizer), "sha256", None) or split_rule(tokenizer)[0]
-        asked = {cell.tokenizer_sha256 or split_rule(cell.tokenizer)[0]: cell.tokenizer for cell in cells}
-        if asked and sha256 not in asked:
-            theirs = ", ".join(f"{name!r} ({digest})" for digest, name in asked.items())
+            custom.IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
+        custom.load_strategy(strategy)
+
+
+def check_tokenizers(names: Iterable[str], cells: Iterable[CellConfig]) -> None:
+    """Refuse a tokenizer that a user names for records if none of them was counted with it."""
+    asked = {cell.tokenizer_sha256 or split_rule(cell.tokenizer)[0]: cell.tokenizer for cell in cells}
+    for name in names:
+        sha256 = getattr(get_tokenizer(name), "sha256", None) or split_rule(name)[0]
+        if sha256 not in asked:
+            theirs = ", ".join(f"{own!r} ({digest})" for digest, own in asked.items())
             raise InvalidArgumentError(
-                f"The record was counted with the tokenizer {theirs}, not with {tokenizer!r} ({sha256})."
+                f"The record was counted with the tokenizer {theirs}, not with {name!r} ({sha256})."
             )
 
 
@@ -221,7 +214,7 @@ def is_called_again(config: CellConfig, strategies: Iterable[str]) -> bool:
 
 
 def _place(strategy: str) -> str:
-    return parted(name_on_record(strategy))[0]
+    return custom.parted(custom.name_on_record(strategy))[0]
 
 
 def _audit_all(
