@@ -11,8 +11,10 @@ from typing import Any
 
 import pytest
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
@@ -138,3 +140,23 @@ def test_a_picture_s_name_in_an_older_record_is_no_path(tmp_path: Path) -> None:
             event["data"]["picture"]["sha256"] = "../../beacon"
     with pytest.raises(TranscriptError, match=r"whose name is not a sha256: '../../beacon'"):
         recorded_pictures(older)
+
+
+def test_no_command_imports_the_game_that_a_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    until = {"until": {"margin": "0.1h"}, "executor": "inline", "trials": 2}
+    sp.evaluate(["Hanoi3Disk-v0"], ["rule", "random"], out="run", **until)
+    Path("beacon.py").write_text("raise SystemExit('imported')\n")
+    for path in (*Path("run").glob("*.json*"), *Path("run").glob("episodes/*.jsonl")):
+        path.write_text(path.read_text().replace("Hanoi3Disk-v0", "beacon.py:SPEC"))
+    for command in (
+        "results run",
+        "results run --all",
+        "compare run --margin 0.1h",
+        "replay run",
+        "cost run --cache none",
+    ):
+        IS_WATCHED.append(True)
+        done = CliRunner().invoke(app, command.split())
+        IS_WATCHED.clear()
+        assert (ASKED, done.exit_code in (0, 1, 2, 3)) == ([], True), f"{command}: {done.output}"
