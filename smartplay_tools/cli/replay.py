@@ -131,7 +131,7 @@ def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
     if differing:
         _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
     if left:
-        _say(f"[yellow]{len(left)} of {total} episodes were not replayed[/]", stderr=True)
+        _say(f"[yellow]{len(left)} of {total} episodes were not replayed[/], {same} are identical", stderr=True)
         for sentence in sorted({f"{finding.game}: {finding.not_replayed}" for finding in left}):
             _say(sentence, stderr=True, markup=False)
     if missing:
