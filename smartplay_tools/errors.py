@@ -65,6 +65,10 @@ class DamageWarning(SmartPlayWarning):
     """A damaged part of a run was left out, and the rest was read; the message names the part."""
 
 
+class ClosingWarning(SmartPlayWarning):
+    """A game, a player or an executor raised an exception while it was closed; what it had done is kept."""
+
+
 class UnknownNameError(SmartPlayError, KeyError):
     """A name that is not registered."""
 
@@ -156,6 +160,9 @@ def install_command(extra: str = "") -> str:
 
 PACKAGE = "smartplay-tools"
 
+PACKAGES = frozenset({"site-packages", "dist-packages"})
+"""The folders of installed packages."""
+
 MOST_LIKE = 3
 """The most similar names that a message lists."""
 
@@ -215,6 +222,17 @@ SENSELESS = (
 
 
 @contextmanager
+def record_named(what: object = "The record") -> Iterator[None]:
+    """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
+    try:
+        yield
+    except SmartPlayError:
+        raise
+    except SENSELESS as error:
+        raise TranscriptError(f"{what} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
+
+
+@contextmanager
 def damage_named(what: object) -> Iterator[None]:
     """Turn the errors raised while a record is used whose events are out of place into a `DamageError` that names it.
 
@@ -241,6 +259,32 @@ def damage_left_out(what: object) -> Iterator[None]:
             yield
     except DamageError as error:
         warn_damaged(error)
+
+
+@contextmanager
+def warned_if_not_closed(what: object) -> Iterator[None]:
+    """Turn an exception that is raised while something is closed into a warning: it undoes nothing that was done."""
+    import warnings
+
+    try:
+        yield
+    except Exception as error:  # whatever foreign code does at its end
+        why = f"{type(error).__name__}: {in_one_line(error)}{place_of(error)}"
+        warnings.warn(f"{what} could not be closed: {why}.", ClosingWarning, stacklevel=3)
+
+
+def place_of(error: BaseException) -> str:
+    """Return where an error occurred in a user's own code: the innermost line that is in no library, in words."""
+    import sys
+    import traceback
+    from pathlib import Path
+
+    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
+        module, file = frame.f_globals.get("__name__", "").partition(".")[0], Path(frame.f_code.co_filename)
+        is_ours = module.startswith("smartplay_") and not module.startswith("smartplay_file_")
+        if not is_ours and module not in sys.stdlib_module_names and PACKAGES.isdisjoint(file.parts):
+            return f" ({file.name}, line {line})"
+    return ""
 
 
 def warn_damaged(why: SmartPlayError | str) -> None:

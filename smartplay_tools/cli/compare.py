@@ -58,6 +58,7 @@ def compare(
     ] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,
+    tokenizer: options.Tokenizers = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:

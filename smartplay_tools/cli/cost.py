@@ -31,6 +31,7 @@ def cost(
     price: Annotated[
         str | None, typer.Option(metavar="IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens, for all rules.")
     ] = None,
+    tokenizer: options.Tokenizers = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:

@@ -55,6 +55,7 @@ def results(
     parquet: Annotated[Path | None, typer.Option(help="Write the same as Parquet, with column types.")] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,
+    tokenizer: options.Tokenizers = None,
     weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
     success: Annotated[
         str | None, typer.Option(metavar="'score >= X'", help="Which episodes count as successes of repeats.")

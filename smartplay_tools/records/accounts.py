@@ -2,7 +2,7 @@
 
 Budget tokens of messages add up, so a prompt is the sum of its parts to the token, and what a turn would have needed is
 known for prompts that it was not in. Only records of conversations that were counted with a tokenizer of this package
-have accounts: any other name in a record could cause a download. `shown_turns` needs no tokenizer: it says what a
+have accounts: any other would have to be named by the reader. `shown_turns` needs no tokenizer: it says what a
 prompt showed of each turn before it, as a word for each turn.
 """
 
@@ -21,9 +21,9 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
-from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
+from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.context.tokens.tokenizers import split_rule
+from smartplay_tools.context.tokens.tokenizers import ships
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.view import numbers_in, with_manual
 from smartplay_tools.records.prompts import oldest_of, rewritten_prompts, selection_of
@@ -48,9 +48,6 @@ PARTS = {
 was read; the summary includes the request for one; notes are the calls that take them."""
 
 _TASK, _MANUAL, _SUMMARY, _NOTES, _WORDS, _CALLS, _OBSERVATIONS, _MASKED, _OTHER, _TEXTS = range(len(PARTS))
-
-COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
-"""The tokenizers that count without a downloaded file."""
 
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
@@ -98,7 +95,7 @@ class Accounts:
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
         """Return the accounts of a record; None if it has none."""
-        if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
+        if record.is_paper or not record.views or not ships(record.config.tokenizer):
             return None
         return cls(record)
 

@@ -28,6 +28,7 @@ from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
+from smartplay_tools.errors import record_named
 from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, purpose_of
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
@@ -246,7 +247,7 @@ def whole_conversation(
 
 def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> WholeConversation:
     """Return the conversation of an episode whose host managed the context, from its calls."""
-    with Episode.from_config(config) as episode:
+    with record_named(), Episode.from_config(config, is_recorded=True) as episode:
         tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
         head = episode.head
     calls = _renumbered(calls)

@@ -77,6 +77,11 @@ Outcome = Literal["finished", "failed", "paused", "interrupted"]
 E_co = TypeVar("E_co", covariant=True)
 
 
+def has_result(path: Path) -> bool:
+    """Return whether the record in a file, if there is one, has the result of its episode: nothing later undoes it."""
+    return path.exists() and (record := Record.head(path)).start is not None and record.outcome == "finished"
+
+
 class _EventsOf(Generic[E_co]):
     """The events of one kind of a record, in their order."""
 

@@ -26,7 +26,7 @@ from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.pairs import bounds_of, score
 from smartplay_tools.evaluation.run_folder.folder import Manifest
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.distributions import Values
 from smartplay_tools.statistics.intervals import Bounds
@@ -192,7 +192,7 @@ class Comparisons:
     def _bounds_of(self, game: str) -> Bounds:
         if self._until.by == "wins":
             return Bounds(-1, 1)
-        spec = get_spec(game)
+        spec = GAMES[game]  # never a file: the name is from rows and manifests
         if (bounds := bounds_of(score, spec)) is not None and self._until.clip is None:
             return bounds.of_differences
         clip = self._until.clip

@@ -73,7 +73,7 @@ def shard_of(digest: str, chain: int, count: int) -> int:
 def _price(value: Any) -> Price:
     try:
         return value if isinstance(value, Price) else Price.from_json(value)
-    except (KeyError, TypeError):
+    except (AttributeError, KeyError, TypeError):
         raise ValueError("it is not a price") from None
 
 

@@ -14,6 +14,7 @@ episode instead of a hundred.
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -46,11 +47,15 @@ RETRIES = 3
 """How often a failed episode is retried in one run."""
 
 SAME_FAILURES = 3
-"""A player that fails so often with one kind of error, and has never played an action in this run, plays no more in it.
+"""A player that fails so often in one place, with no finished episode in between, plays no more in this run.
 
-Attempts that fail side by side count once, since they may have one cause that passes. A player that a server refuses so
-often without a reply in between ends the run.
+Attempts that fail side by side count once, since they may have one cause that passes. After a failure the player's next
+attempts begin one at a time, until one finishes its episode. A player that a server refuses so often without a reply in
+between ends the run.
 """
+
+FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
+"""A place in a traceback."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class Scheduler:
         self._failures: Counter[tuple[str, str]] = Counter()
         self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
-        self._reasons: set[str] = set()
+        self._reasons: set[tuple[str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
         self._needed: set[int] | None = None
@@ -257,8 +262,8 @@ class Scheduler:
             yield self._awaited[path]
 
     def _is_failing(self, player: str) -> bool:
-        """Whether a player has failed in this run and never played an action."""
-        return player not in self._acted and any(player == failed for failed, _ in self._failures)
+        """Whether a player has failed in this run and finished no episode since."""
+        return any(player == failed for failed, _ in self._failures)
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
@@ -315,8 +320,10 @@ class Scheduler:
         if outcome.times is not None:
             timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
             self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
-            if (why := outcome.times.began_again) is not None:
-                self._tell(episode, "began again from its start:", why, " What it had spent is counted.")
+            self._tell(
+                episode, "%s began again from its start: %s What it had spent is counted.", outcome.times.began_again
+            )
+            self._tell(episode, "%s keeps its result; after its end came %s.", outcome.times.after_the_end)
         row, error = None, record.error or record.end_reason
         if not record.exists:
             error = "There is no record of the attempt."
@@ -324,27 +331,29 @@ class Scheduler:
             record.path = self._folder.transcript(episode.key)  # it was moved
             row = self._rows[episode.key] = row_of(record, episode.trial)
             self._folder.append_row(row)
+            player = self._who[episode.place]
+            self._failures = Counter({key: n for key, n in self._failures.items() if key[0] != player})
             self._needed = None
             self._expected.finished(row)
             if row["end_reason"] == "host" and task.player.agent is None:
-                self._tell(episode, "ended early:", row["detail"] or "")
+                self._tell(episode, "%s ended early: %s", row["detail"] or "")
             if row["cost"] is None and self._setup.caps.cost is not None:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
         elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
-            self._judge(episode, error)
+            self._judge(episode, error, record)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
-    def _tell(self, episode: PlannedEpisode, what: str, why: str, more: str = "") -> None:
-        """Log what became of an episode and why, once for each reason."""
-        if (reason := reason_of(why)) not in self._reasons:
-            self._reasons.add(reason)
-            log.warning("%s %s %s%s", episode.key, what, why, more)
+    def _tell(self, episode: PlannedEpisode, sentence: str, why: str | None) -> None:
+        """Log what is to be known of an attempt, once for each reason; a row of `timings.jsonl` has it, too."""
+        if why is not None and (sentence, reason_of(why)) not in self._reasons:
+            self._reasons.add((sentence, reason_of(why)))
+            log.warning(sentence, episode.key, why)
 
-    def _judge(self, episode: PlannedEpisode, error: str) -> None:
+    def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
         """End the run if a server refuses a player; give up a player that never answers, or always fails."""
         assert self._executor is not None
         player = self._who[episode.place]
@@ -355,8 +364,9 @@ class Scheduler:
                 self._executor.stop.set()
         elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
-        elif player not in self._acted:
-            self._count_failure(episode, kind, error)
+        elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break
+            frames = FRAME.findall(record.traceback or "")
+            self._count_failure(episode, f"{kind} {frames[-1:]}", error)
 
     def _is_refused(self, episode: PlannedEpisode, kind: str) -> bool:
         """Whether a refusal is the player's: it was never answered, or not between this refusal and some before.
@@ -366,22 +376,22 @@ class Scheduler:
         player = self._who[episode.place]
         replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
         in_a_row, heard = self._refusals.get(player, (0, 0))
-        if self._failures_before[episode.key][player, kind] == self._failures[player, kind]:
+        if self._failures_before[episode.key][player, kind] >= self._failures[player, kind]:
             self._failures[player, kind] += 1
             in_a_row = in_a_row + 1 if replies == heard else 1
             self._refusals[player] = in_a_row, replies
         return not replies or in_a_row >= SAME_FAILURES
 
-    def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
-        """Count a failure, unless one of the same kind was counted while this attempt was played."""
+    def _count_failure(self, episode: PlannedEpisode, place: str, error: str) -> None:
+        """Count a failure, unless one in the same place was counted while this attempt was played."""
         player = self._who[episode.place]
-        if self._failures_before[episode.key][player, kind] < self._failures[player, kind]:
+        if self._failures_before[episode.key][player, place] < self._failures[player, place]:
             return
-        self._failures[player, kind] += 1
-        if self._failures[player, kind] == SAME_FAILURES:
+        self._failures[player, place] += 1
+        if self._failures[player, place] == SAME_FAILURES:
             self._silent.add(player)
-            name = player_of(episode.cell)
-            log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
+            why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
+            log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)
