@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame as TextGame
     from smartplay_tools.games.game_registry import GameSpec as GameSpec
     from smartplay_tools.games.specs import GAMES as GAMES, register as register
+    from smartplay_tools.manager.fitted import FittedPrompt as FittedPrompt
+    from smartplay_tools.manager.manager import ContextManager as ContextManager
     from smartplay_tools.players.player_registry import get_player as get_player
     from smartplay_tools.players.prompt_reading import call as call
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer

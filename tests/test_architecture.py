@@ -29,6 +29,7 @@ LAYERS = (
     "games",
     "transcript",
     "context",
+    "manager",
     "episode",
     "conversation",
     "players",
