@@ -14,11 +14,11 @@ from itertools import accumulate
 from typing import Any
 
 from smartplay_tools.context.grid import block_of, first_on_grid, moved_on_grid
-from smartplay_tools.manager.counting import MessageCounter
-from smartplay_tools.manager.forms import Content, Form, Given, with_text, without_pictures
+from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
+from smartplay_tools.manager.forms import Content, Given, MessageForm, with_text, without_pictures
 from smartplay_tools.manager.reading import Part, Reading, Unit
 
-__all__ = ["Choice", "Rules", "Shown", "TooLongError"]
+__all__ = ["Choice", "PastRules", "Shown", "TooLongError"]
 
 
 class TooLongError(Exception):
@@ -30,7 +30,7 @@ class TooLongError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class PastRules:
     """What is shown of the past, as `ContextManager` takes it."""
 
     history: int | None
@@ -78,10 +78,10 @@ class Choice:
     def of(
         cls,
         reading: Reading,
-        rules: Rules,
+        rules: PastRules,
         room: float,
         newest: int | None,
-        form: Form,
+        form: MessageForm,
         counter: MessageCounter,
         *,
         needs_user: bool,
@@ -93,7 +93,7 @@ class Choice:
         """
         return _Decision(reading, rules, newest).choice(room, form, counter, needs_user=needs_user)
 
-    def shown(self, reading: Reading, form: Form, counter: MessageCounter) -> Iterator[Shown]:
+    def shown(self, reading: Reading, form: MessageForm, counter: MessageCounter) -> Iterator[Shown]:
         """Yield the messages after the head."""
         for number in (*self.pinned, *range(self.first, len(reading.units))):
             unit = reading.units[number]
@@ -113,26 +113,26 @@ class Choice:
         number: int,
         part: Part,
         squeezed: tuple[Sequence[Any], int] | None,
-        form: Form,
+        form: MessageForm,
         counter: MessageCounter,
     ) -> Shown:
         contents = form.results(part.message)
         if number < self.results and number != self.late:
-            return self._changed(part, [counter.result_left] * len(contents), part.cost.masked, "masked", form)
+            return self._changed(part, [RESULT_LEFT] * len(contents), part.cost.masked, "masked", form)
         if squeezed is not None:
             return self._changed(part, squeezed[0], squeezed[1], "cut", form)
         tokens, change = part.cost.whole, None
         if part.cost.cut is not None:
             contents, change = [c if text is None else with_text(c, text) for c, text in _cuts(part, contents)], "cut"
         if part.cost.pictures and number < self.pictures:
-            contents = [without_pictures(content, counter.picture_left) for content in contents]
+            contents = [without_pictures(content, PICTURE_LEFT) for content in contents]
             tokens, change = part.cost.unpictured, "elided"
         return (
             Shown(part, part.message, tokens) if change is None else self._changed(part, contents, tokens, change, form)
         )
 
     @staticmethod
-    def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: Form) -> Shown:
+    def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: MessageForm) -> Shown:
         message = form.with_results(part.message, contents)
         assert message is not None
         return Shown(part, message, tokens, change)
@@ -141,7 +141,7 @@ class Choice:
 class _Decision:
     """How a choice is made: tokens of runs and pins by running sums."""
 
-    def __init__(self, reading: Reading, rules: Rules, newest: int | None) -> None:
+    def __init__(self, reading: Reading, rules: PastRules, newest: int | None) -> None:
         self._reading, self._rules = reading, rules
         self._sums, steps, self._last = reading.sums, reading.steps, len(reading.units) - 1
         step, pictures = (steps[-1] if steps else 0), self._sums.pictures
@@ -179,7 +179,7 @@ class _Decision:
         tokens += sums.masked[at] - sums.masked[first] + sums.unpictured[then] - sums.unpictured[at]
         return tokens + sums.results[stop] - sums.results[then]
 
-    def choice(self, room: float, form: Form, counter: MessageCounter, *, needs_user: bool) -> Choice:
+    def choice(self, room: float, form: MessageForm, counter: MessageCounter, *, needs_user: bool) -> Choice:
         """Return the choice for a room."""
         last, reading, rules = self._last, self._reading, self._rules
         if last < 0:
@@ -212,7 +212,9 @@ class _Decision:
         return self._extra + self._run(first, self._last + 1) + sum(self._run(n, n + 1) for n in before)
 
 
-def squeezed(unit: Unit, room: float, form: Form, counter: MessageCounter) -> dict[int, tuple[Sequence[Any], int]]:
+def squeezed(
+    unit: Unit, room: float, form: MessageForm, counter: MessageCounter
+) -> dict[int, tuple[Sequence[Any], int]]:
     """Return, by parts, results of a unit cut to one length, the longest with which the unit fits into a room.
 
     Without results, or if they are not enough, nothing is returned.

@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import Cut, cut_end, cut_middle
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.forms import Content, Form, Given, Said, with_text, without_pictures
+from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, with_text, without_pictures
 from smartplay_tools.types.reply_fields import texts_in
+from smartplay_tools.types.tables import read_table
 
 __all__ = ["Cost", "MessageCounter", "Tokens"]
 
@@ -29,6 +29,10 @@ Tokens = int | Callable[[Given], int]
 
 CUTS: Mapping[str, Cut] = {"end": cut_end, "middle": cut_middle}
 """The ways to cut a result, by name."""
+
+_SENTENCES: Mapping[str, str] = read_table(__package__, "sentences.toml")
+RESULT_LEFT, PICTURE_LEFT, NO_RESULT = (_SENTENCES[name] for name in ("result_left", "picture_left", "no_result"))
+"""What stands in place of a result that is too old, of a picture that is left out, and of a result that never came."""
 
 SEALED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
 """The encrypted field of parts of some types; elsewhere it is `encrypted_content`."""
@@ -68,32 +72,16 @@ class MessageCounter:
     def __init__(
         self,
         counter: TokenCounter,
-        words: Wording,
         cut: str,
         pictures: Tokens | None,
         sealed: Tokens | None,
         extra: Tokens | None,
     ) -> None:
-        self._counter, self._words, self._cut = counter, words, CUTS[cut]
+        self._counter, self._cut = counter, CUTS[cut]
         self._pictures, self._sealed, self._extra = pictures, sealed, extra
         self._known: dict[Any, Cost] = {}
 
-    @property
-    def no_result(self) -> str:
-        """The text that answers a call without a result."""
-        return self._words("no_result")
-
-    @property
-    def result_left(self) -> str:
-        """The text of a result that has left the history window."""
-        return self._words("result_left")
-
-    @property
-    def picture_left(self) -> str:
-        """The text in place of a picture that is left out."""
-        return self._words("picture_left")
-
-    def cost(self, message: Given, form: Form, most: int | None, key: object, *, opens: bool = True) -> Cost:
+    def cost(self, message: Given, form: MessageForm, most: int | None, key: object, *, opens: bool = True) -> Cost:
         """Return the cost of a message; `most` is the cap on a result, and `key` stands for what the message says."""
         known = form.name, most, opens, key
         cost = self._known.get(known)
@@ -103,7 +91,7 @@ class MessageCounter:
             cost = self._known[known] = self._counted(message, form, most, opens)
         return cost
 
-    def tokens(self, message: Given, form: Form, *, opens: bool = True) -> int:
+    def tokens(self, message: Given, form: MessageForm, *, opens: bool = True) -> int:
         """Count a message as it is."""
         return sum(map(self._said, form.said(message, opens=opens)))
 
@@ -113,9 +101,9 @@ class MessageCounter:
 
     def cut(self, text: str, cap: int) -> str:
         """Return the text of a result, cut to a cap."""
-        return self._cut(text, cap, self._counter.text, self._words.cut)
+        return self._cut(text, cap, self._counter.text, _notice)
 
-    def _counted(self, message: Given, form: Form, most: int | None, opens: bool) -> Cost:
+    def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool) -> Cost:
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
         kind = form.kind(message)
         if kind == "word":
@@ -129,8 +117,8 @@ class MessageCounter:
         cut = [c if text is None else with_text(c, text) for c, text in zip(contents, texts, strict=True)]
         shown = form.with_results(message, cut) if any(text is not None for text in texts) else message
         assert shown is not None
-        masked = form.with_results(message, [self.result_left] * len(contents))
-        bare = form.with_results(shown, [without_pictures(c, self.picture_left) for c in cut])
+        masked = form.with_results(message, [RESULT_LEFT] * len(contents))
+        bare = form.with_results(shown, [without_pictures(c, PICTURE_LEFT) for c in cut])
         assert masked is not None
         assert bare is not None
         return Cost(
@@ -206,6 +194,10 @@ def size_of(part: Given) -> tuple[int, int] | None:
             return picture.size
     except (binascii.Error, OSError):
         return None
+
+
+def _notice(missing: int) -> str:
+    return _SENTENCES["cut"].format(missing=missing)
 
 
 def _of(tokens: Tokens, part: Given) -> int:

@@ -17,7 +17,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import as_text
 from smartplay_tools.types.reply_fields import NOT_SENT
 
-__all__ = ["FORMS", "Content", "Form", "Given", "Said", "form_of"]
+__all__ = ["FORMS", "Content", "Given", "MessageForm", "Said", "form_of"]
 
 Given = Mapping[str, Any]
 """A message, or an item of a conversation, as plain data."""
@@ -82,7 +82,7 @@ class Said:
     """Whether a message begins here; False for an item that goes on with the reply before it."""
 
 
-class Form(Protocol):
+class MessageForm(Protocol):
     """One of the three forms."""
 
     name: ClassVar[str]
@@ -304,7 +304,7 @@ class Anthropic:
             yield Said(message["role"], Content.of(rest), calls=calls)
 
 
-FORMS: Mapping[str, Form] = {form.name: form for form in (Chat(), Responses(), Anthropic())}
+FORMS: Mapping[str, MessageForm] = {form.name: form for form in (Chat(), Responses(), Anthropic())}
 """The forms by name."""
 
 _OF_A_MESSAGE = {"role", "content", "name", "tool_calls", "tool_call_id"}
@@ -312,7 +312,7 @@ _OF_A_CALL = {"id", "type", "index", "function", "custom"}
 _BLOCKS = {"tool_use", "tool_result", "thinking", "redacted_thinking", "server_tool_use", "document"}
 
 
-def form_of(messages: Sequence[Given]) -> Form:
+def form_of(messages: Sequence[Given]) -> MessageForm:
     """Return the form of messages, by the first that only one form has; words alone are the same in all forms."""
     for message in messages:
         if message.get("role") == "tool" or message.get("tool_calls"):

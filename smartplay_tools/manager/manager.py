@@ -15,22 +15,18 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
-from smartplay_tools.manager.choice import Choice, Rules, Shown, TooLongError
+from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
 from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.fitted import FittedPrompt
-from smartplay_tools.manager.forms import FORMS, Form, Given, form_of
+from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.reading import Part, Reading, kind_of
 from smartplay_tools.manager.tools import plain_tools
 
 __all__ = ["ContextManager"]
-
-PROMPTS = "v3"
-"""The version of the prompts, which has the sentences of a context manager."""
 
 READINGS = 16
 """How many conversations a manager remembers, by their heads."""
@@ -99,14 +95,12 @@ class ContextManager:
             raise InvalidArgumentError('beyond_history="mask" masks nothing without a history; give history a number.')
         self.prompt_tokens = prompt_tokens
         masks = beyond_history == "mask"
-        self._rules = Rules(history, slack, masks, own_words, first_turns or 0, newest_pictures)
+        self._rules = PastRules(history, slack, masks, own_words, first_turns or 0, newest_pictures)
         self._result_tokens, self._head, self._repair = result_tokens, head, repair
         self._pin = pin or (lambda _: False)
-        self._counter = shared_counter(tokenizer, PROMPTS)
+        self._counter = shared_counter(tokenizer)
         self._extra = extra_tokens
-        self._messages = MessageCounter(
-            self._counter, Wording.of(PROMPTS), cut, picture_tokens, sealed_tokens, extra_tokens
-        )
+        self._messages = MessageCounter(self._counter, cut, picture_tokens, sealed_tokens, extra_tokens)
         self._form = None if form is None else FORMS[form]
         self._readings: dict[object, Reading] = {}
         self._lock = threading.Lock()
@@ -168,7 +162,7 @@ class ContextManager:
         parts = {"tools": tool_tokens, "head": head_tokens, "pinned": choice.pins}
         return _fitted(shown, messages, data, repaired, len(reading.made), parts)
 
-    def _first_reply(self, data: Sequence[Given], form: Form) -> int:
+    def _first_reply(self, data: Sequence[Given], form: MessageForm) -> int:
         """The number of the first message after the head."""
         for number, message in enumerate(data):
             kind = kind_of(form, number, message)
@@ -179,7 +173,7 @@ class ContextManager:
         return len(data)
 
     @staticmethod
-    def _head_of(data: Sequence[Given], form: Form) -> tuple[list[tuple[int, Given]], list[int]]:
+    def _head_of(data: Sequence[Given], form: MessageForm) -> tuple[list[tuple[int, Given]], list[int]]:
         """The messages of the head with their numbers, and those that lost results, since no call is before them."""
         head: list[tuple[int, Given]] = []
         changed: list[int] = []
@@ -193,7 +187,7 @@ class ContextManager:
                 head.append((number, words))
         return head, changed
 
-    def _tokens(self, number: int, message: Given, form: Form, keys: Sequence[object]) -> int:
+    def _tokens(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> int:
         """The tokens of a message of the head."""
         try:
             return self._messages.cost(message, form, None, keys[number]).whole
@@ -216,7 +210,7 @@ class ContextManager:
             return None if math.isinf(room) else max(32, int(room) // 4)
         return self._result_tokens
 
-    def _reading(self, form: Form, begin: int, most: int | None, keys: Sequence[object]) -> Reading:
+    def _reading(self, form: MessageForm, begin: int, most: int | None, keys: Sequence[object]) -> Reading:
         """The reading of this conversation so far; a new one if its head is not known."""
         known = form.name, begin, most, *keys[:begin]
         reading = self._readings.pop(known, None) or Reading(form, self._messages, begin, most, self._pin)

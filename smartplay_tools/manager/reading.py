@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import Cost, MessageCounter
-from smartplay_tools.manager.forms import Form, Given, Kind
+from smartplay_tools.manager.counting import NO_RESULT, Cost, MessageCounter
+from smartplay_tools.manager.forms import Given, Kind, MessageForm
 
 __all__ = ["Part", "Reading", "Unit"]
 
@@ -66,7 +66,7 @@ class Sums:
             del sums[unit + 1 :]
 
 
-def kind_of(form: Form, number: int, message: Given) -> Kind:
+def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
     """Return what a message is; one that the form does not have is an `InvalidArgumentError` with its number."""
     try:
         return form.kind(message)
@@ -77,7 +77,9 @@ def kind_of(form: Form, number: int, message: Given) -> Kind:
 class Reading:
     """A conversation after its head, as units."""
 
-    def __init__(self, form: Form, counter: MessageCounter, begin: int, most: int | None, pin: Callable[[Given], bool]):
+    def __init__(
+        self, form: MessageForm, counter: MessageCounter, begin: int, most: int | None, pin: Callable[[Given], bool]
+    ):
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
         self._form, self._counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
         self._keys: list[object] = []
@@ -201,7 +203,7 @@ class Reading:
         """Answer the calls that have no result, and give results the form that providers want."""
         form = self._form
         self.made += [number] * len(unit.open)
-        made = form.made(unit.open, self._counter.no_result)
+        made = form.made(unit.open, NO_RESULT)
         replies = (
             [part for part in unit.parts if form.kind(part.message) != "result"] if unit.kind == "reply" else unit.parts
         )
