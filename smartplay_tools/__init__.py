@@ -25,7 +25,11 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.config import EpisodeConfig as EpisodeConfig
     from smartplay_tools.episode.episode import Episode as Episode
     from smartplay_tools.episode.tools import schema as schema
-    from smartplay_tools.errors import InvalidArgumentError as InvalidArgumentError, SmartPlayError as SmartPlayError
+    from smartplay_tools.errors import (
+        InvalidArgumentError as InvalidArgumentError,
+        PromptOverflowError as PromptOverflowError,
+        SmartPlayError as SmartPlayError,
+    )
     from smartplay_tools.evaluation.runs.runner import evaluate as evaluate
     from smartplay_tools.evaluation.runs.sweeps import sweep as sweep
     from smartplay_tools.games.base import TextGame as TextGame

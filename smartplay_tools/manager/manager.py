@@ -28,6 +28,9 @@ from smartplay_tools.manager.tools import plain_tools
 
 __all__ = ["ContextManager"]
 
+FormName = Literal["chat", "responses", "anthropic"]
+"""The name of a form of messages."""
+
 READINGS = 16
 """How many conversations a manager remembers, by their heads."""
 
@@ -81,7 +84,7 @@ class ContextManager:
         picture_tokens: Tokens | None = None,
         sealed_tokens: Tokens | None = None,
         extra_tokens: Tokens | None = None,
-        form: Literal["chat", "responses", "anthropic"] | None = None,
+        form: FormName | None = None,
     ) -> None:
         check_numbers(prompt_tokens=prompt_tokens, result_tokens=None if result_tokens == "auto" else result_tokens)
         check_numbers(0, history=history, own_words=own_words, first_turns=first_turns, newest_pictures=newest_pictures)
@@ -101,7 +104,7 @@ class ContextManager:
         self._counter = shared_counter(tokenizer)
         self._extra = extra_tokens
         self._messages = MessageCounter(self._counter, cut, picture_tokens, sealed_tokens, extra_tokens)
-        self._form = None if form is None else FORMS[form]
+        self._form = form
         self._readings: dict[object, Reading] = {}
         self._lock = threading.Lock()
 
@@ -112,6 +115,7 @@ class ContextManager:
         tools: Iterable[Any] = (),
         system: str | Sequence[Any] | None = None,
         output_schema: Any = None,
+        form: FormName | None = None,
     ) -> FittedPrompt:
         """Return the prompt of a conversation.
 
@@ -122,18 +126,25 @@ class ContextManager:
             system: the system prompt of a request to Anthropic, or the instructions of one to Responses, which are sent
                 beside the messages; they count.
             output_schema: the schema of an answer's format, if the request has one; it counts.
+            form: that of the messages, where it is known better than the manager knows it.
 
         Errors: a `PromptOverflowError` if what cannot be left out does not fit; an `InvalidArgumentError` for messages
         that are none, or that cannot be counted.
         """
+        check_choice("form", form, (None, *FORMS))
         with self._lock:
-            return self._fit(messages, tools, system, output_schema)
+            return self._fit(messages, tools, system, output_schema, form or self._form)
 
     def _fit(
-        self, messages: Sequence[Any], tools: Iterable[Any], system: str | Sequence[Any] | None, schema: Any
+        self,
+        messages: Sequence[Any],
+        tools: Iterable[Any],
+        system: str | Sequence[Any] | None,
+        schema: Any,
+        name: FormName | None,
     ) -> FittedPrompt:
         given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-        form = self._form or form_of([data for data, _ in given])
+        form = form_of([data for data, _ in given]) if name is None else FORMS[name]
         data, keys = [data for data, _ in given], [key for _, key in given]
         tool_tokens = self._tool_tokens(tools) + (self._counter.text(json.dumps(schema)) if schema is not None else 0)
         begin = self._first_reply(data, form)
