@@ -11,6 +11,7 @@ the model's input, which sees none of these and is told the tools.
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 from smartplay_tools.errors import extra_named
@@ -31,8 +32,13 @@ class ContextManagerModel(Model):
     """
 
     def __init__(self, model: Model | str, manager: ContextManager) -> None:
-        self._model = MultiProvider().get_model(model) if isinstance(model, str) else model
+        self._given = model
         self.manager = manager
+
+    @cached_property
+    def _model(self) -> Model:
+        """The model; one that is named needs its key when it is first asked."""
+        return MultiProvider().get_model(self._given) if isinstance(self._given, str) else self._given
 
     async def get_response(
         self,
