@@ -22,26 +22,7 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 
 CAP, ROUNDS = 8_000, 9
-WORDS = [
-    "the",
-    "door",
-    "opens",
-    "north",
-    "key",
-    "lamp",
-    "You",
-    "see",
-    "a",
-    "wooden",
-    "chest",
-    "and",
-    "coin",
-    "score",
-    "0",
-    "step",
-    "日本",
-    "🙂",
-]
+WORDS = ["the", "door", "opens", "north", "key", "lamp", "You", "see", "a", "wooden", "chest", "日本", "🙂"]
 
 
 def conversation(length: int) -> list[dict[str, Any]]:
