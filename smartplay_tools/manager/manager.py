@@ -25,11 +25,24 @@ from smartplay_tools.manager.fitted import FittedPrompt
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.reading import Part, Reading, kind_of
 from smartplay_tools.manager.tools import plain_tools
+from smartplay_tools.types import Budget
 
 __all__ = ["ContextManager"]
 
 FormName = Literal["chat", "responses", "anthropic"]
 """The name of a form of messages."""
+
+IN_BUDGETS = (
+    "prompt_tokens",
+    "history",
+    "slack",
+    "result_tokens",
+    "beyond_history",
+    "own_words",
+    "first_turns",
+    "newest_pictures",
+)
+"""The fields of a `Budget` that have a meaning without a game."""
 
 READINGS = 16
 """How many conversations a manager remembers, by their heads."""
@@ -107,6 +120,22 @@ class ContextManager:
         self._form = form
         self._readings: dict[object, Reading] = {}
         self._lock = threading.Lock()
+
+    @classmethod
+    def of(cls, budget: Budget, **options: Any) -> ContextManager:
+        """Return the manager of a budget; what only a game gives a meaning is an `InvalidArgumentError`.
+
+        `options` are arguments that a budget does not have, such as `tokenizer` and `head`.
+        """
+        shared = {name: getattr(budget, name) for name in IN_BUDGETS}
+        if shared["history"] == "game":
+            shared["history"] = None
+        for name, field in Budget.model_fields.items():
+            if name not in IN_BUDGETS and getattr(budget, name) != field.default:
+                raise InvalidArgumentError(
+                    f"{name} has no meaning without a game; a context manager takes {', '.join(IN_BUDGETS)}."
+                )
+        return cls(**shared, **options)
 
     def fit(
         self,
