@@ -90,25 +90,36 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
     def invoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        return self._bound.invoke(self._fitted(input), config)
+        prompt, messages = self._fitted(input)
+        return self._told(prompt, self._bound.invoke(messages, config))
 
     async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        return await self._bound.ainvoke(self._fitted(input), config)
+        prompt, messages = self._fitted(input)
+        return self._told(prompt, await self._bound.ainvoke(messages, config))
 
     def stream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> Iterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        yield from self._bound.stream(self._fitted(input), config)
+        prompt, messages = self._fitted(input)
+        for piece in self._bound.stream(messages, config):
+            yield self._told(prompt, piece)
 
     async def astream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        async for piece in self._bound.astream(self._fitted(input), config):
-            yield piece
+        prompt, messages = self._fitted(input)
+        async for piece in self._bound.astream(messages, config):
+            yield self._told(prompt, piece)
 
-    def _fitted(self, messages: Sequence[BaseMessage]) -> list[BaseMessage]:
+    def _told(self, prompt: FittedPrompt, reply: AIMessage) -> AIMessage:
+        """Have the prompt's tokens recorded as the provider has counted them."""
+        if reply.usage_metadata is not None and reply.usage_metadata["input_tokens"]:
+            self._manager.reported(prompt, reply.usage_metadata["input_tokens"])
+        return reply
+
+    def _fitted(self, messages: Sequence[BaseMessage]) -> tuple[FittedPrompt, list[BaseMessage]]:
         chat = [as_chat(message, number) for number, message in enumerate(messages)]
         prompt = self._manager.fit(chat, tools=self._tools, output_schema=self._schema, form="chat")
-        return as_given(prompt, messages)
+        return prompt, as_given(prompt, messages)
 
 
 def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMessage]:

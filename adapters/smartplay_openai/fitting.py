@@ -19,8 +19,9 @@ from smartplay_tools.errors import extra_named
 with extra_named("smartplay_openai.fitting", "agents"):
     from agents import FunctionTool, Model, ModelResponse, MultiProvider, Tool
     from agents.run import CallModelData, ModelInputData
+    from openai.types.responses import ResponseCompletedEvent
 
-from smartplay_tools import ContextManager, InvalidArgumentError, ToolSpec
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, ToolSpec
 
 
 class ContextManagerModel(Model):
@@ -52,10 +53,13 @@ class ContextManagerModel(Model):
         **stored: Any,
     ) -> ModelResponse:
         """Ask the model with what fits."""
-        items = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
-        return await self._model.get_response(
-            system_instructions, items, model_settings, tools, output_schema, handoffs, tracing, **stored
+        prompt = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
+        response = await self._model.get_response(
+            system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         )
+        if response.usage.input_tokens:
+            self.manager.reported(prompt, response.usage.input_tokens)
+        return response
 
     async def stream_response(
         self,
@@ -69,10 +73,12 @@ class ContextManagerModel(Model):
         **stored: Any,
     ) -> AsyncIterator[Any]:
         """Ask the model with what fits, and yield the events of its reply."""
-        items = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
+        prompt = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
         async for event in self._model.stream_response(
-            system_instructions, items, model_settings, tools, output_schema, handoffs, tracing, **stored
+            system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         ):
+            if isinstance(event, ResponseCompletedEvent) and event.response.usage is not None:
+                self.manager.reported(prompt, event.response.usage.input_tokens)
             yield event
 
     async def close(self) -> None:
@@ -91,7 +97,7 @@ class ContextManagerModel(Model):
         output_schema: Any,
         handoffs: Sequence[Any],
         stored: dict[str, Any],
-    ) -> list[Any]:
+    ) -> FittedPrompt:
         for name, value in stored.items():
             if value is not None:
                 raise InvalidArgumentError(
@@ -103,9 +109,7 @@ class ContextManagerModel(Model):
             *map(_offered, tools),
             *(ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs),
         ]
-        return self.manager.fit(
-            items, tools=offered, system=instructions, output_schema=schema, form="responses"
-        ).messages
+        return self.manager.fit(items, tools=offered, system=instructions, output_schema=schema, form="responses")
 
 
 def window_filter(

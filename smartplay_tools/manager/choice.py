@@ -48,9 +48,15 @@ class Shown:
 
     part: Part
     message: Given
-    tokens: int
+    shorter: int | None = None
+    """Its tokens where it is shorter than it was first shown."""
     change: str | None = None
     """What was changed of it: masked, trimmed, elided or cut."""
+
+    @property
+    def tokens(self) -> int:
+        """Its tokens."""
+        return self.part.cost.whole if self.shorter is None else self.shorter
 
 
 @dataclass(slots=True)
@@ -106,7 +112,7 @@ class Choice:
                     if (shorter := form.trimmed(part.message)) is not None:
                         yield Shown(part, shorter, part.cost.trimmed, "trimmed")
                 else:
-                    yield Shown(part, part.message, part.cost.whole)
+                    yield Shown(part, part.message)
 
     def _result(
         self,
@@ -127,9 +133,7 @@ class Choice:
         if part.cost.pictures and number < self.pictures:
             contents = [without_pictures(content, PICTURE_LEFT) for content in contents]
             tokens, change = part.cost.unpictured, "elided"
-        return (
-            Shown(part, part.message, tokens) if change is None else self._changed(part, contents, tokens, change, form)
-        )
+        return Shown(part, part.message) if change is None else self._changed(part, contents, tokens, change, form)
 
     @staticmethod
     def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: MessageForm) -> Shown:

@@ -8,11 +8,14 @@ docs/any-agent.md has the definition.
 
 from __future__ import annotations
 
+import hashlib
 import json
-import marshal
 import math
+import re
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from smartplay_tools.context.tokens import PRIMING
@@ -20,11 +23,13 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
-from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
-from smartplay_tools.manager.fitted import FittedPrompt
+from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt, fitted_prompt, plain
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.reading import Part, Reading, kind_of
-from smartplay_tools.manager.tools import plain_tools
+from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
+from smartplay_tools.manager.tools import plain_tool, specs_of
+from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 
 __all__ = ["ContextManager"]
@@ -76,6 +81,7 @@ class ContextManager:
         picture_tokens, sealed_tokens, extra_tokens: the tokens of pictures, of encrypted parts and of parts and tools
             that only their provider can count: a number, or a function of the part.
         form: "chat", "responses" or "anthropic"; None to see it from the messages.
+        record: a folder for records, a file for each thread; None for none. `manager.record` says what is in them.
     """
 
     def __init__(
@@ -98,6 +104,7 @@ class ContextManager:
         sealed_tokens: Tokens | None = None,
         extra_tokens: Tokens | None = None,
         form: FormName | None = None,
+        record: str | Path | None = None,
     ) -> None:
         check_numbers(prompt_tokens=prompt_tokens, result_tokens=None if result_tokens == "auto" else result_tokens)
         check_numbers(0, history=history, own_words=own_words, first_turns=first_turns, newest_pictures=newest_pictures)
@@ -118,6 +125,10 @@ class ContextManager:
         self._extra = extra_tokens
         self._messages = MessageCounter(self._counter, cut, picture_tokens, sealed_tokens, extra_tokens)
         self._form = form
+        self._folder = None if record is None else Path(record)
+        self._records: dict[str, ThreadRecord] = {}
+        self._settings = {"tokenizer": self._counter.tokenizer.name, "head": head, "cut": cut, **asdict(self._rules)}
+        self._settings |= {"prompt_tokens": prompt_tokens, "result_tokens": result_tokens, "repair": repair}
         self._readings: dict[object, Reading] = {}
         self._lock = threading.Lock()
 
@@ -145,6 +156,7 @@ class ContextManager:
         system: str | Sequence[Any] | None = None,
         output_schema: Any = None,
         form: FormName | None = None,
+        thread: str | None = None,
     ) -> FittedPrompt:
         """Return the prompt of a conversation.
 
@@ -156,29 +168,44 @@ class ContextManager:
                 beside the messages; they count.
             output_schema: the schema of an answer's format, if the request has one; it counts.
             form: that of the messages, where it is known better than the manager knows it.
+            thread: the name of the thread in the folder of records; by default, threads differ by their heads.
 
         Errors: a `PromptOverflowError` if what cannot be left out does not fit; an `InvalidArgumentError` for messages
         that are none, or that cannot be counted.
         """
         check_choice("form", form, (None, *FORMS))
         with self._lock:
-            return self._fit(messages, tools, system, output_schema, form or self._form)
+            given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+            data = [each for each, _ in given]
+            name = form or self._form
+            conversation = Conversation(
+                messages, data, [key for _, key in given], form_of(data) if name is None else FORMS[name]
+            )
+            beside = {"tools": [plain_tool(tool) for tool in tools], "system": system, "output_schema": output_schema}
+            try:
+                prompt = self._fitted(conversation, beside)
+            except PromptOverflowError as error:
+                if (record := self._record(conversation, thread)) is not None:
+                    record.refusal(error.parts, self.prompt_tokens)
+                raise
+            return self._recorded(prompt, conversation, beside, thread)
 
-    def _fit(
-        self,
-        messages: Sequence[Any],
-        tools: Iterable[Any],
-        system: str | Sequence[Any] | None,
-        schema: Any,
-        name: FormName | None,
-    ) -> FittedPrompt:
-        given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-        form = form_of([data for data, _ in given]) if name is None else FORMS[name]
-        data, keys = [data for data, _ in given], [key for _, key in given]
-        tool_tokens = self._tool_tokens(tools) + (self._counter.text(json.dumps(schema)) if schema is not None else 0)
+    def reported(self, prompt: FittedPrompt, tokens: int) -> None:
+        """Record how many tokens the provider has counted in a prompt of this manager."""
+        if prompt.recorded_as is not None:
+            thread, number = prompt.recorded_as
+            with self._lock:
+                self._records[thread].usage(number, tokens)
+
+    def _fitted(self, conversation: Conversation, beside: Mapping[str, Any]) -> FittedPrompt:
+        data, keys, form = conversation.data, conversation.keys, conversation.form
+        schema = beside["output_schema"]
+        tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
         begin = self._first_reply(data, form)
         head, left_out = self._head_of(data[:begin], form)
-        head_tokens = PRIMING + self._system_tokens(system) + sum(self._tokens(n, m, form, keys) for n, m in head)
+        system_tokens = self._system_tokens(beside["system"])
+        shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in head]
+        head_tokens = PRIMING + system_tokens + sum(each.tokens for each in shown)
         room = math.inf if self.prompt_tokens is None else self.prompt_tokens - tool_tokens - head_tokens
         if room < 0:
             raise PromptOverflowError.of(self.prompt_tokens or 0, {"tools": tool_tokens, "head": head_tokens})
@@ -194,13 +221,38 @@ class ContextManager:
         except TooLongError as error:
             parts = {"tools": tool_tokens, "head": head_tokens, "pinned": error.pins, "newest turn": error.newest}
             raise PromptOverflowError.of(self.prompt_tokens or 0, parts) from None
-        shown = [
-            Shown(Part(n, message, self._messages.cost(message, form, None, keys[n])), message, 0)
-            for n, message in head
-        ]
         shown += choice.shown(reading, form, self._messages)
         parts = {"tools": tool_tokens, "head": head_tokens, "pinned": choice.pins}
-        return _fitted(shown, messages, data, repaired, len(reading.made), parts)
+        tokens = tool_tokens + PRIMING + system_tokens + sum(each.tokens for each in shown)
+        parts["turns"] = tokens - sum(parts.values())
+        return fitted_prompt(shown, conversation, repaired, len(reading.made), tokens, parts)
+
+    def _recorded(
+        self, prompt: FittedPrompt, conversation: Conversation, beside: Mapping[str, Any], thread: str | None
+    ) -> FittedPrompt:
+        """Write a prompt into the record of its thread, if there are records."""
+        record = self._record(conversation, thread)
+        if record is None:
+            return prompt
+        shown = [plain(message, "A message")[0] for message in prompt.messages]
+        facts: dict[str, Any] = {name: ranges(getattr(prompt, name)) for name in CHANGES if getattr(prompt, name)}
+        facts |= {"form": conversation.form.name, "made": prompt.made, "tokens": prompt.tokens}
+        facts |= {"cap": self.prompt_tokens, "parts": dict(prompt.parts)}
+        number = record.prompt(conversation.data, shown, prompt.costs, beside, facts)
+        return replace(prompt, recorded_as=(record.path.stem, number))
+
+    def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:
+        """The record of a thread; None where nothing is recorded."""
+        if self._folder is None:
+            return None
+        if thread is None:
+            begin = self._first_reply(conversation.data, conversation.form)
+            thread = hashlib.sha256(canonical_json(conversation.data[:begin])).hexdigest()[:16]
+        elif not re.fullmatch(r"[\w.-]{1,100}", thread) or thread.startswith("."):
+            raise InvalidArgumentError(f"{thread!r} cannot name a thread: at most 100 letters, digits, dots, _ and -.")
+        if thread not in self._records:
+            self._records[thread] = ThreadRecord(self._folder / f"{thread}.jsonl", self._settings)
+        return self._records[thread]
 
     def _first_reply(self, data: Sequence[Given], form: MessageForm) -> int:
         """The number of the first message after the head."""
@@ -227,10 +279,10 @@ class ContextManager:
                 head.append((number, words))
         return head, changed
 
-    def _tokens(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> int:
-        """The tokens of a message of the head."""
+    def _cost(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> Cost:
+        """The cost of a message of the head."""
         try:
-            return self._messages.cost(message, form, None, keys[number]).whole
+            return self._messages.cost(message, form, None, keys[number])
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"Message {number} {error}.") from None
 
@@ -241,7 +293,7 @@ class ContextManager:
         return self._messages.tokens({"role": "system", "content": content}, FORMS["chat"])
 
     def _tool_tokens(self, tools: Iterable[Any]) -> int:
-        specs, extra = plain_tools(tools, self._extra)
+        specs, extra = specs_of(tools, self._extra)
         return self._counter.tools(specs) + extra
 
     def _most(self, room: float) -> int | None:
@@ -269,71 +321,6 @@ class ContextManager:
         raise InvalidArgumentError(
             f"A call of message {source} has no result. Mend the list, or let repair=True do it."
         )
-
-
-def _fitted(
-    shown: Sequence[Shown],
-    messages: Sequence[Any],
-    data: Sequence[Given],
-    repaired: Sequence[int],
-    made: int,
-    parts: Mapping[str, int],
-) -> FittedPrompt:
-    """Return the prompt of messages that are shown; `parts` has the tokens of all but the run."""
-    out: list[Any] = []
-    changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
-    for each in shown:
-        source = each.part.source
-        is_given = source is not None and each.message is data[source]
-        out.append(messages[source] if is_given and source is not None else each.message)
-        if each.change is not None and source is not None:
-            changed[each.change].append(source)
-    sources = [each.part.source for each in shown]
-    kept = {*sources, *repaired}
-    tokens = parts["tools"] + parts["head"] + sum(each.tokens for each in shown)
-    return FittedPrompt(
-        out,
-        tokens,
-        sources,
-        dropped=[number for number in range(len(messages)) if number not in kept],
-        **changed,
-        repaired=repaired,
-        made=made,
-        uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
-        parts={**parts, "turns": tokens - sum(parts.values())},
-    )
-
-
-def plain(message: Any, what: str) -> tuple[Given, object]:
-    """Return a message as plain data, and a key that stands for what it says; `what` names it in an error.
-
-    Objects of a client's library are read by `model_dump`. Data that is plain already is not copied.
-    """
-    if type(message) is dict:
-        try:
-            return message, marshal.dumps(message, 2)  # in this version equal data have equal bytes
-        except ValueError:
-            pass
-    data = _plain(message, what)
-    if not isinstance(data, Mapping):
-        raise InvalidArgumentError(
-            f"{what} is {type(message).__name__}; a message is a mapping, or an object of a client."
-        )
-    return data, json.dumps(data, sort_keys=True)
-
-
-def _plain(value: Any, what: str) -> Any:
-    if value is None or isinstance(value, str | int | float | bool):
-        return value
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner, what) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner, what) for inner in value]
-    if callable(dump := getattr(value, "model_dump", None)):
-        return dump(mode="json", exclude_none=True)
-    raise InvalidArgumentError(
-        f"{what} holds {type(value).__name__}, which is no JSON; give mappings, or the objects of a client."
-    )
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:

@@ -10,10 +10,22 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import Tokens
 from smartplay_tools.types import ToolSpec
 
-__all__ = ["plain_tools"]
+__all__ = ["plain_tool", "specs_of"]
 
 
-def plain_tools(tools: Iterable[Any], extra: Tokens | None) -> tuple[list[ToolSpec], int]:
+def plain_tool(tool: Any) -> Mapping[str, Any]:
+    """Return a tool as plain data; a client's object is read by `model_dump`."""
+    if isinstance(tool, Mapping):
+        return tool
+    if isinstance(tool, ToolSpec):
+        return tool.to_json()
+    if callable(dump := getattr(tool, "model_dump", None)):
+        dumped: Mapping[str, Any] = dump(mode="json", exclude_none=True)
+        return dumped
+    raise InvalidArgumentError(f"A tool is a mapping or a ToolSpec, not {type(tool).__name__}.")
+
+
+def specs_of(tools: Iterable[Mapping[str, Any]], extra: Tokens | None) -> tuple[list[ToolSpec], int]:
     """Return tools that can be counted, and the tokens of those that a provider runs.
 
     `extra` gives the tokens of the latter; without it they are an `InvalidArgumentError`.
@@ -24,24 +36,17 @@ def plain_tools(tools: Iterable[Any], extra: Tokens | None) -> tuple[list[ToolSp
         if (spec := _spec(tool)) is not None:
             specs.append(spec)
         elif extra is None:
-            kind = tool.get("type") if isinstance(tool, Mapping) else type(tool).__name__
             raise InvalidArgumentError(
-                f"The tokens of the tool {kind!r} cannot be counted, because its provider writes its schema; "
-                "name them with extra_tokens."
+                f"The tokens of the tool {tool.get('type')!r} cannot be counted, because its provider writes its "
+                "schema; name them with extra_tokens."
             )
         else:
             tokens += extra(tool) if callable(extra) else extra
     return specs, tokens
 
 
-def _spec(tool: Any) -> ToolSpec | None:
+def _spec(tool: Mapping[str, Any]) -> ToolSpec | None:
     """The tool as it is counted; None for one whose schema is not in it."""
-    if isinstance(tool, ToolSpec):
-        return tool
-    if not isinstance(tool, Mapping) and callable(dump := getattr(tool, "model_dump", None)):
-        tool = dump(mode="json", exclude_none=True)
-    if not isinstance(tool, Mapping):
-        return None
     inner = tool.get("function") or tool.get("custom")
     own = inner if isinstance(inner, Mapping) else tool
     schema = own.get("parameters", own.get("input_schema"))
