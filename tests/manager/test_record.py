@@ -25,9 +25,8 @@ def test_every_prompt_is_rebuilt_word_for_word(tmp_path: Path, form: str):
     messages = FORMS[form](steps(30))
     window = manager(300, record=tmp_path, slack=0.5, result_tokens=8)
     tool = sp.ToolSpec("read", "Read a page.", {"type": "object", "properties": {"page": {"type": "integer"}}})
-    sent = [
-        window.fit(messages[:end], tools=[tool], system="Be brief.", form=form) for end in range(4, len(messages), 3)
-    ]  # type: ignore[arg-type]
+    ends, beside = range(4, len(messages), 3), {"tools": [tool], "system": "Be brief.", "form": form}
+    sent = [window.fit(messages[:end], **beside) for end in ends]
     prompts = read_thread(only_file(tmp_path))
     assert [list(prompt.messages) for prompt in prompts] == [prompt.messages for prompt in sent]
     assert [prompt.facts["tokens"] for prompt in prompts] == [prompt.tokens for prompt in sent]
