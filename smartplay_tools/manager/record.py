@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.transcript.hashing import canonical_json, chained_lines
 from smartplay_tools.transcript.lines import complete_lines, parse_json
@@ -121,6 +122,7 @@ class ThreadRecord:
             return self._prompts - 1
         prefix = 0
         if self._latest and self._latest[2] == stored:
+            prefix = facts["tokens"] - sum(tokens) - PRIMING  # what is beside the messages comes first
             pairs = zip(sent, self._latest[1], tokens, strict=False)
             for one, other, size in pairs:
                 if one != other:
