@@ -9,7 +9,7 @@
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── DiskFullError         a disk has no space left for the records of a run
-    ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    ├── PromptOverflowError   what a prompt cannot leave out does not fit its cap; ends an episode
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
     ├── PromptRefusedError    a server refuses this one prompt; ends an episode, as its result after the first reply
@@ -23,7 +23,7 @@ errors above, with one sentence that names the remedy. Any other exception is a 
 from __future__ import annotations
 
 import errno
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 __all__ = [
@@ -105,7 +105,24 @@ class DiskFullError(SmartPlayError):
 
 
 class PromptOverflowError(SmartPlayError):
-    """The pinned parts of a prompt need more than `prompt_tokens`."""
+    """The parts of a prompt that cannot be left out need more than `prompt_tokens`.
+
+    A context manager says which: tools, head, pinned messages and the newest turn, in tokens.
+    """
+
+    parts: Mapping[str, int] = {}
+    """The tokens of each of these parts; empty where an episode has ended."""
+
+    @classmethod
+    def of(cls, cap: int, parts: Mapping[str, int]) -> PromptOverflowError:
+        """Return the error of parts that need more than a cap."""
+        words = ", ".join(f"{name} {tokens:,}" for name, tokens in parts.items())
+        error = cls(
+            f"What cannot be left out takes {sum(parts.values()):,} tokens of {cap:,}: {words}. "
+            "Raise prompt_tokens, or give the agent shorter instructions, fewer tools or shorter messages."
+        )
+        error.parts = dict(parts)
+        return error
 
 
 class PromptRefusedError(SmartPlayError):

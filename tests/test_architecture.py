@@ -32,6 +32,7 @@ LAYERS = (
     "games",
     "transcript",
     "context",
+    "manager",
     "episode",
     "conversation",
     "players",
