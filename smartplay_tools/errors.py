@@ -12,6 +12,7 @@
     ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
+    ├── PromptRefusedError    a server refuses this one prompt; ends an episode, as its result after the first reply
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
 
@@ -33,6 +34,7 @@ __all__ = [
     "MissingExtraError",
     "PlayerLeftError",
     "PromptOverflowError",
+    "PromptRefusedError",
     "ResetNeededError",
     "SmartPlayError",
     "StrategyError",
@@ -100,6 +102,10 @@ class DiskFullError(SmartPlayError):
 
 class PromptOverflowError(SmartPlayError):
     """The pinned parts of a prompt need more than `prompt_tokens`."""
+
+
+class PromptRefusedError(SmartPlayError):
+    """A server refuses a prompt, and not its player: it would refuse the same prompt again."""
 
 
 class StrategyError(SmartPlayError):

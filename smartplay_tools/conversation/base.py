@@ -22,7 +22,14 @@ from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import View
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError, name_of
+from smartplay_tools.errors import (
+    InvalidArgumentError,
+    PlayerLeftError,
+    PromptOverflowError,
+    PromptRefusedError,
+    StrategyError,
+    name_of,
+)
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
 from smartplay_tools.types.call_ids import CallIds
@@ -223,13 +230,16 @@ class BaseConversation(ABC):
     def give_up(self, error: Exception) -> None:
         """End the episode because its player gives no reply; what the error's `usage` says is counted, if it has one.
 
-        A `PlayerLeftError` ends it as `closed`, any other as `player_error`.
+        A `PlayerLeftError` ends it as `closed`. A `PromptRefusedError` after the first reply ends it as `host`: that its
+        model cannot go on is a result. Any other error ends it as `player_error`.
         """
         usage = getattr(error, "usage", None)
         if isinstance(usage, Usage):
             self.spend(usage)
         if isinstance(error, PlayerLeftError):
             self.episode.end("closed")
+        elif isinstance(error, PromptRefusedError) and self.episode.stats.turns:
+            self.episode.end("host", detail=str(error))
         else:
             self.episode.end("player_error", error)
 

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from smartplay_tools.players.attempts import (
         BrokenAnswerError as BrokenAnswerError,
         ModelCallError as ModelCallError,
+        ModelPromptError as ModelPromptError,
         count_in as count_in,
         error_in as error_in,
+        given_up as given_up,
         plain_answer as plain_answer,
         reported_in as reported_in,
         with_end as with_end,
