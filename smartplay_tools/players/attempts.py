@@ -65,18 +65,24 @@ class ModelRefusedError(ModelCallError):
 
 
 class ModelPromptError(ModelCallError, PromptRefusedError):
-    """A server refuses this one prompt: the model's context is full, or a filter stands in the way."""
+    """A server refuses this one prompt, which the model's context cannot hold."""
+
+
+class ModelFilterError(ModelPromptError):
+    """A filter of the provider refuses this one prompt, which is counted."""
 
     def __init__(self, usage: Usage, error: Exception) -> None:
-        is_filtered = server_error(error).about == "moderation"
-        super().__init__(usage.model_copy(update={"refused": 1}) if is_filtered else usage, error)
+        super().__init__(usage.model_copy(update={"refused": 1}), error)
 
 
-def given_up(error: Exception, usage: Usage | None = None) -> Exception:
+PROMPT_ERRORS = {"context": ModelPromptError, "moderation": ModelFilterError}
+"""How a refused prompt is raised, by what the refusal is about."""
+
+
+def given_up(error: Exception) -> Exception:
     """Return what an episode is given up with (`BaseConversation.give_up`) after an error of a framework's client."""
-    said = server_error(error)
-    is_known = said.whose == "prompt" and said.about and not isinstance(error, ModelCallError)
-    return ModelPromptError(usage or Usage(), error) if is_known else error
+    about = "" if isinstance(error, ModelCallError) else server_error(error).about
+    return PROMPT_ERRORS[about](Usage(), error) if about in PROMPT_ERRORS else error
 
 
 class BrokenAnswerError(Exception):
@@ -183,8 +189,8 @@ class Attempts:
         wish = said.wait if wish is None else wish
         if said.whose == "player":
             raise ModelRefusedError(self.usage(None), error) from error
-        if said.whose == "prompt" and said.about:
-            raise ModelPromptError(self.usage(None), error) from error
+        if said.about in PROMPT_ERRORS:
+            raise PROMPT_ERRORS[said.about](self.usage(None), error) from error
         may_pass = _headers(error).get("x-should-retry", said.whose == "moment") in (True, "true")
         if self._made > self._retries or not may_pass or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self.usage(None), error) from error

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file, player_key, player_of, strategy_file
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
+from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
@@ -48,7 +48,8 @@ RETRIES = 3
 SAME_FAILURES = 3
 """A player that fails so often with one kind of error, and has never played an action in this run, plays no more in it.
 
-Attempts that fail side by side count once, since they may have one cause that passes.
+Attempts that fail side by side count once, since they may have one cause that passes. A player that a server refuses so
+often without a reply in between ends the run.
 """
 
 
@@ -99,7 +100,8 @@ class Scheduler:
         self._queue: deque[PlannedEpisode] = deque()
         self._running: dict[str, Task] = {}
         self._awaited: dict[Path, Record] = {}
-        self._answered: set[str] = set()
+        self._answered: Counter[str] = Counter()
+        self._refusals: dict[str, tuple[int, int]] = {}
         self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._failures: Counter[tuple[str, str]] = Counter()
@@ -243,12 +245,16 @@ class Scheduler:
         """Whether a player has played an action in this run, according to the records that are being written."""
         if player not in self._setup.tried or player in self._acted:
             return True
+        if any(record.steps for record in self._records_of(player)):
+            self._acted.add(player)
+        return player in self._acted
+
+    def _records_of(self, player: str) -> Iterator[Record]:
+        """The records of a player that are being written, as far as they are."""
         for path in (task.record for task in self._running.values() if self._who[task.planned.place] == player):
             followed = self._awaited.get(path)
             self._awaited[path] = Record.follow(path) if followed is None else followed.refresh()
-            if self._awaited[path].steps:
-                self._acted.add(player)
-        return player in self._acted
+            yield self._awaited[path]
 
     def _is_failing(self, player: str) -> bool:
         """Whether a player has failed in this run and never played an action."""
@@ -293,8 +299,7 @@ class Scheduler:
         record = Record.follow(task.record, self._setup.prices)
         if record.exists:
             spent = record.own_totals + record.open_call
-            if spent.replies:
-                self._answered.add(self._who[task.planned.place])
+            self._answered[self._who[task.planned.place]] += spent.replies
             if record.steps:
                 self._acted.add(self._who[task.planned.place])
             self._spent += spent
@@ -337,17 +342,32 @@ class Scheduler:
             log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
 
     def _judge(self, episode: PlannedEpisode, error: str) -> None:
-        """End the run if a server refuses every request; give up a player that never answers, or always fails."""
+        """End the run if a server refuses a player; give up a player that never answers, or always fails."""
         assert self._executor is not None
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
-            self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
-            self._executor.stop.set()
-        elif kind == ModelCallError.__name__ and player not in self._answered:
+            if self._is_refused(episode, kind):
+                self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
+                self._executor.stop.set()
+        elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
         elif player not in self._acted:
             self._count_failure(episode, kind, error)
+
+    def _is_refused(self, episode: PlannedEpisode, kind: str) -> bool:
+        """Whether a refusal is the player's: it was never answered, or not between this refusal and some before.
+
+        A server may also refuse one request of a player's, with the same status.
+        """
+        player = self._who[episode.place]
+        replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
+        in_a_row, heard = self._refusals.get(player, (0, 0))
+        if self._failures_before[episode.key][player, kind] == self._failures[player, kind]:
+            self._failures[player, kind] += 1
+            in_a_row = in_a_row + 1 if replies == heard else 1
+            self._refusals[player] = in_a_row, replies
+        return not replies or in_a_row >= SAME_FAILURES
 
     def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
         """Count a failure, unless one of the same kind was counted while this attempt was played."""
