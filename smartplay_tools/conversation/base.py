@@ -230,8 +230,8 @@ class BaseConversation(ABC):
     def give_up(self, error: Exception) -> None:
         """End the episode because its player gives no reply; what the error's `usage` says is counted, if it has one.
 
-        A `PlayerLeftError` ends it as `closed`. A `PromptRefusedError` after the first reply ends it as `host`, which is
-        a result: its model cannot go on. Any other error ends it as `player_error`.
+        A `PlayerLeftError` ends it as `closed`. A `PromptRefusedError` after the first reply ends it as `host`: the
+        result of a model that cannot go on. Any other error ends it as `player_error`.
         """
         usage = getattr(error, "usage", None)
         if isinstance(usage, Usage):
