@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import PromptRefusedError, SmartPlayError
-from smartplay_tools.players.server_errors import ServerError, server_error
+from smartplay_tools.players.server_errors import ServerError, ends, server_error
 from smartplay_tools.types import Reply, Usage
 
 LONGEST_PAUSE = 8.0
@@ -118,23 +118,13 @@ def error_in(answer: Mapping[str, Any], problem: str) -> str:
     return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
 
 
-_ENDS: Mapping[str, str] = {
-    **dict.fromkeys(("length", "model_length", "max_tokens", "max_output_tokens"), "cut"),
-    "model_context_window_exceeded": "cut",
-    **dict.fromkeys(("refusal", "content_filter", "safety", "recitation", "prohibited_content"), "refused"),
-    "malformed_function_call": "broken_calls",
-    "pause_turn": "paused",
-}
-"""The count of `Usage` for each reason for which a reply ended, in small letters."""
-
-
 def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
     """Return a usage that counts for which reasons its reply ended, wherever its provider says so.
 
     Gemini's endpoint joins two in one text: "function_call_filter: MALFORMED_FUNCTION_CALL".
     """
     said = [part for reason in reasons if isinstance(reason, str) for part in reason.lower().split(": ")]
-    counts = dict.fromkeys((_ENDS[part] for part in said if part in _ENDS), 1)
+    counts = dict.fromkeys((ends()[part] for part in said if part in ends()), 1)
     return (usage or Usage()).model_copy(update=counts) if counts else usage
 
 

@@ -94,9 +94,20 @@ class Row:
 @cache
 def rows() -> tuple[Row, ...]:
     """Return the table in the order in which its rows are tried."""
-    table, order = read_table(__package__, "server_errors.toml"), get_args(Whose)
-    made = [Row(provider, **row) for provider, rows in table.items() for row in rows]
+    order = get_args(Whose)
+    made = [Row(provider, **row) for provider, rows in _table().items() for row in rows if "whose" in row]
     return tuple(sorted(made, key=lambda row: len(order) if row.provider == ANY else order.index(row.whose)))
+
+
+@cache
+def ends() -> Mapping[str, str]:
+    """Return the count of `Usage` for each reason for which a reply ended, in small letters."""
+    return {name: row["count"] for rows in _table().values() for row in rows for name in row.get("finish", ())}
+
+
+@cache
+def _table() -> Mapping[str, Sequence[Mapping[str, Any]]]:
+    return read_table(__package__, "server_errors.toml")
 
 
 def server_error(error: Exception | Mapping[str, Any]) -> ServerError:

@@ -113,6 +113,14 @@ def unknown_parameter(turns: Turns, body: Json, given: Given, *, known: str, wor
     return (400, words.format(name=unknown[0])) if unknown else None
 
 
+def unsupported(turns: Turns, body: Json, given: Given, *, names: Sequence[str], words: str) -> Refusal:
+    """Fields of messages that a schema does not have."""
+    for at, turn in enumerate(turns):
+        if found := [name for name in names if name in turn.raw]:
+            return 400, words.format(at=at, name=found[0])
+    return None
+
+
 def at_least(turns: Turns, body: Json, given: Given, *, name: str, least: int, words: str) -> Refusal:
     return (400, words) if body.get(name, least) < least else None
 
