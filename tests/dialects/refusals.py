@@ -90,6 +90,10 @@ def null(turns: Turns, body: Json, given: Given, *, words: str) -> Refusal:
     return (400, words) if missing else None
 
 
+def no_user(turns: Turns, body: Json, given: Given, *, words: str) -> Refusal:
+    return None if any(turn.role == "user" for turn in turns) else (400, words)
+
+
 def blank_text(turns: Turns, body: Json, given: Given) -> Refusal:
     texts = [block["text"] for turn in turns for block in turn.raw if block["type"] == "text"]
     if "" in texts or any(not turn.raw for turn in turns):
