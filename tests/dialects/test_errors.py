@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 from datetime import date
 from itertools import product
+from typing import Any
 
 import pytest
 
+import smartplay_tools as sp
 from smartplay_tools.players import server_error
 from smartplay_tools.players.server_errors import ANY, Row, rows
 from tests.dialects.failures import Failure, How
 from tests.dialects.rules import DIALECTS
+from tests.dialects.said import Said
 from tests.dialects.scripts import act
+from tests.dialects.server import DialectServer
 from tests.dialects.test_dialects import game
-from tests.dialects.ways import WAYS
+from tests.dialects.ways import WAYS, environment
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -65,6 +69,52 @@ def test_an_error_ends_only_what_it_has_to(row, interface, how):
             assert (result["end_reason"], result["steps"], requests) == ("player_error", 1, 2)
             assert ("ModelRefusedError" in result["error"]) == (row.whose == "player")
             assert all(words.rstrip(".") in result["error"] for words in said.words if not {*words} & {*"'{"})
+
+
+class Asking(DialectServer):
+    """Plays, and answers a request for a summary or a compactor's question with a call that it cannot read."""
+
+    questions = 0
+
+    def answer(self, path: str, body: Any) -> tuple[int, str, bytes]:
+        if body.get("tool_choice") not in ("none", {"type": "none"}):
+            return super().answer(path, body)
+        self.questions += 1
+        broken = next(row for row in rows() if "tool_use_failed" in row.code)
+        return Failure(broken, "status").answer(self.dialect.interface)
+
+
+ASKS = [{"prompt_tokens": 600, "slack": 0.5, "summary_tokens": 60}, {"strategy": "summing"}]
+
+
+def summing(self: Any, history: Any, room: Any) -> Any:
+    """A compactor that asks after four turns."""
+    if len(history) < 9:
+        return history
+    reply = yield [*history, {"role": "user", "content": "Sum up."}]
+    return [{"role": "user", "content": f"So far: {reply['content']}"}, *history[-2:]]
+
+
+@pytest.mark.parametrize("interface", ["chat", *(pytest.param(name, marks=pytest.mark.slow) for name in [*PLACES][1:])])
+@pytest.mark.parametrize(
+    "options", [{"prompt_tokens": 600, "slack": 0.5, "summary_tokens": 60}, {"strategy": "summing"}]
+)
+def test_a_broken_call_in_place_of_a_summary_or_an_answer_ends_nothing(interface, options):
+    """The model's words are the summary, or the answer to the compactor, and are not asked for again."""
+    sp.register_strategy("summing", type("Summing", (), {"compact": summing}))
+    budget = sp.Budget(history=None, tool_calls=20, **options)
+    with (
+        Asking(DIALECTS[PLACES[interface][1]], [Said(calls=(("act", '{"action": "1"}'),))]) as server,
+        pytest.MonkeyPatch.context() as variables,
+        sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=1, budget=budget) as episode,
+    ):
+        for name, value in environment(server).items():
+            variables.setenv(name, value)
+        WAYS[PLACES[interface][0]].play(server, episode, False)
+    result = episode.result
+    assert (result.end_reason, result.steps) == ("tool_calls", 20)
+    assert 1 < server.questions == result.summaries + result.questions == result.tokens.provider.broken_calls
+    assert any("<function=act>" in str(body) for body in server.requests)
 
 
 def test_every_row_says_where_it_is_from_and_knows_its_own_error():

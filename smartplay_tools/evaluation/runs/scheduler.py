@@ -315,7 +315,8 @@ class Scheduler:
         if outcome.times is not None:
             timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
             self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
-            self._tell_beginning(episode, outcome.times.began_again)
+            if (why := outcome.times.began_again) is not None:
+                self._tell(episode, "began again from its start:", why, " What it had spent is counted.")
         row, error = None, record.error or record.end_reason
         if not record.exists:
             error = "There is no record of the attempt."
@@ -325,6 +326,8 @@ class Scheduler:
             self._folder.append_row(row)
             self._needed = None
             self._expected.finished(row)
+            if row["end_reason"] == "host" and task.player.agent is None:
+                self._tell(episode, "ended early:", row["detail"] or "")
             if row["cost"] is None and self._setup.caps.cost is not None:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
@@ -335,11 +338,11 @@ class Scheduler:
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
-    def _tell_beginning(self, episode: PlannedEpisode, why: str | None) -> None:
-        """Log why an episode began again, once for each reason."""
-        if why is not None and (reason := reason_of(why)) not in self._reasons:
+    def _tell(self, episode: PlannedEpisode, what: str, why: str, more: str = "") -> None:
+        """Log what became of an episode and why, once for each reason."""
+        if (reason := reason_of(why)) not in self._reasons:
             self._reasons.add(reason)
-            log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
+            log.warning("%s %s %s%s", episode.key, what, why, more)
 
     def _judge(self, episode: PlannedEpisode, error: str) -> None:
         """End the run if a server refuses a player; give up a player that never answers, or always fails."""
