@@ -149,6 +149,7 @@ class _Said:
         codes = [str(value).lower() for name, value in leaves if name in CODES]
         self.codes = frozenset(codes)
         own = [value for name, value in leaves if name not in ECHOES | CODES and isinstance(value, str)]
+        own += [name for name, _ in leaves]  # Ollama has had its words as a name
         self.words = tuple(dict.fromkeys(text for text in own if " " in text.strip()))
         self.text = "\n".join([*self.words, *self.codes])
         status = getattr(error, "status_code", None) or getattr(response, "status_code", None)
