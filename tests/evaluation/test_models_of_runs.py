@@ -64,7 +64,7 @@ def test_a_refusal_of_one_request_stops_no_run(tmp_path, refused, at):
     rows = RunFolder(tmp_path).rows()
     steps = [row["steps"] for row in rows]
     assert (len(rows), len(bodies)) == (2, sum(steps) + 1), "what was refused goes on from its record"
-    assert steps == ([5, 50] if refused is FLAGGED and at else [50] * 2)
+    assert (max(steps), min(steps) < 50) == (50, refused is FLAGGED and at > 0)
     assert sum(row["tokens"]["provider"].get("refused", 0) for row in rows) == (refused is FLAGGED)
 
 
