@@ -28,7 +28,9 @@ class Failure:
             says = says.replace("store", "no_field_of_the_request")
         if self.how == "status":
             return int(status), "application/json", says.encode()
-        answer = self._inside(interface, _error(json.loads(says)) | {"status_code": int(status)})
+        error = _error(json.loads(says)) | {"status_code": int(status)}
+        failed = {"id": "resp_0", "object": "response", "status": "failed", "output": []}
+        answer = {"responses": failed, "messages": {"type": "error"}}.get(interface, {}) | {"error": error}
         if self.how == "answer":
             return 200, "application/json", json.dumps(answer).encode()
         if interface == "responses":
@@ -38,15 +40,6 @@ class Failure:
             events = [{"id": "c", "object": "chat.completion.chunk", "choices": [choice]}, answer]
         lines = [f"data: {json.dumps(event)}\n\n" for event in events]
         return 200, "text/event-stream", "".join([*lines, "data: [DONE]\n\n"]).encode()
-
-    def _inside(self, interface: str, error: Json) -> Json:
-        match interface:
-            case "responses":
-                return {"id": "resp_0", "object": "response", "status": "failed", "error": error, "output": []}
-            case "messages":
-                return {"type": "error", "error": error}
-            case _:
-                return {"error": error}
 
 
 def _error(body: Json | list[Json]) -> Json:

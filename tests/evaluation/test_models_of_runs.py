@@ -54,16 +54,17 @@ def test_a_refusal_for_good_stops_the_run_after_one_attempt(tmp_path, status, co
 FLAGGED = (403, "x", "This model requires moderation. Your input was flagged.")
 
 
-@pytest.mark.parametrize("refused", [(403, "x", "No."), (402, "x", "Fewer max_tokens."), (404, "x", "No."), FLAGGED])
-@pytest.mark.parametrize("at", [0, 5], ids=["the first", "a later"])
+ONE_REQUEST = [(403, "x", "No."), (402, "x", "Fewer max_tokens."), (404, "x", "No."), FLAGGED]
+
+
+@pytest.mark.parametrize(("refused", "at"), [*((refused, 5) for refused in ONE_REQUEST), (FLAGGED, 0)])
 def test_a_refusal_of_one_request_stops_no_run(tmp_path, refused, at):
-    if at == 0 and refused is not FLAGGED:
-        pytest.skip("a player that was never answered is refused for good")
+    """What was refused goes on from its record; a filter that refuses a later prompt ends the episode."""
     with serving(lambda body, number: refusal(*refused) if number == at else first_arm(body, number)) as (url, bodies):
         assert play(tmp_path, url, "--trials", 2)[0] == 0
     rows = RunFolder(tmp_path).rows()
     steps = [row["steps"] for row in rows]
-    assert (len(rows), len(bodies)) == (2, sum(steps) + 1), "what was refused goes on from its record"
+    assert (len(rows), len(bodies)) == (2, sum(steps) + 1)
     assert (max(steps), min(steps) < 50) == (50, refused is FLAGGED and at > 0)
     assert sum(row["tokens"]["provider"].get("refused", 0) for row in rows) == (refused is FLAGGED)
 
