@@ -33,9 +33,9 @@ class ModelCallError(SmartPlayError):
     def __init__(self, usage: Usage, error: Exception) -> None:
         times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
         said, reason = server_error(error), str(error).rstrip(".")
-        for words in said.words:  # of a provider behind a gateway
+        for words in (words.rstrip(".") for words in said.words):  # of a provider behind a gateway
             if words not in reason and repr(words)[1:-1] not in reason:
-                reason = f"{reason}: {words.rstrip('.')}"
+                reason = f"{reason}: {words}"
         if (url := _asked(error)) and url not in reason:
             reason = f"{reason} ({url})"
         super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}{_remedy(error, said)}")
