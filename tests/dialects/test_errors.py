@@ -41,7 +41,7 @@ def played(row: Row, interface: str, how: How) -> tuple[dict, list[dict], int]:
     return events[-1]["result"], messages, len(server.requests)
 
 
-QUICK = [("chat", "stream"), ("responses", "answer"), ("messages", "status")]
+QUICK = [("chat", "status"), ("chat", "stream"), ("responses", "answer")]  # Anthropic's client takes a second to import
 CASES = [
     pytest.param(row, *where, marks=() if row in KINDS and where in QUICK else pytest.mark.slow)
     for row, where in product(rows(), product(PLACES, ("status", "answer", "stream")))
