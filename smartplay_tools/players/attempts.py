@@ -181,7 +181,8 @@ class Attempts:
             raise ModelRefusedError(self.usage(None), error) from error
         if said.about in PROMPT_ERRORS:
             raise PROMPT_ERRORS[said.about](self.usage(None), error) from error
-        may_pass = _headers(error).get("x-should-retry", said.whose == "moment") in (True, "true")
+        advice = _headers(error).get("x-should-retry")
+        may_pass = advice == "true" or (advice != "false" and said.whose == "moment")
         if self._made > self._retries or not may_pass or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self.usage(None), error) from error
         pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
