@@ -17,7 +17,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import GameValueError, InvalidArgumentError, TranscriptError
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
@@ -261,7 +261,7 @@ class Record:
         if self._exception is not None:
             return "failed"
         reason = self.ending["result"]["end_reason"]
-        if reason in FAILURES:
+        if reason in FAILURES and not self._has_wrong_value:
             return "failed"
         if reason in UNFINISHED:
             return "paused" if reason == PAUSED else "interrupted"
@@ -287,6 +287,11 @@ class Record:
     def traceback(self) -> str | None:
         """The traceback of the error."""
         return None if self.ending is None else self.ending.get("traceback")
+
+    @property
+    def _has_wrong_value(self) -> bool:
+        """Whether the game has handed out a value that no record can hold, as it would whenever it is played so."""
+        return (self.error or "").partition(": ")[0] == GameValueError.__name__
 
     @property
     def was_unanswered(self) -> bool:
