@@ -40,8 +40,9 @@ def keep_streams() -> Iterator[None]:
     if _own:
         yield
         return
+    _open_all()
     before, empty = sys.stdin, io.StringIO()
-    with _moved(sys.stdin, 0) as asked, _moved(sys.stdout, 1) as shown, redirect_stdout(sys.stderr):
+    with _moved(sys.stdin, 0) as asked, _moved(sys.stdout, 1) as shown, redirect_stdout(sys.stderr or sys.stdout):
         _own[:], sys.stdin = (asked, shown), empty
         try:
             yield
@@ -50,33 +51,41 @@ def keep_streams() -> Iterator[None]:
             _own.clear()
 
 
+def _open_all() -> None:
+    """Open the standard descriptors that were closed, so that no other file gets the number of one."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+
+
 @contextmanager
-def _moved(stream: TextIO, number: int) -> Iterator[TextIO]:
-    """Move what the standard descriptor with this number stands for to another one, and return a stream with that."""
+def _moved(stream: TextIO | None, number: Literal[0, 1]) -> Iterator[TextIO]:
+    """Move what a standard descriptor stands for to another one, and return a stream with that."""
     try:
-        is_standard = stream.fileno() == number
-    except (AttributeError, OSError, ValueError):  # of a caller, or closed
+        is_standard = stream is not None and stream.fileno() == number
+    except (AttributeError, OSError, ValueError):  # a caller's
         is_standard = False
-    if not is_standard:
-        yield stream
+    if stream is None or not is_standard:
+        yield stream or io.StringIO()
         return
-    copy, nothing = os.dup(number), os.open(os.devnull, os.O_RDWR)
-    mode: Literal["r", "w"] = "r" if number == 0 else "w"
-    moved = os.fdopen(copy, mode, encoding=stream.encoding, errors=stream.errors, closefd=number == 1)
     stream.flush()
-    os.dup2(nothing, number)
-    os.close(nothing)
-    if number == 1:
-        with suppress(OSError):  # there may be no standard error
-            os.dup2(2, 1)
+    copy = os.dup(number)
+    mode: Literal["r", "w"] = "r" if number == 0 else "w"
+    # By lines, so that an error of the disk is raised where something is written.
+    moved = os.fdopen(copy, mode, 1, stream.encoding, stream.errors, closefd=number == 1)
+    if number == 0:
+        nothing = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nothing, 0)
+        os.close(nothing)
+    else:
+        os.dup2(2, 1)
     try:
         yield moved
+        moved.flush()
     finally:
-        try:
+        with suppress(OSError):
             stream.flush()
-            moved.flush()
-        finally:
-            os.dup2(copy, number)
-            if number == 1:  # a thread may wait for input for ever, and its descriptor stays open
-                with suppress(OSError):
-                    moved.close()
+        os.dup2(copy, number)
+        if number == 1:  # a thread may wait for input for ever, so that stays open
+            with suppress(OSError):
+                moved.close()
