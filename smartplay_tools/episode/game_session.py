@@ -224,7 +224,7 @@ class GameSession:
         """What the game says of itself at the end; a game that fails at that has failed."""
         facts: dict[str, Any] = {"state_hash": "", "deviations": {}}
         try:
-            facts["deviations"] = values.plain_json("`deviations`", self.game.deviations(), self.steps)
+            facts["deviations"] = values.facts("`deviations`", self.game.deviations(), self.steps)
             if self.end_reason != "game_error":  # it may not be able to compute its state hash
                 facts["state_hash"] = self.game.state_hash()
         except Exception as error:

@@ -19,6 +19,7 @@ from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.games.values import text
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
@@ -214,8 +215,9 @@ class Ledger:
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs, is counted or is played."""
         custom = versions_of(self.strategies.custom)
-        of_game = {str(name): str(version) for name, version in self.game.versions().items()}
-        return {**versions(), **custom, **of_game, **self.player_versions}
+        of_game = self.game.versions().items()
+        named = {text("`versions`", name, 0): text("`versions`", version, 0) for name, version in of_game}
+        return {**versions(), **custom, **named, **self.player_versions}
 
     def _call_event(
         self, turn: int, position: int, name: str, arguments: Arguments, result: ToolResult, *, cut: bool

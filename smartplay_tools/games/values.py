@@ -67,9 +67,12 @@ def json_text(name: str, value: Any, step: int, encode: Callable[[Any], str] = c
         raise GameValueError(f"{name} {_place(step)} is not JSON: {in_one_line(error)}.") from error
 
 
-def plain_json(name: str, value: Any, step: int) -> Any:
-    """Return a value that a record can hold."""
-    return json.loads(json_text(name, value, step, _STRICT))
+def facts(name: str, value: Any, step: int) -> dict[str, dict[str, Any]]:
+    """Return facts about a game by name, each a dictionary that is JSON."""
+    plain = json.loads(json_text(name, value, step, _STRICT))
+    if not isinstance(plain, dict) or not all(isinstance(each, dict) for each in plain.values()):
+        raise _refused(name, value, step, "a dictionary of dictionaries")
+    return plain
 
 
 def plain_name(name: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from itertools import groupby
 from operator import itemgetter
@@ -17,7 +18,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
-from smartplay_tools.errors import GameValueError, InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import SENSELESS, GameValueError, InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
@@ -159,6 +160,17 @@ class Record:
         record = cls(path=path, prices=prices)
         record._lines = GrowingLines(path)
         return record.refresh()
+
+    @classmethod
+    def readable_totals(cls, path: Path, prices: Mapping[str, Price] | None = None) -> Spent:
+        """Return what the lines of a damaged record that can be read say of its use."""
+        record = cls(path=path, prices=prices)
+        record._lines = GrowingLines(path)
+        with suppress(SmartPlayError):
+            for line in record._lines.read()[0]:
+                with suppress(SmartPlayError, *SENSELESS):
+                    record._counts.take(kind_of(line), line)
+        return record.own_totals
 
     def refresh(self) -> Self:
         """Read what was added to the file of a followed record, and return the record.
