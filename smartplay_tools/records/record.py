@@ -273,7 +273,7 @@ class Record:
         if self._exception is not None:
             return "failed"
         reason = self.ending["result"]["end_reason"]
-        if reason in FAILURES and not self._has_wrong_value:
+        if reason in FAILURES and not (reason == "game_error" and self._has_wrong_value):
             return "failed"
         if reason in UNFINISHED:
             return "paused" if reason == PAUSED else "interrupted"
