@@ -6,6 +6,7 @@
     ├── UnknownNameError      no game, player or tokenizer has that name; the message lists similar ones
     ├── ResetNeededError      a step of a game that is over, or was never reset
     ├── EngineError           a game's engine, a separate program, does not start or has stopped
+    ├── GameValueError        a game handed out a value that no record can hold; ends an episode as game_error
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── DiskFullError         a disk has no space left for the records of a run
@@ -30,6 +31,7 @@ __all__ = [
     "ContextOverflowError",
     "DiskFullError",
     "EngineError",
+    "GameValueError",
     "InvalidArgumentError",
     "MissingExtraError",
     "PlayerLeftError",
@@ -87,6 +89,10 @@ class ResetNeededError(SmartPlayError, RuntimeError):
 
 class EngineError(SmartPlayError, RuntimeError):
     """An engine that runs outside of this process does not start, does not answer or has stopped."""
+
+
+class GameValueError(SmartPlayError, ValueError):
+    """A game handed out what is no finite number, no text or no truth value; playing it again would give it again."""
 
 
 class MissingExtraError(SmartPlayError, ImportError):

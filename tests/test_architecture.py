@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[1]
 
 LAYERS = (
     "errors",
+    "streams",
     "registry",
     "types",
     "statistics",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from smartplay_tools.streams import keep_streams, own_input, own_output
 from smartplay_tools.web import HostedEpisode
 from smartplay_tools.web.mcp import BATCHES, PARSE_ERROR, ProtocolError, respond
 
@@ -30,8 +30,12 @@ async def serve_stdio(
     is made after the first answer, or a moment after the start: a host hears at once what the server is, and waits for
     the game when it asks for its tools.
     """
-    hosted, writing, agreed = HostedEpisode(episode), writing or sys.stdout.buffer, None
-    lines = _lines(reading or _standard_input())
+    with keep_streams():
+        return await _serve(HostedEpisode(episode), reading or _standard_input(), writing or own_output().buffer)
+
+
+async def _serve(hosted: HostedEpisode, reading: BinaryIO, writing: BinaryIO) -> Episode:
+    lines, agreed = _lines(reading), None
     has_answered = asyncio.Event()
     asyncio.get_running_loop().call_later(MOMENT, has_answered.set)
     making = asyncio.ensure_future(_made(hosted, has_answered))
@@ -86,7 +90,7 @@ async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) ->
 
 def _standard_input() -> BinaryIO:
     """Standard input with its own buffer: Python's would be locked by the reading thread, and abort the exit."""
-    return open(sys.stdin.fileno(), "rb", closefd=False)
+    return open(own_input().fileno(), "rb", closefd=False)
 
 
 def _lines(reading: Iterable[bytes]) -> asyncio.Queue[bytes | None]:

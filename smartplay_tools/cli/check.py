@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from smartplay_tools.cli import options, runs
-from smartplay_tools.cli.show import compact_table
+from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
@@ -48,7 +47,7 @@ def check(
     answers = [(config, probe(config, prices)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]
     if as_json:
-        print(json.dumps([{**asdict(answer), "advice": answer.advice} for answer in probes], indent=2))
+        print_json([{**asdict(answer), "advice": answer.advice} for answer in probes])
     else:
         _print(answers)
     if not all(answer.playable for answer in probes):

@@ -33,7 +33,7 @@ from rich.table import Table
 from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, models_folder
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.show import compact_table
+from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.context import tokens
 from smartplay_tools.errors import PACKAGE, InvalidArgumentError, SmartPlayError, install_command
 from smartplay_tools.games.minecraft.engines import check_engines
@@ -69,9 +69,11 @@ Kind = Literal["core", "engine", "extra", "model"]
 _MEASURE = """
 import json, sys
 from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.streams import keep_streams, own_output
 try:
-    from smartplay_local import measure
-    print(json.dumps(measure(sys.argv[1])))
+    with keep_streams():
+        from smartplay_local import measure
+        print(json.dumps(measure(sys.argv[1])), file=own_output())
 except SmartPlayError as error:
     sys.exit(str(error))
 """
@@ -269,7 +271,7 @@ def doctor(
             status.update(f"trying {name}")
             findings += check()
     if as_json:
-        print(json.dumps([dataclasses.asdict(finding) for finding in findings], indent=2))
+        print_json([dataclasses.asdict(finding) for finding in findings])
     else:
         Console().print(_table(findings))
     if not all(finding.works for finding in findings if finding.kind == "core"):
@@ -315,7 +317,7 @@ def show(as_json: options.Json = False) -> None:
     models = list(KNOWN_MODELS.values())
     if as_json:
         facts = [{**dataclasses.asdict(m), "path": str(m.path), "here": m.is_here} for m in models]
-        print(json.dumps(facts, indent=2))
+        print_json(facts)
         return
     table = compact_table("model", "size", "here", "what it is")
     for model in models:

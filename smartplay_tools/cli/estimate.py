@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -13,7 +12,7 @@ from typing import Any
 import typer
 from rich.console import Console
 
-from smartplay_tools.cli.show import compact_table, print_table, table_console
+from smartplay_tools.cli.show import compact_table, print_json, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.runs.estimate import (
@@ -53,7 +52,7 @@ def print_estimate(
     estimates = estimate(plan, prices, reply_tokens=reply_tokens)
     hours = _hours(estimates, players, options.workers)
     if as_json:
-        print(json.dumps([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates], indent=2))
+        print_json([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates])
         return
     print_table(table_console(), _table(estimates))
     for line in _sentences(estimates, options.caps, hours):

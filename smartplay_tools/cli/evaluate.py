@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import typer
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import RULES, EpisodeOptions, read_budget, with_episode_options
 from smartplay_tools.cli.results import print_next, run_tables
-from smartplay_tools.cli.show import print_table, table_console
+from smartplay_tools.cli.show import print_json, print_table, table_console
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.gates import Gate, baseline_gates, junit as as_junit, mean_gates
@@ -158,7 +157,7 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
         facts |= {"paused": run.status.paused, "spending": run.spending.to_json()}
         facts["warnings"] = unplayed(run.rows, run.folder.first_reply)
         facts |= {"checks": plain(list(gates))} if gates else {}
-        print(json.dumps({**facts, **summary_json(summary)}, indent=2))
+        print_json({**facts, **summary_json(summary)})
     else:
         console = table_console()
         for table in run_tables(run.folder, run.rows, summary):

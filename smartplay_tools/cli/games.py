@@ -9,9 +9,10 @@ import typer
 from rich.console import Console
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.show import compact_table
+from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES, get_spec
+from smartplay_tools.streams import keep_streams, own_output
 
 
 def games(as_json: options.Json = False) -> None:
@@ -22,7 +23,7 @@ def games(as_json: options.Json = False) -> None:
     rows = [_facts(name) for name in GAMES]
     if as_json:
         rated = [{**row, "challenges": dict(GAMES[row["id"]].challenges)} for row in rows]
-        print(json.dumps(rated, indent=2))
+        print_json(rated)
         return
     table = compact_table(*rows[0])
     for row in rows:
@@ -35,9 +36,10 @@ def manual(game: options.Game, seed: options.Seed = 0) -> None:
 
     Example: smartplay-tools manual Hanoi3Disk-v0
     """
-    environment = get_spec(game).make()
-    environment.reset(seed=seed)
-    print(environment.manual)
+    with keep_streams():
+        environment = get_spec(game).make()
+        environment.reset(seed=seed)
+        print(environment.manual, file=own_output())
 
 
 def schema(
@@ -52,9 +54,9 @@ def schema(
 
     if form not in get_args(tools.SchemaFormat):
         raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
-    with Episode(game, seed=0) as episode:
+    with keep_streams(), Episode(game, seed=0) as episode:
         schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
-    print(json.dumps(schemas, indent=2, ensure_ascii=False))
+        print(json.dumps(schemas, indent=2, ensure_ascii=False), file=own_output())
 
 
 def _facts(name: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.streams import keep_streams
 from smartplay_tools.types.arguments import value_in
 
 
@@ -29,7 +30,16 @@ Game = Annotated[
     str, typer.Argument(help="The id of a setting, which `games` lists, or FILE.py:NAME.", show_default=False)
 ]
 Seed = Annotated[int, typer.Option(help="Seed of all randomness.", min=0)]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def for_a_program(context: typer.Context, form: Any) -> Any:
+    """Keep the standard streams for output with a format, until the command line ends; return the option's value."""
+    if form and form != Format.TEXT:
+        context.find_root().with_resource(keep_streams())
+    return form
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.", callback=for_a_program, is_eager=True)]
 PlayerOptions = Annotated[
     list[str] | None,
     typer.Option("--player-option", metavar="[NAME.]KEY=VALUE", help="An option of the player; repeatable."),

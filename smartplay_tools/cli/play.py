@@ -33,6 +33,7 @@ from smartplay_tools.players.opening import enter_player
 from smartplay_tools.players.player_registry import second_player, without_second
 from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
+from smartplay_tools.streams import own_output
 from smartplay_tools.types import EpisodeResult, Usage
 from smartplay_tools.types.messages import text_of
 
@@ -121,7 +122,7 @@ def _player_options(
 
 def _print(result: EpisodeResult, price: Price | None, *, as_json: bool) -> None:
     if as_json:
-        print(result.model_dump_json(indent=2))
+        print(result.model_dump_json(indent=2), file=own_output())
     else:
         print_result(Console(), result, None if price is None else price.cost(_charged(result)))
 

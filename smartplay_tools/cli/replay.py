@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -14,6 +13,7 @@ from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
+from smartplay_tools.cli.show import print_json
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
@@ -76,7 +76,7 @@ def _replay_file(path: Path, strategies: Sequence[str], *, as_json: bool) -> int
         _say(f"not replayed: {error}", stderr=True, markup=False)
         return NOT_REPLAYED
     if as_json:
-        print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
+        print_json({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()})
     elif replayed.identical:
         resumed = f", resumed at event {', '.join(map(str, replayed.resumed))}" if replayed.resumed else ""
         _say(f"[green]identical[/]: {replayed.events} events of {path}{resumed}")
@@ -102,7 +102,7 @@ def _replay_run(
     if not findings:
         raise InvalidArgumentError(f"{path} has no planned episode, so there is nothing to replay.")
     if as_json:
-        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+        print_json([asdict(finding) for finding in findings])
     else:
         _print_findings(path, findings)
         for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):

@@ -14,6 +14,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.streams import keep_streams
 from smartplay_tools.types import STRATEGIES
 
 if TYPE_CHECKING:
@@ -69,12 +70,14 @@ def mcp(
         raise InvalidArgumentError("--transcript records the episode on stdio; with --http, give a folder by --out.")
     if out is not None and not http:
         raise InvalidArgumentError("--out is for episodes over HTTP; on stdio, give the record's file by --transcript.")
-    get_spec(game)  # no record imports its game's file
-    adapter = importlib.import_module(ADAPTER)
     settings = {**episode.conditions, **episode.options}
     if not http:
-        _serve_one(adapter, game, transcript, seed=seed, **settings)
+        with keep_streams():
+            get_spec(game)  # no record imports its game's file
+            _serve_one(importlib.import_module(ADAPTER), game, transcript, seed=seed, **settings)
         return
+    get_spec(game)
+    adapter = importlib.import_module(ADAPTER)
     from smartplay_tools.web import EpisodeStore
 
     store = EpisodeStore(folder=out, most=most, idle=idle)

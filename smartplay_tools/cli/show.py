@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from smartplay_tools.streams import own_output
 from smartplay_tools.types.messages import calls_of, text_of
 
 if TYPE_CHECKING:
@@ -25,6 +27,11 @@ FAILED = ("player_error", "game_error", "strategy_error")
 
 NARROWEST = 10
 """The least width of columns of words."""
+
+
+def print_json(data: Any) -> None:
+    """Print data for a program."""
+    print(json.dumps(data, indent=2), file=own_output())
 
 
 def print_turn(console: Console, conversation: BaseConversation) -> None:

@@ -33,7 +33,7 @@ from smartplay_tools.episode.config import (
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.ledger import Ledger, Listener
 from smartplay_tools.episode.tools import tool_functions
-from smartplay_tools.errors import InvalidArgumentError, check_choice
+from smartplay_tools.errors import GameValueError, InvalidArgumentError, check_choice
 from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import get_spec
@@ -158,10 +158,17 @@ class Episode:
         """What it takes over from the trial before it in its chain; None for nothing."""
         self.spec, self.counter = spec, counter
         began = time.perf_counter()
-        self.game = config.make_game(spec, is_recorded=is_recorded)
+        self.game, failed = config.make_game(spec, is_recorded=is_recorded), None
         try:
-            self.game.reset(seed=config.seed)
+            try:
+                self.game.reset(seed=config.seed)
+            except GameValueError as error:
+                failed = error
             session = GameSession(spec, self.game, config, counter, carried)
+            if failed is None:
+                session.note_score()
+            else:
+                session.end("game_error", failed)
             if strategy is None:
                 session.strategies.load_custom(config.strategy_sha256, is_recorded=is_recorded)
             else:
@@ -265,7 +272,7 @@ class Episode:
     @property
     def progress(self) -> Progress:
         """The state of the episode: score, reward, steps and, once it is over, the reason."""
-        score = self.game.score
+        score = self.ledger.session.score
         normalized = self.spec.normalize(score) if self.game.comparable else None
         return Progress(score, normalized, self.stats.reward, self.stats.steps, self.end_reason)
 

@@ -23,6 +23,7 @@ from smartplay_tools.episode import budgets
 from smartplay_tools.episode.carried import STORES, Carried, check_carry, longest_message
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.tools import MistakeError, ParsedCall, Tools
+from smartplay_tools.games import values
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import EndReason, ResolvedBudget
 from smartplay_tools.types.arguments import Arguments
@@ -71,6 +72,9 @@ class GameSession:
         """Called with every picture before it is shown; returns the picture under its name in the record."""
         self.steps = self.tool_calls = 0
         self.end_reason: EndReason | None = None
+        self.score: float = 0
+        self.completed = False
+        """Score and completion as of the latest step that the game has played without an error."""
         self.game_seconds = 0.0
         self.error: str | None = None
         self.detail: str | None = None
@@ -197,29 +201,44 @@ class GameSession:
         try:
             declared = self._declared(action)
             text, reward, terminated, truncated = self.game.advance(action)
+            self.game_seconds += time.perf_counter() - began
+            data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True, **declared}
+            over = terminated or truncated or self.steps + 1 >= self.spec.rollout
+            if over or (self.steps + 1) % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
+                data["state_hash"] = self.game.state_hash()
         except Exception as error:
             # An engine that breaks ends this episode, on the record, and no other.
             self.end("game_error", error)
             return self.refuse(self.words("game_has_failed"), "game_error")
-        self.game_seconds += time.perf_counter() - began
         self.steps += 1
-        if terminated:
-            self.end("terminated")
-        elif truncated or self.steps >= self.spec.rollout:
-            self.end("rollout")
-        over = self.end_reason is not None
-        data: dict[str, Any] = {"reward": reward, "score": self.game.score, "legal": True, **declared}
-        if over or self.steps % self.game.hash_every == 0 or self.tool_calls == self.budget.tool_calls:
-            data["state_hash"] = self.game.state_hash()
+        self.note_score()
+        if over:
+            self.end("terminated" if terminated else "rollout")
         return self._show_observation(text, data, self.words("game_is_over") if over else "")
+
+    def note_score(self) -> None:
+        """Keep the game's score and completion, which may be anything once it has failed."""
+        self.score, self.completed = self.game.score, self.game.completed
+
+    def last_facts(self) -> dict[str, Any]:
+        """What the game says of itself at the end; a game that fails at that has failed."""
+        facts: dict[str, Any] = {"state_hash": "", "deviations": {}}
+        try:
+            facts["deviations"] = values.facts("`deviations`", self.game.deviations(), self.steps)
+            if self.end_reason != "game_error":  # it may not be able to compute its state hash
+                facts["state_hash"] = self.game.state_hash()
+        except Exception as error:
+            self.end_reason = None
+            self.end("game_error", error)
+        return facts
 
     def _declared(self, action: int) -> dict[str, Any]:
         """What the game declares about the action that comes next, for the record: `needs` and `breaks`."""
-        needs, breaks = self.game.needs, self.game.breaks
-        if needs is None and breaks is None:
-            return {}
-        declared = {"needs": needs, "breaks": breaks}
-        return {"action": action, **{name: list(value) for name, value in declared.items() if value is not None}}
+        declared: dict[str, Any] = {}
+        for name, numbers in (("needs", self.game.needs), ("breaks", self.game.breaks)):
+            if numbers is not None:
+                declared[name] = values.whole_numbers(f"`{name}`", numbers, self.steps)
+        return {"action": action, **declared} if declared else {}
 
     def _observation(self) -> tuple[str, bool]:
         """The current observation and whether it was cut; where the host owns the context, with the history."""

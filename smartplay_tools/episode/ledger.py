@@ -19,6 +19,7 @@ from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.stats import EpisodeStats, versions
 from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.games.values import text
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
@@ -182,24 +183,23 @@ class Ledger:
 
     def finish_if_over(self) -> None:
         """Create the result and end the record, if the episode is over."""
-        reason = self.session.end_reason
-        if reason is None or self.result is not None:
+        session = self.session
+        if session.end_reason is None or self.result is not None:
             return
-        game, spec = self.game, self.session.spec
+        game, spec, facts = self.game, session.spec, session.last_facts()
         result = EpisodeResult(
             game=spec.id,
             engine=game.engine,
             seed=self.config.seed,
-            score=game.score,
-            normalized_score=spec.normalize(game.score) if game.comparable else None,
-            completed=game.completed,
-            end_reason=reason,
-            error=self.session.error,
-            detail=self.session.detail,
-            # A game that has failed may not be able to compute its state hash.
-            state_hash="" if reason == "game_error" else game.state_hash(),
+            score=session.score,
+            normalized_score=spec.normalize(session.score) if game.comparable else None,
+            completed=session.completed,
+            end_reason=session.end_reason,
+            error=session.error,
+            detail=session.detail,
+            state_hash=facts["state_hash"],
             context=self.config.context,
-            deviations=self._deviations(),
+            deviations={**self._deviations(), **facts["deviations"]},
             versions=self.versions(),
             **self.stats.counts(),
         )
@@ -215,7 +215,9 @@ class Ledger:
     def versions(self) -> dict[str, str]:
         """Return the versions of the programs that can change how this episode runs, is counted or is played."""
         custom = versions_of(self.strategies.custom)
-        return {**versions(), **custom, **self.game.versions(), **self.player_versions}
+        of_game = self.game.versions().items()
+        named = {text("`versions`", name, 0): text("`versions`", version, 0) for name, version in of_game}
+        return {**versions(), **custom, **named, **self.player_versions}
 
     def _call_event(
         self, turn: int, position: int, name: str, arguments: Arguments, result: ToolResult, *, cut: bool
@@ -236,4 +238,4 @@ class Ledger:
     def _deviations(self) -> dict[str, Any]:
         configured = deviations(self.config, self.session.spec, self.session.budget, is_privileged=self.is_privileged)
         pictures = {"pictures": differs("none", "shown when asked for")} if self.has_shown_pictures else {}
-        return {**configured, **pictures, **self.game.deviations()}
+        return {**configured, **pictures}

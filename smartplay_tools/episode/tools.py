@@ -23,6 +23,7 @@ from smartplay_tools.context.strategies.base import StrategyTool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.values import plain_name
 from smartplay_tools.types import MEMORY_TOOL, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import Arguments, as_text, is_strict, number_as_text, text_parameters
 
@@ -64,17 +65,17 @@ class _Actions:
     def __init__(self, actions: Sequence[str], numbered: Sequence[str]) -> None:
         self.listed = "\n".join(f"{number}. {name}" for number, name in enumerate(numbered, start=1))
         self.example = json.dumps({"action": numbered[0]}, ensure_ascii=False)
-        self._by_name = {_plain(name): index for index, name in enumerate(actions)}
-        self._by_number = {number: self._by_name[_plain(name)] for number, name in enumerate(numbered, start=1)}
+        self._by_name = {plain_name(name): index for index, name in enumerate(actions)}
+        self._by_number = {number: self._by_name[plain_name(name)] for number, name in enumerate(numbered, start=1)}
 
     def find(self, sent: str) -> int | None:
         """Return the index of the action that is meant; None if it is none."""
-        plain = _plain(sent)
+        plain = plain_name(sent)
         if plain in self._by_name:
             return self._by_name[plain]
         if match := re.fullmatch(r"([0-9]{1,3})(?:\. +(.+))?", plain):
             action = self._by_number.get(int(match[1]))
-            if action is not None and (match[2] is None or self._by_name.get(_plain(match[2])) == action):
+            if action is not None and (match[2] is None or self._by_name.get(plain_name(match[2])) == action):
                 return action
         return None
 
@@ -198,11 +199,6 @@ def quote(sent: Any) -> str:
     """Quote what was sent, at most `QUOTED` characters of it."""
     text = sent if isinstance(sent, str) else as_text(sent)
     return f'"{text}"' if len(text) <= QUOTED else f'"{text[:QUOTED]}…"'
-
-
-def _plain(name: str) -> str:
-    """An action's name normalised for comparison: without case, outer white space and a final full stop."""
-    return name.strip().removesuffix(".").lower()
 
 
 class Callee(Protocol):

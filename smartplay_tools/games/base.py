@@ -22,6 +22,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import create_shared_memory
 
 from smartplay_tools.errors import InvalidArgumentError, ResetNeededError, check_choice
+from smartplay_tools.games import values
 from smartplay_tools.games.seeds import check_seed, whole
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.pictures import Picture
@@ -76,6 +77,20 @@ def check_action(action: Any, actions: Sequence[str], game: str) -> int:
             f"An action of {game} is a whole number from 0 to {len(actions) - 1}, not {action!r}."
         )
     return index
+
+
+def check_names(actions: Sequence[str], game: str) -> None:
+    """Raise an `InvalidArgumentError` unless actions have names that calls can tell apart."""
+    named: dict[str, str] = {}
+    for name in actions:
+        if not isinstance(name, str):
+            raise InvalidArgumentError(f"The names of the actions of {game} are texts, and {name!r} is none.")
+        if (plain := values.plain_name(name)) in named:
+            raise InvalidArgumentError(
+                f"Two actions of {game} have the name {name!r}, and a call could not choose between them: give each a "
+                "name of its own, other than in case."
+            )
+        named[plain] = name
 
 
 def with_action_list(manual: str, actions: Sequence[str]) -> str:
@@ -147,6 +162,7 @@ class TextGame(gymnasium.Env[str, Any]):
             raise InvalidArgumentError(f"history must be 0 or more, or None for all steps, not {history}.")
         if render_mode is not None:
             check_choice("render_mode", render_mode, self.metadata["render_modes"])
+        check_names(self.actions, type(self).__name__)
         self.history = history
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(len(self.actions))
@@ -270,7 +286,8 @@ class TextGame(gymnasium.Env[str, Any]):
         super().reset(seed=None if seed is None else check_seed(seed))
         self.score, self.completed, self._steps, self._playing = 0, False, 0, False
         self._past.clear()
-        self.observation = self._reset()
+        self.observation = values.text("The observation", self._reset(), 0)
+        self._take_score(0)
         self._playing = True
         return self.observation, self._info()
 
@@ -291,10 +308,20 @@ class TextGame(gymnasium.Env[str, Any]):
         index = check_action(action, self.actions, type(self).__name__)
         if self.history != 0:
             self._past.append((self._steps, self.observation))
-        self.observation, reward, terminated, truncated = self._step(index)
-        self._steps += 1
+        observation, reward, terminated, truncated = self._step(index)
+        step = self._steps + 1
+        self.observation = values.text("The observation", observation, step)
+        reward = float(values.number("The reward", reward, step))
+        terminated = values.flag("`terminated`", terminated, step)
+        truncated = values.flag("`truncated`", truncated, step)
+        self._take_score(step)
+        self._steps = step
         self._playing = not (terminated or truncated)
-        return self.observation, float(reward), terminated, truncated
+        return self.observation, reward, terminated, truncated
+
+    def _take_score(self, step: int) -> None:
+        self.score = values.number("The score", self.score, step)
+        self.completed = values.flag("`completed`", self.completed, step)
 
     def render(self) -> Any:
         """Return the current observation (render mode `ansi`), or what the game's other render mode returns."""
@@ -311,7 +338,9 @@ class TextGame(gymnasium.Env[str, Any]):
         Equal hashes mean that the same actions lead to the same future, in any process and on any machine.
         """
         state = self._state()
-        digest = hashlib.blake2b(state if isinstance(state, bytes) else canonical_text(state).encode(), digest_size=16)
+        if not isinstance(state, bytes):
+            state = values.json_text("`_state`", state, self._steps).encode()
+        digest = hashlib.blake2b(state, digest_size=16)
         counts = canonical_text([self._steps, self.score, self.completed])
         digest.update(f"{counts[:-1]},{self._random_state()}]".encode())
         return digest.hexdigest()

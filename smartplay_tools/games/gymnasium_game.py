@@ -14,15 +14,18 @@ import itertools
 import math
 import random
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from enum import Enum
+from numbers import Number
 from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import GameValueError, InvalidArgumentError
+from smartplay_tools.games import values
 from smartplay_tools.games.base import TextGame, with_action_list
 
 MOST_ACTIONS = 256
@@ -36,9 +39,10 @@ class GymnasiumGame(TextGame):
     """A text game around a Gymnasium environment.
 
     A subclass defines `make_env`, `describe`, `actions` and `manual`; each may also be an argument. `actions` are the
-    names of the environment's actions, in their order. Where an action has several parts (`Tuple` of `Discrete`,
-    `MultiDiscrete`), it is a sequence of names for each part, and every combination is an action. For other spaces
-    define `action_of`. `manual` is the text without the list of actions, which is appended.
+    names of the environment's actions, in their order: texts, members of an `Enum`, or numbers. Where an action has
+    several parts (`MultiDiscrete`, `MultiBinary`, a `Tuple` or `Dict` of lists of choices), it is a sequence of names
+    for each part, and every combination is an action. For other spaces define `action_of`. `manual` is the text without
+    the list of actions, which is appended.
 
     The score is the sum of the rewards, and an episode is completed when the environment terminates it with a positive
     last reward. A subclass that scores differently sets both in its `_step`, after that of this class.
@@ -78,7 +82,9 @@ class GymnasiumGame(TextGame):
         self._played: list[int] = []
         self._digest = b""
         self._begin()
-        self._env_actions = [self.action_of(name) for name in self.actions]
+        self._env_actions: list[Any] = []
+        if getattr(self.env, "action_space", None) is not None:
+            self._find_actions()
 
     # What a subclass defines.
 
@@ -99,7 +105,12 @@ class GymnasiumGame(TextGame):
     def _reset(self) -> str:
         self._env_seed, self._played, self._digest = int(self.np_random.integers(SEEDS)), [], b""
         self._begin(self._env_seed)
+        if not self._env_actions:  # its environment makes the space of its actions in a reset
+            self._find_actions()
         return self._text()
+
+    def _find_actions(self) -> None:
+        self._env_actions = [self.action_of(name) for name in self.actions]
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         reward, terminated, truncated = self._play(action)
@@ -135,19 +146,26 @@ class GymnasiumGame(TextGame):
             if "env" not in vars(self):
                 self.env = self.make_env()
             if seed is not None:
-                self.env_observation, self.env_info = self.env.reset(seed=seed)
+                self.env_observation, self.env_info = _reset(self.env, seed)
 
     def _play(self, action: int) -> tuple[float, bool, bool]:
         with self._streams:
-            step = self.env.step(self._env_actions[action])
-        self.env_observation, reward, terminated, truncated, self.env_info = step
-        return float(reward), bool(terminated), bool(truncated)
+            given = self.env.step(self._env_actions[action])
+        if not isinstance(given, tuple | list) or len(given) != 5:
+            count = len(given) if isinstance(given, tuple | list) else 1
+            raise _not_gymnasium(self.env, f"step returns {count} values instead of 5")
+        step = self._steps + 1
+        self.env_observation, reward, terminated, truncated, self.env_info = given
+        return (
+            float(_one_reward(reward, step)),
+            values.flag("`terminated`", terminated, step),
+            values.flag("`truncated`", truncated, step),
+        )
 
     def _text(self) -> str:
         """Return the text of the current observation, and add it to the digest."""
-        text = self.describe(self.env_observation, self.env_info)
-        if not isinstance(text, str):
-            raise TypeError(f"{type(self).__name__}.describe must return a text, not {type(text).__name__}.")
+        said = self.describe(self.env_observation, self.env_info)
+        text = values.text("What `describe` says", said, len(self._played))
         seen = f"{self._env_seed} {self._played[-1:]} {text}".encode()
         self._digest = hashlib.blake2b(self._digest + seen, digest_size=16).digest()
         return text
@@ -167,7 +185,8 @@ class GymnasiumGame(TextGame):
                 f"{type(self).__name__} names {len(self.actions)} actions, and its environment has {count}: name each "
                 "in actions, or define action_of(name)."
             )
-        return dict(zip(self.actions, (_joined(space, choice) for choice in itertools.product(*parts)), strict=True))
+        combined = (_joined(space, iter(choice)) for choice in itertools.product(*parts))
+        return dict(zip(self.actions, combined, strict=True))
 
     def _without(self, name: str) -> InvalidArgumentError:
         return InvalidArgumentError(
@@ -178,36 +197,95 @@ class GymnasiumGame(TextGame):
 
 def _combined(names: Sequence[Any]) -> tuple[str, ...]:
     """Return the names of actions; of actions with several parts, given as a sequence each, every combination."""
-    parts = [names] if all(isinstance(name, str) for name in names) else names
+    parts: list[list[str | None]] = [[_name(each) for each in names]]
+    if None in parts[0]:
+        parts = [[_name(each) for each in part] for part in names if _name(part) is None and isinstance(part, Iterable)]
+        if len(parts) != len(names) or any(None in part for part in parts):
+            raise InvalidArgumentError(
+                f"actions are names, which are texts, members of an Enum or numbers, or a sequence of names for each "
+                f"part of an action, and not {names!r}."
+            )
     if (count := math.prod(map(len, parts))) > MOST_ACTIONS:
         raise InvalidArgumentError(
             f"{count:,} actions cannot be listed by name, only up to {MOST_ACTIONS}: name fewer in actions, and define "
             "action_of(name)."
         )
-    return tuple(", ".join(choice) for choice in itertools.product(*parts))
+    return tuple(", ".join(map(str, choice)) for choice in itertools.product(*parts))
 
 
-def _parts(space: spaces.Space[Any]) -> list[range]:
-    """Return the numbers of each part of an action; none if the space is not a list of choices."""
+def _name(given: Any) -> str | None:
+    """Return the name of an action as a text; None if it is none."""
+    if isinstance(given, str):
+        return str.__str__(given)
+    if isinstance(given, Enum):
+        return given.name
+    return str(given) if isinstance(given, Number) else None
+
+
+def _reset(env: gymnasium.Env[Any, Any], seed: int) -> tuple[Any, Any]:
+    """Reset an environment with a seed; return observation and info."""
+    try:
+        given: Any = env.reset(seed=seed)
+    except TypeError as error:
+        if "'seed'" not in str(error):
+            raise
+        raise _not_gymnasium(env, "reset takes no seed") from error
+    if isinstance(given, tuple | list) and len(given) == 2 and isinstance(given[1], Mapping):
+        return given[0], given[1]
+    raise _not_gymnasium(env, "reset does not return an observation and an info")
+
+
+def _not_gymnasium(env: gymnasium.Env[Any, Any], why: str) -> InvalidArgumentError:
+    """Return the error about an environment that has the interface of another library."""
+    return InvalidArgumentError(
+        f"{type(getattr(env, 'unwrapped', env)).__name__} is no Gymnasium environment, since its {why}: wrap one of "
+        "Gym 0.21 in shimmy.GymV21CompatibilityV0, and one that returns a cost, too, in "
+        "safety_gymnasium.wrappers.SafetyGymnasium2Gymnasium."
+    )
+
+
+def _one_reward(reward: Any, step: int) -> int | float:
+    """Return the reward of a step, which is one number."""
+    try:
+        return values.number("The reward", reward, step)
+    except GameValueError:
+        if isinstance(reward, str) or not isinstance(reward, Collection):
+            raise
+        raise InvalidArgumentError(
+            f"The reward of step {step} is of the type {type(reward).__name__}, with {len(reward)} parts, and not one "
+            "number: wrap an environment with several objectives in mo_gymnasium.wrappers.LinearReward, and one with "
+            "several agents in gymnasium.wrappers.TransformReward(env, sum)."
+        ) from None
+
+
+def _parts(space: spaces.Space[Any]) -> list[range] | None:
+    """Return the numbers of each part of an action; None if the space is not a list of choices."""
     match space:
         case spaces.Discrete():
             return [range(int(space.start), int(space.start + space.n))]
         case spaces.MultiDiscrete():
             pairs = zip(space.start.flat, space.nvec.flat, strict=True)
             return [range(int(start), int(start + count)) for start, count in pairs]
-        case spaces.Tuple() if all(isinstance(part, spaces.Discrete) for part in space):
-            return [numbers for part in space for numbers in _parts(part)]
-    return []
+        case spaces.MultiBinary():
+            return [range(2)] * math.prod(space.shape)
+        case spaces.Tuple() | spaces.Dict():
+            found = [_parts(part) for part in (space.values() if isinstance(space, spaces.Dict) else space)]
+            whole = [part for part in found if part is not None]
+            return list(itertools.chain(*whole)) if len(whole) == len(found) else None
+    return None
 
 
-def _joined(space: spaces.Space[Any], choice: tuple[int, ...]) -> Any:
-    """Return the action of a space from the number of each part."""
+def _joined(space: spaces.Space[Any], choice: Iterator[int]) -> Any:
+    """Return the action of a space from the numbers of its parts."""
     match space:
-        case spaces.Discrete():
-            return choice[0]
-        case spaces.MultiDiscrete():
-            return np.array(choice, space.dtype).reshape(space.shape)
-    return choice
+        case spaces.Tuple():
+            return tuple(_joined(part, choice) for part in space)
+        case spaces.Dict():
+            return {name: _joined(part, choice) for name, part in space.items()}
+        case spaces.MultiDiscrete() | spaces.MultiBinary():
+            count = math.prod(space.shape)
+            return np.array(list(itertools.islice(choice, count)), space.dtype).reshape(space.shape)
+    return next(choice)
 
 
 _IN_USE = threading.RLock()

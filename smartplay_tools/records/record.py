@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from itertools import groupby
 from operator import itemgetter
@@ -17,7 +18,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import SENSELESS, GameValueError, InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
@@ -160,6 +161,17 @@ class Record:
         record._lines = GrowingLines(path)
         return record.refresh()
 
+    @classmethod
+    def readable_totals(cls, path: Path, prices: Mapping[str, Price] | None = None) -> Spent:
+        """Return what the lines of a damaged record that can be read say of its use."""
+        record = cls(path=path, prices=prices)
+        record._lines = GrowingLines(path)
+        with suppress(SmartPlayError):
+            for line in record._lines.read()[0]:
+                with suppress(SmartPlayError, *SENSELESS):
+                    record._counts.take(kind_of(line), line)
+        return record.own_totals
+
     def refresh(self) -> Self:
         """Read what was added to the file of a followed record, and return the record.
 
@@ -261,7 +273,7 @@ class Record:
         if self._exception is not None:
             return "failed"
         reason = self.ending["result"]["end_reason"]
-        if reason in FAILURES:
+        if reason in FAILURES and not (reason == "game_error" and self._has_wrong_value):
             return "failed"
         if reason in UNFINISHED:
             return "paused" if reason == PAUSED else "interrupted"
@@ -287,6 +299,11 @@ class Record:
     def traceback(self) -> str | None:
         """The traceback of the error."""
         return None if self.ending is None else self.ending.get("traceback")
+
+    @property
+    def _has_wrong_value(self) -> bool:
+        """Whether the game has handed out a value that no record can hold, as it would whenever it is played so."""
+        return (self.error or "").partition(": ")[0] == GameValueError.__name__
 
     @property
     def was_unanswered(self) -> bool:

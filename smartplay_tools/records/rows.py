@@ -70,9 +70,9 @@ def has_reported_tokens(row: Row) -> bool:
 
 
 EARLY_ENDS = frozenset(
-    {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error"}
+    {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error", "game_error"}
 )
-"""Ends that a budget, a stall or a strategy causes, before the game's own."""
+"""Ends that a budget, a stall, a strategy or a wrong value of the game causes, before the game's own."""
 
 
 def has_early_end(row: Row) -> bool:

@@ -26,6 +26,7 @@ from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.replays import replay
 from smartplay_tools.records.resumption import resume
+from smartplay_tools.streams import keep_streams, own_output
 from smartplay_tools.testing.hostile import hostile_episode, require
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import Budget
@@ -136,9 +137,10 @@ def _digests_elsewhere(budget: Budget, episodes: int, seconds: float) -> list[st
         raise AssertionError(f"{episodes} episodes took more than {seconds:g} seconds: the strategy blocks.") from None
     if done.returncode != 0:
         raise AssertionError(done.stderr.strip().splitlines()[-1].partition(": ")[2])
-    answer: list[str] = json.loads(done.stdout.splitlines()[-1])
+    answer: list[str] = json.loads(done.stdout)
     return answer
 
 
 if __name__ == "__main__":
-    print(json.dumps(digests(Budget(**json.loads(sys.argv[1])), int(sys.argv[2]))))
+    with keep_streams():
+        print(json.dumps(digests(Budget(**json.loads(sys.argv[1])), int(sys.argv[2]))), file=own_output())

@@ -23,6 +23,7 @@ from typing_extensions import TypedDict  # Pydantic needs it on Python 3.11
 from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
 from smartplay_tools.types import EpisodeResult, Purpose, Tokens, Usage
 from smartplay_tools.types.messages import Message
+from smartplay_tools.types.sums import MOST
 
 FORMAT = 1
 """The version of the format that is written. A reader refuses records whose format it does not support."""
@@ -30,12 +31,10 @@ FORMAT = 1
 Event = dict[str, Any]
 """An event in a file: one of the classes below, with its `chain`."""
 
-
-MOST = 10**15
-"""More than anything in a record counts."""
-
 Count = Annotated[int, Field(ge=0, le=MOST)]
 Amount = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
+Sum = Annotated[float, Field(ge=-(MOST**2), le=MOST**2, allow_inf_nan=False)]
+"""What is computed from amounts: the sum of rewards, or a score in human scores."""
 
 
 class RecordedResult(EpisodeResult):
@@ -44,8 +43,8 @@ class RecordedResult(EpisodeResult):
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
     score: Amount
-    normalized_score: Amount | None
-    reward: Amount
+    normalized_score: Sum | None
+    reward: Sum
 
     @model_validator(mode="after")
     def _has_its_fields(self) -> Self:

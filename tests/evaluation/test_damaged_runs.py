@@ -1,4 +1,4 @@
-"""Run folders of strangers: every command says what is wrong in a sentence, reads nothing outside and runs nothing."""
+"""Damaged run folders, of strangers too: what is wrong is said in a sentence; nothing outside is read or run."""
 
 from __future__ import annotations
 
@@ -184,3 +184,62 @@ def test_every_command_survives_the_folder_of_a_stranger(good, lure, tmp_path, m
         except Exception as error:
             raise AssertionError(f"case {number}, {name}: {what}") from error
         shutil.rmtree(folder)
+
+
+UNREADABLE = {
+    "a number that is none": lambda lines: [*lines[:-1], lines[-1].replace(b'"score": ', b'"score": NaN, "was": ')],
+    "a line that is no JSON": lambda lines: [*lines[:4], b"{\n", *lines[5:]],
+    "no text": lambda lines: [b"\xff\n"],
+    "another episode": lambda lines: [lines[0].replace(b'"seed": ', b'"seed": 1'), *lines[1:]],
+    "no start": lambda lines: lines[1:4],
+    "a folder": None,
+}
+
+
+@pytest.mark.parametrize("run_tokens", [None, 10**6])
+@pytest.mark.parametrize("spoiled", UNREADABLE.values(), ids=UNREADABLE)
+def test_a_record_in_running_that_cannot_be_read_costs_its_episode_alone(tmp_path, caplog, spoiled, run_tokens):
+    played = {"games": [BANDIT], "players": ["random"], "trials": 2, "budgets": sp.Budget(tool_calls=3)}
+    run = sp.evaluate(out=tmp_path, executor="inline", **played)
+    key = run.rows[0]["key"]
+    record, running = run.transcript(key), tmp_path / "running" / f"{key}.1.jsonl"
+    if spoiled is None:
+        running.mkdir()
+    else:
+        running.write_bytes(b"".join(spoiled(record.read_bytes().splitlines(keepends=True))))
+    record.unlink()
+    (tmp_path / "results.jsonl").write_text("")
+    again = sp.evaluate(out=tmp_path, executor="inline", run_tokens=run_tokens, **played)
+    assert again.rows == run.rows
+    assert again.folder.running() == []
+    assert running.name in caplog.text or key in caplog.text
+
+
+RARELY = """
+import smartplay_tools as sp
+
+class Game(sp.TextGame):
+    actions, manual = ("Go", "Stay"), "Go."
+    def _reset(self):
+        self.n, self.is_odd = 0, self.np_random.random() < 0.5
+        return "Dark."
+    def _step(self, action):
+        self.n += 1
+        return "Dark.", float("nan") if self.is_odd and self.n == 3 else 1, self.n == 5, False
+    def _state(self):
+        return self.n
+
+SPEC = sp.GameSpec(id="Rarely-v0", family="rarely", entry_point=Game, history=1, rollout=9, trials=8)
+"""
+
+
+def test_a_reward_that_is_no_number_is_the_result_of_its_world_and_the_run_goes_on(tmp_path, caplog):
+    (tmp_path / "rarely.py").write_text(RARELY)
+    game = f"{tmp_path / 'rarely.py'}:SPEC"
+    run = sp.evaluate([game], ["random"], out=tmp_path / "run", executor="inline")
+    assert (len(run.rows), run.failures) == (8, [])
+    ends = {(row["end_reason"], row["steps"], row["score"], row["error"]) for row in run.rows if row["error"]}
+    why = "GameValueError: The reward of step 3 is nan, and not a finite number of at most 1e+15."
+    assert ends == {("game_error", 2, 0.0, why)}
+    assert why in caplog.text
+    assert command("replay", tmp_path / "run", "--game", game)[0] == 0

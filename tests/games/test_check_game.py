@@ -77,9 +77,12 @@ IN_A_TEXT_GAME = {
     ),
     "two actions of one name": (
         [('f"Guess {number}"', 'f"Guess {max(2, number)}"')],
-        "Two actions have the name 'guess 2'",
+        "Two actions of HigherOrLower have the name 'Guess 2'",
     ),
-    "names that differ in case alone": ([('f"Guess {number}"', 'f"guess {number % 8}"')], "Two actions have the name"),
+    "names that differ in case alone": (
+        [('f"Guess {number}"', 'f"guess {number % 8}"')],
+        "Two actions of HigherOrLower have the name",
+    ),
     "another number of actions": (
         [(BOUNDS, f"{BOUNDS} action_count=4,")],
         "ction_count is 4, and the game has 16 actions",
@@ -91,9 +94,9 @@ IN_A_TEXT_GAME = {
         [("self.score += 1\n", "self.score -= 3\n"), (BOUNDS, "worst_step=-1,")],
         "adds -3 to the",
     ),
-    "a score of NumPy's": (
-        [("self.completed = self.score == GOAL", "self.score = __import__('numpy').int64(self.score)")],
-        "The score is ",
+    "a score of NumPy's without an end": (
+        [("self.completed = self.score == GOAL", "self.score = __import__('numpy').float32('inf')")],
+        "The score of step [0-9]+ is .*inf.*, and not a finite number",
     ),
     "a state of NumPy's": (
         [("return self._secret\n", "return __import__('numpy').int64(1)\n")],
@@ -105,13 +108,16 @@ IN_A_TEXT_GAME = {
     ),
     "a reward that is no number": (
         [(RETURNS, RETURNS.replace('verdict == "right"', "'x'"))],
-        "Step 1 raises ValueError",
+        "The reward of step 1 is 'x', and not a finite number",
     ),
     "a reward without a value": (
         [(RETURNS, RETURNS.replace('verdict == "right"', "float('nan')"))],
         "reward of step 1 is",
     ),
-    "an end that is no truth value": ([(RETURNS, RETURNS.replace("False", "0"))], "and not with truth values"),
+    "an end that is no truth value": (
+        [(RETURNS, RETURNS.replace("False", "2"))],
+        "`truncated` of step 1 is 2, and not a tr",
+    ),
     "a drawing that changes the game": ([(DRAWS, f"self._secret = 1 + self._secret % HIGHEST; {DRAWS}")], LOOKING),
     "a drawing that draws numbers": ([(DRAWS, f"self.np_random.integers(3); {DRAWS}")], LOOKING),
     "a drawing that raises": ([(DRAWS, f"1 / 0; {DRAWS}")], "Asking for `drawing` raises ZeroDivisionError"),
@@ -179,7 +185,7 @@ IN_A_GYMNASIUM_GAME = {
     "a description that counts": ([(LINE, f"{COUNTS}\n        {LINE} {{self.n}}")], SURVIVES),
     "a description that is no text": (
         [(LINE, f"return place\n        {LINE}")],
-        "describe must return a text, not int",
+        "What `describe` says of the reset is 0, and not a text",
     ),
     "no manual": ([('manual = "Find', 'words = "Find')], "has no manual: a game around"),
     "a state that is what was seen": (

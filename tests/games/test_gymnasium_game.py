@@ -1,6 +1,7 @@
 """GymnasiumGame: any environment with named actions as a text game; what it declares is on record and never shown."""
 
 import copy
+import enum
 import pickle
 import random
 
@@ -126,22 +127,24 @@ class Levers(gymnasium.Env):
 
     def step(self, action):
         assert action in self.action_space
-        return 0, 0.0, False, False, {"pulled": tuple(int(part) for part in action)}
+        parts = action.values() if isinstance(action, dict) else action
+        return 0, 0.0, False, False, {"pulled": tuple(int(number) for part in parts for number in np.ravel(part))}
 
 
 def levers(space, actions=(("up", "down"), ("left", "middle", "right")), **more):
-    return GymnasiumGame(
-        make_env=lambda: Levers(space),
-        describe=lambda observation, info: str(info.get("pulled", "none")),
-        actions=actions,
-        manual="Pull.",
-        history=0,
-        **more,
-    )
+    given = {"make_env": lambda: Levers(space), "actions": actions, "manual": "Pull.", "history": 0, **more}
+    return GymnasiumGame(describe=lambda observation, info: str(info.get("pulled", "none")), **given)
 
 
 @pytest.mark.parametrize(
-    "space", [spaces.MultiDiscrete([2, 3]), spaces.Tuple([spaces.Discrete(2), spaces.Discrete(3)])], ids=str
+    "space",
+    [
+        spaces.MultiDiscrete([2, 3]),
+        spaces.Tuple([spaces.Discrete(2), spaces.Discrete(3)]),
+        spaces.Tuple([spaces.MultiBinary(1), spaces.MultiDiscrete([3])]),
+        spaces.Dict({"a": spaces.Discrete(2), "b": spaces.Tuple([spaces.Discrete(3)])}),
+    ],
+    ids=str,
 )
 def test_actions_of_several_parts_have_every_combination_of_their_names(space):
     game = levers(space)
@@ -165,6 +168,10 @@ def test_actions_that_are_no_list_are_named_by_action_of():
         (lambda: levers(spaces.MultiDiscrete([2, 2])), "names 6 actions, and its environment has 4"),
         (lambda: levers(spaces.Discrete(257), list(map(str, range(257)))), "257 actions cannot be listed by name"),
         (lambda: levers(None, (("a", "b"),) * 9), "512 actions cannot be listed by name, only up to 256"),
+        (lambda: levers(spaces.Discrete(3), ("Go", "go.", "Stay")), "Two actions of GymnasiumGame have the name 'go.'"),
+        (lambda: levers(None, (("a", "a, b"), ("b, c", "c"))), "Two actions of GymnasiumGame have the name 'a, b, c'"),
+        (lambda: levers(None, (("up", "down"), "left")), "actions are names, which are texts, members of an Enum or"),
+        (lambda: levers(None, ("a", "b")).reset(seed=1), "are None, which is not a list of choices"),
         (lambda: GymnasiumGame(manual="Play.", history=0), "GymnasiumGame has no actions: a game around"),
         (lambda: GymnasiumGame(actions=["Go"], manual="Play.", history=0), "GymnasiumGame has no make_env"),
         (lambda: type("Silent", (CoinsGame,), {"describe": GymnasiumGame.describe})(history=0).reset(), "no describe"),
@@ -173,6 +180,72 @@ def test_actions_that_are_no_list_are_named_by_action_of():
 def test_what_cannot_be_played_is_refused_in_one_sentence(make, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         make()
+
+
+class Moves(enum.IntEnum):
+    """Actions as MiniGrid and others name them."""
+
+    LEFT = 0
+    RIGHT = 1
+
+
+@pytest.mark.parametrize(
+    ("actions", "names"),
+    [
+        (Moves, ("LEFT", "RIGHT")),
+        (tuple(Moves), ("LEFT", "RIGHT")),
+        (range(2), ("0", "1")),
+        (tuple(np.arange(2)), ("0", "1")),
+    ],
+)
+def test_members_of_an_enum_and_numbers_are_names(actions, names):
+    assert levers(spaces.Discrete(2), actions).actions == names
+
+
+class Foreign(gymnasium.Env):
+    """An environment with another interface: what its reset and its step return is given."""
+
+    observation_space = action_space = spaces.Discrete(2)
+
+    def __init__(self, reset=(0, {}), step=(0, 1.0, False, False, {}), *, has_seed=True):
+        self.given, self.returned = reset, step
+        if not has_seed:
+            self.reset = lambda: 0
+
+    def reset(self, *, seed=None, options=None):
+        return self.given
+
+    def step(self, action):
+        return self.returned
+
+
+@pytest.mark.parametrize(
+    ("env", "sentence"),
+    [
+        (Foreign(0), "reset does not return an observation and an info: wrap one of Gym 0.21 in shimmy.GymV21Compat"),
+        (Foreign(np.zeros(2)), "Foreign is no Gymnasium environment, since its reset does not return"),
+        (Foreign(has_seed=False), "its reset takes no seed: wrap one of Gym 0.21"),
+        (Foreign(step=(0, 1.0, True, {})), "its step returns 4 values instead of 5: wrap one of Gym 0.21 in shimmy"),
+        (Foreign(step=(0, 1.0, 0.0, True, False, {})), "6 values instead of 5.*SafetyGymnasium2Gymnasium"),
+        (Foreign(step=(0, np.ones(3), True, False, {})), "step 1 is of the type ndarray, with 3 parts.*LinearReward"),
+        (Foreign(step=(0, [1.0, 2.0], True, False, {})), r"type list, with 2 parts.*TransformReward\(env, sum\)"),
+    ],
+)
+def test_an_environment_with_another_interface_is_refused_with_its_wrapper(env, sentence):
+    game = levers(None, ("a", "b"), make_env=lambda: env)
+    with pytest.raises(sp.InvalidArgumentError, match=sentence):
+        game.reset(seed=1), game.step(0)
+
+
+def test_a_space_that_a_reset_makes_is_read_then():
+    class Late(Levers):
+        def reset(self, *, seed=None, options=None):
+            self.action_space = spaces.MultiDiscrete([2, 3])
+            return super().reset(seed=seed)
+
+    game = levers(None, make_env=lambda: Late(None))
+    game.reset(seed=1)
+    assert game.step(game.actions.index("down, middle"))[0] == "(1, 1)"
 
 
 def test_a_text_game_need_not_bound_its_texts():

@@ -443,7 +443,7 @@ def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
             spent = record.own_totals + record.open_call
             return _ReadAttempt(failure(path, record), record.outcome, spent)
     except SmartPlayError as error:
-        return _ReadAttempt(damaged_attempt(path, error), "failed", Spent())
+        return _ReadAttempt(damaged_attempt(path, error), "failed", Record.readable_totals(path, prices))
 
 
 def _has_failed(attempt: _ReadAttempt) -> bool:

@@ -214,10 +214,8 @@ class _Attempt:
         asked. If either differs, or the record cannot be read, the episode cannot be continued, and the players must
         not be used any more; `began_again` then says why.
         """
-        if not self._has_begun:
-            return None
         try:
-            return self._continue(players)
+            return self._continue(players) if self._has_begun else None
         except (SmartPlayError, _DifferentReplyError) as error:
             self._give_up(error)
             return None
@@ -272,16 +270,16 @@ class _Attempt:
         self.began_again = str(error)
 
     def _held(self, agent: Agent) -> Held:
-        key, has_begun = self.task.planned.key, self._has_begun
-        if has_begun and not agent.goes_on:
-            self.began_again = "The record does not have the state of its agent."
-        if has_begun and agent.goes_on:
-            try:
+        key = self.task.planned.key
+        try:
+            if self._has_begun and not agent.goes_on:
+                self.began_again = "The record does not have the state of its agent."
+            elif self._has_begun:
                 resumed = resume(self._earlier(), transcript=self.task.record, session=True)
                 session = resumed.conversation if isinstance(resumed.conversation, AgentSession) else None
                 return Held(key, resumed.episode, session, self.stop)
-            except SmartPlayError as error:
-                self._give_up(error)
+        except SmartPlayError as error:
+            self._give_up(error)
         episode = self._new_episode()
         episode.begin()
         return Held(key, episode, None, self.stop)

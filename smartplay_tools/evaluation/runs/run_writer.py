@@ -14,6 +14,7 @@ after a kill. The holder is written to a separate file, because on Windows other
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import socket
@@ -25,12 +26,15 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import STATUS, Manifest, RunFolder, replace_file
 from smartplay_tools.evaluation.run_folder.follower import RunFigures
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
+from smartplay_tools.transcript.lines import ends_of
 from smartplay_tools.transcript.times import delete_record, move_record
+
+log = logging.getLogger("smartplay_tools.evaluation")
 
 LOCK = ".lock"
 HOLDER = ".lock.holder"
@@ -136,6 +140,12 @@ class RunWriter(RunFolder):
         else:
             move_record(path, self.transcript(key))
 
+    def set_aside(self, path: Path) -> None:
+        """Keep a record that cannot be read as that of an attempt without a result, which is played again."""
+        move_record(path, self.path / "attempts" / path.name)
+        key, _, attempt = path.stem.partition(".")
+        self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
+
     def add_attempt(self, record: Path) -> None:
         """Copy the record of an attempt without a result from another folder."""
         key = record.stem.partition(".")[0]
@@ -147,9 +157,17 @@ class RunWriter(RunFolder):
         timings = self.timings()
         replace_file(self.path / "timings.jsonl", "".join(json.dumps(row) + "\n" for row in timings))
         for path in self.running():
-            record = Record.head(path)
-            # A disk that was full, or a process that was killed, can leave a file without a single whole event.
-            self.archive_record(record, keep=record.start is not None or record.ending is not None)
+            try:
+                with damage_named(path):
+                    record = Record.head(path)
+                    # A disk that was full, or a process that was killed, can leave a file without a whole event.
+                    has_event = record.start is not None or record.ending is not None
+                    if record.outcome == "finished" or (not has_event and ends_of(path)[0]):
+                        record = Record.read(path)  # a result is read whole, and lines without an event are no record
+                    self.archive_record(record, keep=has_event)
+            except SmartPlayError as error:
+                log.warning("%s Its episode is played again.", error)
+                self.set_aside(path)
 
     def append_row(self, row: Row) -> None:
         """Add the row of a finished episode."""

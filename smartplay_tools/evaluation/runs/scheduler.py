@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.errors import DamageError
+from smartplay_tools.errors import SmartPlayError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
@@ -138,9 +138,7 @@ class Scheduler:
         now = run_snapshot(self._folder)
         for attempt in now.failed_attempts:
             if attempt["end_reason"] == DAMAGED:
-                raise DamageError(
-                    f"What an attempt has used is not known, but counts for the caps of the run. {attempt['error']}"
-                )
+                log.warning("What an attempt has used counts as far as it can be read. %s", attempt["error"])
         return now.spending.total
 
     @property
@@ -301,14 +299,22 @@ class Scheduler:
         """Read the record of an attempt that is over, move it to its final place, and count what it has spent."""
         self._running.pop(task.planned.key, None)
         self._awaited.pop(task.record, None)
-        record = Record.follow(task.record, self._setup.prices)
+        try:
+            with damage_named(task.record):
+                record = Record.follow(task.record, self._setup.prices)
+                spent = record.own_totals + record.open_call
+                if record.exists:
+                    self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
+        except SmartPlayError as error:
+            self._spent += Record.readable_totals(task.record, self._setup.prices)
+            self._folder.set_aside(task.record)
+            why = {"event": "exception", "error": f"{type(error).__name__}: {error}", "traceback": None}
+            return Record([why], path=task.record)
         if record.exists:
-            spent = record.own_totals + record.open_call
             self._answered[self._who[task.planned.place]] += spent.replies
             if record.steps:
                 self._acted.add(self._who[task.planned.place])
             self._spent += spent
-            self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
             if task.player.agent is None or task.player.agent.goes_on:  # otherwise the next attempt starts over
                 self._expected.attempted(task.planned, spent)
         return record
@@ -321,15 +327,19 @@ class Scheduler:
             timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
             self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
             self._tell(
-                episode, "%s began again from its start: %s What it had spent is counted.", outcome.times.began_again
+                episode,
+                "%s began again from its start: %s What its record says it had spent counts.",
+                outcome.times.began_again,
             )
             self._tell(episode, "%s keeps its result; after its end came %s.", outcome.times.after_the_end)
         row, error = None, record.error or record.end_reason
-        if not record.exists:
+        if not record.exists and record.ending is None:
             error = "There is no record of the attempt."
         if record.outcome == "finished":
             record.path = self._folder.transcript(episode.key)  # it was moved
             row = self._rows[episode.key] = row_of(record, episode.trial)
+            if row["end_reason"] == "game_error":
+                self._tell(episode, "%s ended early: %s", row["error"])
             self._folder.append_row(row)
             player = self._who[episode.place]
             self._failures = Counter({key: n for key, n in self._failures.items() if key[0] != player})

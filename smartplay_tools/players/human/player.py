@@ -10,7 +10,6 @@ prompt asks a person for, and the message that answers it, are the same in the b
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Literal, TextIO
 
@@ -21,6 +20,7 @@ from smartplay_tools.conversation.paper import CHOICE
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.players.human.screen import Screen
 from smartplay_tools.players.prompt_reading import Reading, call
+from smartplay_tools.streams import own_input
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, text_of
 
@@ -82,7 +82,7 @@ class HumanPlayer:
     """One episode at a time, in the process that owns the terminal."""
 
     def __init__(self, *, seed: int = 0, console: Console | None = None, lines: TextIO | None = None) -> None:
-        self._lines = sys.stdin if lines is None else lines
+        self._lines = own_input() if lines is None else lines
         self._screen = Screen(console or Console(stderr=True), is_answered_by_a_terminal=self._lines.isatty())
         self._conversation: BaseConversation | None = None
 
