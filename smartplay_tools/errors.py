@@ -135,10 +135,6 @@ class PromptRefusedError(SmartPlayError):
     """A server refuses a prompt, and not its player: it would refuse the same prompt again."""
 
 
-class PromptRefusedError(SmartPlayError):
-    """A server refuses a prompt, and not its player: it would refuse the same prompt again."""
-
-
 class StrategyError(SmartPlayError):
     """A strategy's choice cannot be shown: it does not fit, or names a turn that does not exist."""
 
