@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 from smartplay_tools.cli import options, runs
@@ -17,6 +16,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
+from smartplay_tools.terminal import Console, say
 
 
 def check(
@@ -70,10 +70,10 @@ def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console.print(table)
     for _, answer in answers:
         for line in answer.advice if answer is not None else []:
-            typer.echo(line)
+            say(line)
     costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
     if costs:
-        typer.echo(f"These calls have cost ${sum(costs):.4f}.")
+        say(f"These calls have cost ${sum(costs):.4f}.")
 
 
 def _word(answer: bool | None) -> str:

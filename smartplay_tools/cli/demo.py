@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import program
 from smartplay_tools.cli.show import compact_table, print_turn
@@ -26,6 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.players.player_registry import get_player
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.replays import replay
+from smartplay_tools.terminal import Console, say
 from smartplay_tools.transcript.file import comparable, read_transcript
 from smartplay_tools.types import Budget, EpisodeResult, Player
 
@@ -103,7 +103,7 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     dropped = max(watch.dropped for watch in watches)
     most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
 
-    typer.echo(
+    say(
         f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
         f"{most:.0%} of it), and {player} played on from what it could still see."
     )
@@ -111,13 +111,13 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
         from smartplay_tools.evaluation.pages.report.page import write_report
 
         page = write_report(folder, folder / "demo.html", title="The demo").resolve().as_uri()
-        typer.echo(f"Every turn as a picture, and what was in sight: {page}")
-        typer.echo(f"Play yourself in the browser: {program()} view --play any")
+        say(f"Every turn as a picture, and what was in sight: {page}")
+        say(f"Play yourself in the browser: {program()} view --play any")
     except MissingExtraError as error:
-        typer.echo(f"The records are in {folder}.")
-        typer.echo(str(error))
-    typer.echo(f"Your model: {program()} play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
-    typer.echo("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
+        say(f"The records are in {folder}.")
+        say(str(error))
+    say(f"Your model: {program()} play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
+    say("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
 
 
 def _record(folder: Path, game: str, player: Player) -> Path:

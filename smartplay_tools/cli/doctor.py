@@ -27,7 +27,6 @@ from typing import Annotated, Literal
 
 import typer
 from packaging.requirements import Requirement
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, models_folder
@@ -41,6 +40,7 @@ from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
 from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.terminal import Console, say
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: `all`, and those for developers."""
@@ -302,7 +302,7 @@ def get(
 
     Example: smartplay-tools model get
     """
-    path = fetch(name, lambda step: typer.echo(step, err=True))
+    path = fetch(name, lambda step: say(step, err=True))
     print(path)
 
 
@@ -321,8 +321,8 @@ def show(as_json: options.Json = False) -> None:
     for model in models:
         table.add_row(model.name, megabytes(model.bytes), "yes" if model.is_here else "no", model.about)
     Console().print(table)
-    typer.echo(f"They are kept in {models_folder()}.")
-    typer.echo("Any other GGUF file is played by its path: --player local:FILE.gguf")
+    say(f"They are kept in {models_folder()}.")
+    say("Any other GGUF file is played by its path: --player local:FILE.gguf")
 
 
 minedojo_app = typer.Typer(no_args_is_help=True)
@@ -342,5 +342,5 @@ def install(
 
     Example: smartplay-tools minedojo install --venv ~/minedojo
     """
-    interpreter = make_environment(venv.expanduser(), python, say=lambda step: typer.echo(f"{step} ...", err=True))
+    interpreter = make_environment(venv.expanduser(), python, say=lambda step: say(f"{step} ...", err=True))
     print(f"export {INTERPRETER}={shlex.quote(str(interpreter))}")

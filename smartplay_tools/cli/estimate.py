@@ -10,9 +10,6 @@ from functools import reduce
 from operator import add, attrgetter
 from typing import Any
 
-import typer
-from rich.console import Console
-
 from smartplay_tools.cli.show import compact_table, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
@@ -32,6 +29,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import grouped
+from smartplay_tools.terminal import Console, say
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""
@@ -57,7 +55,7 @@ def print_estimate(
         return
     print_table(table_console(), _table(estimates))
     for line in _sentences(estimates, options.caps, hours):
-        typer.echo(line)
+        say(line)
 
 
 def _table(estimates: Sequence[Estimate]) -> TextTable:
@@ -179,7 +177,7 @@ def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[Player
     console.print(table)
     tokens = _span(_sum([each.prompt_tokens + each.reply_tokens for each in estimates]), _short)
     cost, (hours, at_once) = _total_cost(estimates), _hours(estimates, players, options.workers)
-    typer.echo(
+    say(
         f"The whole run: {tokens} tokens, {'cost unknown' if cost is None else _span(cost, '${:,.2f}'.format)}, "
         f"about {duration(3600 * hours.expected)} with {at_once} episodes at a time. Ranges are from what it would "
         "take if all episodes were as the smallest of their cell in the pilot to the same for the largest. "

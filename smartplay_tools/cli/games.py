@@ -6,12 +6,12 @@ import json
 from typing import Annotated, Any, cast, get_args
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES, get_spec
+from smartplay_tools.terminal import Console
 
 
 def games(as_json: options.Json = False) -> None:
@@ -54,7 +54,7 @@ def schema(
         raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
     with Episode(game, seed=0) as episode:
         schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
-    print(json.dumps(schemas, indent=2, ensure_ascii=False))
+    print(json.dumps(schemas, indent=2))
 
 
 def _facts(name: str) -> dict[str, Any]:

@@ -14,12 +14,10 @@ from functools import reduce
 from itertools import groupby
 from operator import add
 
-import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
-from rich.text import Text
 
 from smartplay_tools.cli.show import print_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
@@ -27,6 +25,7 @@ from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.run_folder.follower import CellSnapshot, RunSnapshot, Spending
 from smartplay_tools.evaluation.runs.run_progress import OnSnapshot
 from smartplay_tools.records.record import Record
+from smartplay_tools.terminal import Console, Text, say
 
 LOG_SECONDS = 60.0
 """Seconds after which a log gets another line."""
@@ -140,7 +139,7 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
     """Print the progress of an incomplete run."""
     print_table(console, status_table(snapshot))
     if snapshot.is_live:
-        typer.echo(f"Now: {snapshot.describe()}.\n")
+        say(f"Now: {snapshot.describe()}.\n")
     if snapshot.playing:
         print_table(console, live_table(snapshot.playing))
 

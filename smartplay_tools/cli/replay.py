@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
@@ -20,6 +19,7 @@ from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay as run_again
+from smartplay_tools.terminal import Console
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""

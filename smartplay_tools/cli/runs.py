@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
@@ -24,6 +23,7 @@ from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import unplayed
+from smartplay_tools.terminal import Console
 
 _option = partial(typer.Option, rich_help_panel="The run")
 

@@ -52,7 +52,7 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
             _draw_player(panel, own, price, style.Series.number(index), player)
-        panel.set(title=game, xlabel=LABELS[price], ylabel="mean score (points)")
+        panel.set(title=typeset(game), xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
         panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)
@@ -131,7 +131,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                typeset(window) if len(set(windows)) > 1 else comparison.cell.player,
+                typeset(window if len(set(windows)) > 1 else comparison.cell.player),
                 point,
                 (right, up),
                 textcoords="offset points",
