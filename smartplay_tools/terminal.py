@@ -59,7 +59,10 @@ class Text(rich.text.Text):
 
 
 class Console(rich.console.Console):
-    """A console that prints visible text."""
+    """A console that prints visible text; only where `print` is told so is anything in it rich's markup."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(markup=False, emoji=False, **settings)
 
     @property
     def file(self) -> IO[str]:

@@ -23,8 +23,10 @@ PACKAGE = Path(sp.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
+    "visible",
     "errors",
     "registry",
+    "terminal",
     "types",
     "games",
     "transcript",

@@ -86,13 +86,14 @@ def demo(
             if not _equal(_record(folder, game, players[0]), _record(folder, game, player))
         ]
     console.rule("results", align="left")
-    console.print("[dim]prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out[/]")
+    note = "prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out"
+    console.print(note, style="dim")
     for table in tables:
         console.print(table)
     if len(players) > 1 and not failures:
         console.print("Both players' records are equal: the client and the server in between changed nothing.")
     for failure in failures:
-        console.print(f"[red]{failure}[/]")
+        console.print(failure, style="red")
     if failures:
         raise typer.Exit(1)
     _conclude(folder, watches[: len(GAMES)], name or "the rule player")
@@ -137,7 +138,7 @@ def _players(console: Console) -> Iterator[list[Player]]:
         adapter = importlib.import_module("smartplay_openai")
         client, served = adapter.OpenAIPlayer, adapter.LocalEndpoint(rule)
     except MissingExtraError as error:
-        console.print(f"[dim]{error}[/]", highlight=False, soft_wrap=True)
+        console.print(str(error), style="dim", highlight=False, soft_wrap=True)
         yield [rule]
         return
     with served as endpoint, client("rule", base_url=endpoint.base_url) as model:
@@ -170,7 +171,7 @@ class _Watch:
         if number < SHOWN_TURNS or conversation.result is not None:
             print_turn(self._console, conversation)
         elif number == SHOWN_TURNS:
-            self._console.print("[dim]...[/]")
+            self._console.print("...", style="dim")
 
 
 def _row(result: EpisodeResult, cap: int, watch: _Watch) -> list[str]:

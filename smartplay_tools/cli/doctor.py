@@ -27,7 +27,6 @@ from typing import Annotated, Literal
 
 import typer
 from packaging.requirements import Requirement
-from rich.markup import escape
 from rich.table import Table
 from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, models_folder
 
@@ -40,7 +39,7 @@ from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
 from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.terminal import Console, say
+from smartplay_tools.terminal import Console, Text, say
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: `all`, and those for developers."""
@@ -282,8 +281,8 @@ def _table(findings: list[PartCheck]) -> Table:
         table.add_column(heading, overflow="fold")
     kind = ""
     for finding in findings:
-        works = "[green]yes[/]" if finding.works else "[red]no[/]"
-        table.add_row("" if finding.kind == kind else finding.kind, finding.name, works, escape(finding.detail))
+        works = Text("yes", style="green") if finding.works else Text("no", style="red")
+        table.add_row("" if finding.kind == kind else finding.kind, finding.name, works, finding.detail)
         kind = finding.kind
     return table
 

@@ -60,9 +60,9 @@ def _screen(snapshot: RunSnapshot) -> RenderableType:
     table.add_column(no_wrap=True)
     for game in games:
         words = f"score {game.score / game.finished:.2f}" if game.finished else ""
-        words += f"  [red]{game.failed_attempts} failed[/]" if game.failed_attempts else ""
+        failed = f"  {game.failed_attempts} failed" if game.failed_attempts else ""
         bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
-        table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
+        table.add_row(game.game, bar, f"{game.finished}/{game.planned}", Text(words).append(failed, "red"))
     lines = [Text(snapshot.describe())]
     if warning := snapshot.warning:
         lines.append(Text(warning, style="yellow", no_wrap=True, overflow="ellipsis"))
@@ -102,7 +102,7 @@ class _Log:
                     self._say(f"failed: {row['key']} ({name}): {row['error'] or row['end_reason']}")
 
     def _say(self, words: str) -> None:
-        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, markup=False, soft_wrap=True)
+        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, soft_wrap=True)
 
 
 def status_table(snapshot: RunSnapshot) -> TextTable:

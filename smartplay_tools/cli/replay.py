@@ -19,7 +19,7 @@ from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay as run_again
-from smartplay_tools.terminal import Console
+from smartplay_tools.terminal import Console, Text
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""
@@ -67,12 +67,12 @@ def _replay_file(path: Path, tokenizer: str | None, *, calls_compactor: bool, as
         print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
     elif replayed.identical:
         resumed = f", resumed at event {', '.join(map(str, replayed.resumed))}" if replayed.resumed else ""
-        _say(f"[green]identical[/]: {replayed.events} events of {path}{resumed}")
+        _say("identical", "green", f": {replayed.events} events of {path}{resumed}")
     elif not replayed.differences:
         what = f"the {replayed.events} events of {path} are identical, but its end is missing"
-        _say(f"[yellow]incomplete[/]: {what}", stderr=True)
+        _say("incomplete", "yellow", f": {what}", stderr=True)
     else:
-        _say(f"[red]differs[/]: {replayed.differences[0]}", stderr=True)
+        _say("differs", "red", f": {replayed.differences[0]}", stderr=True)
     if not as_json and replayed.not_compared is not None:
         _say(replayed.not_compared)
     return replayed.identical
@@ -104,7 +104,7 @@ def _print_unfinished(folder: RunFolder) -> None:
     for cell in run_snapshot(folder).cells:
         if cell.paused or cell.running:
             what = f"{cell.paused} paused, {cell.running} running; not replayed"
-            _say(f"{cell.game}, {cell.player}: {what}", markup=False)
+            _say(f"{cell.game}, {cell.player}: {what}")
 
 
 def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
@@ -112,16 +112,16 @@ def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
     missing = [finding for finding in findings if not finding.has_row]
     total, same = len(findings), len(findings) - len(differing) - len(missing)
     if same == total:
-        _say(f"[green]identical[/]: all {total} episodes of {path}")
+        _say("identical", "green", f": all {total} episodes of {path}")
     if differing:
-        _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
+        _say(f"{len(differing)} of {total} episodes differ", "red", stderr=True)
     if missing:
-        _say(f"[red]{same} of {total} planned episodes are identical; {len(missing)} have no row[/]", stderr=True)
+        _say(f"{same} of {total} planned episodes are identical; {len(missing)} have no row", "red", stderr=True)
     for finding in (*differing, *(finding for finding in missing if finding.has_record)):
         for difference in finding.differences[:SHOWN_DIFFERENCES]:
-            _say(f"{finding.key} ({finding.game}): {difference}", stderr=True, markup=False)
+            _say(f"{finding.key} ({finding.game}): {difference}", stderr=True)
 
 
-def _say(sentence: str, *, stderr: bool = False, markup: bool = True) -> None:
-    """Print a sentence on one line, however long it is."""
-    Console(stderr=stderr).print(sentence, highlight=False, soft_wrap=True, markup=markup)
+def _say(verdict: str, style: str = "", further: str = "", *, stderr: bool = False) -> None:
+    """Print a sentence on one line, however long it is, with its beginning in a style."""
+    Console(stderr=stderr).print(Text(verdict, style=style), Text(further), sep="", soft_wrap=True)

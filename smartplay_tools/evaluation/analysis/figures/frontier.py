@@ -13,6 +13,7 @@ from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
 from smartplay_tools.evaluation.quantities import typeset
 from smartplay_tools.records.rows import grouped
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +53,7 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
             _draw_player(panel, own, price, style.Series.number(index), player)
-        panel.set(title=typeset(game), xlabel=LABELS[price], ylabel="mean score (points)")
+        panel.set(title=visible(game), xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
         panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)
@@ -131,7 +132,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                typeset(window if len(set(windows)) > 1 else comparison.cell.player),
+                typeset(window) if len(set(windows)) > 1 else visible(comparison.cell.player),
                 point,
                 (right, up),
                 textcoords="offset points",
