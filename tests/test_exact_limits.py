@@ -157,10 +157,14 @@ def summarised(spare: int) -> int:
     return conversation.episode.stats.cut_summaries
 
 
-def turns_in_view(count: int) -> list[int]:
+def turns_in_view(count: int, room: int = 5 * (TURN + 1)) -> list[int]:
     replies = [reply(f"turn {number}") for number in range(9)]
-    shown = play(replies, first_turns=count, prompt_tokens=HEAD + 5 * (TURN + 1)).prompt().messages
+    shown = play(replies, first_turns=count, prompt_tokens=HEAD + room).prompt().messages
     return [int(text_of(message).split()[1]) for message in shown if message["role"] == "assistant"]
+
+
+def first_turns_that_fit(spare: int) -> list[int]:
+    return turns_in_view(5, 3 * (TURN + 1) + spare)
 
 
 def recalled(spare: int) -> int:
@@ -261,6 +265,7 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     "prompt_tokens and what a compactor returns": (lambda n: compacted(FOUR, 4 * TURN + n), 4, 3),
     "prompt_tokens and what stays of that": (lambda n: compacted([reply()] * 6, 4 * TURN + n), 4, 3),
     "prompt_tokens and a compactor's newest turn": (lambda n: compacted(TWO, TURN + 99 + n), 1, "prompt_tokens"),
+    "prompt_tokens and first_turns": (first_turns_that_fit, [0, 1, 8], [0, 8]),
     "prompt_tokens in the paper's protocol": (of_the_history, 0, 1),
     "question_tokens": (asked, (1, 0), (1, 1)),
     "reply_tokens": (replied, 0, 1),
