@@ -258,6 +258,11 @@ def seen(history: int) -> int:
 EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     # A cap and what it is on: the case, with exactly as many tokens as there are, and with one fewer.
     "prompt_tokens": (lambda n: play([reply()] * 5, prompt_tokens=HEAD + 4 * TURN + n).view.dropped_turns, 1, 2),
+    "prompt_tokens with slack": (
+        lambda n: play(FOUR, prompt_tokens=HEAD + 4 * TURN + n, slack=0.5).view.dropped_turns,
+        0,
+        2,
+    ),
     "prompt_tokens and pins": (lambda n: end(play(TWO, prompt_tokens=HEAD + TURN + 99 + n)), None, "prompt_tokens"),
     "prompt_tokens and the head": (lambda n: made(prompt_tokens=HEAD + n), "made", f"prompt_tokens={HEAD - 1}"),
     "prompt_tokens and a choice": (chosen, None, "strategy_error"),
