@@ -95,6 +95,7 @@ sp.register_strategy("exact-everything", Everything)
 sp.register_strategy("exact-nothing", Nothing)
 SAME = named(lambda self, history, room: history)
 LONG = reply("word " * 100)  # of 100 words, where `reply()` has one
+NOTES = reply(None, "take_notes", text="word " * 20)
 FOUR, TWO = [reply()] * 4, [reply(), LONG]
 
 
@@ -143,9 +144,8 @@ def bare(own_words: int) -> int:
 
 
 def refused(spare: int) -> tuple[int, int]:
-    notes = reply(None, "take_notes", text="word " * 20)
     file = reply(None, "memory", command="create", path="/memories/a", file_text="word " * 20)
-    noted = play([notes], notes_tokens=20 + spare, prompt_tokens=2_000).episode.stats.refused_notes
+    noted = play([NOTES], notes_tokens=20 + spare, prompt_tokens=2_000).episode.stats.refused_notes
     return noted, play([file], memory_tokens=21 + spare).episode.stats.refused_memory
 
 
@@ -155,6 +155,17 @@ def summarised(spare: int) -> int:
         conversation.receive(reply())
     conversation.receive({"role": "assistant", "content": "word " * 19 + "word"})
     return conversation.episode.stats.cut_summaries
+
+
+def pushed_out(spare: int) -> int:
+    replies = [*[reply()] * 9, reply("word " * (5 * TURN + 1))]
+    return play(replies, prompt_tokens=HEAD + 9 * TURN + spare).view.dropped_turns
+
+
+def kept_with_notes(spare: int) -> int:
+    replies, free = [NOTES, *FOUR], {"notes_tokens": 50, "prompt_tokens": 5_000}
+    tokens = play(replies, **free).view.tokens
+    return play(replies, **{**free, "prompt_tokens": tokens + spare}).view.dropped_turns
 
 
 def turns_in_view(count: int, room: int = 5 * (TURN + 1)) -> list[int]:
@@ -258,6 +269,8 @@ def seen(history: int) -> int:
 EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     # A cap and what it is on: the case, with exactly as many tokens as there are, and with one fewer.
     "prompt_tokens": (lambda n: play([reply()] * 5, prompt_tokens=HEAD + 4 * TURN + n).view.dropped_turns, 1, 2),
+    "prompt_tokens and a turn that pushes out many": (pushed_out, 6, 7),
+    "prompt_tokens and notes": (kept_with_notes, 0, 1),
     "prompt_tokens with slack": (
         lambda n: play(FOUR, prompt_tokens=HEAD + 4 * TURN + n, slack=0.5).view.dropped_turns,
         0,
@@ -306,7 +319,6 @@ EXACTLY_N: dict[str, tuple[Callable[[int], Any], dict[int, Any]]] = {
     "depth of arguments": (lambda n: "too deep" in answer(depth=n), {100: False, 101: True}),
 }
 ELSEWHERE = {
-    "slack": "TestMasking.test_of_a_full_window_no_token_more_than_the_share_stays_and_no_step_less",
     "strategy": "no limit",
     "beyond_history": "no limit",
 }
