@@ -254,6 +254,12 @@ def without_a_step(history: int) -> int:
     return 10 - play([reply(action="Lizard")] * 10, history=history, stalled_turns=20).view.dropped_turns
 
 
+def after_steps(mistakes: int, slack: float = 0) -> int:
+    """The turns that leave after two that play a step, the newer of which is pinned, and some that play none."""
+    replies = [reply(), reply(), *[reply(action="Lizard")] * mistakes]
+    return play(replies, history=2, stalled_turns=20, slack=slack).view.dropped_turns
+
+
 def made(**budget: Any) -> str:
     try:
         begin(**budget)
@@ -308,6 +314,8 @@ EXACTLY_N: dict[str, tuple[Callable[[int], Any], dict[int, Any]]] = {
     "history": (seen, {0: 1, 1: 2, 3: 4}),
     "history with masking": (masked, {0: 5, 1: 4, 3: 2}),
     "history of turns without a step": (without_a_step, {0: 1, 2: 3, 8: 9}),
+    "history before turns without a step": (after_steps, {3: 0, 4: 2}),
+    "history before turns without a step, with slack": (lambda n: after_steps(n, slack=0.5), {3: 0, 4: 3}),
     "tool_calls": (lambda n: end(play(FOUR, tool_calls=n)), {4: "tool_calls", 5: None}),
     "tool_calls of which the last is played": (lambda n: play(FOUR, tool_calls=n).episode.stats.steps, {3: 3, 4: 4}),
     "stalled_turns": (stalled, {3: None, 4: "stalled_turns"}),
