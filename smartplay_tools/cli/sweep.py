@@ -70,8 +70,10 @@ def sweep(
 
 def _print_files(folder: Path, written: Sequence[Path]) -> None:
     """Print what was written, and what to do next."""
-    names = ", ".join(sorted({str(path.relative_to(folder).with_suffix("")) for path in written}))
-    say(f"In {folder}: {names}.")
+    names: dict[str, list[str]] = {}
+    for path in sorted(written):
+        names.setdefault(str(path.relative_to(folder).with_suffix("")), []).append(path.suffix)
+    say(f"In {folder}: {', '.join(name + ', '.join(endings) for name, endings in names.items())}.")
     if not any(path.suffix == ".parquet" for path in written):
         say(f"For Parquet and figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
