@@ -327,7 +327,7 @@ def test_a_tap_without_network_says_so_and_the_focus_stays_where_it_was(browser,
     with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
         page, wrong = browser.new_context(viewport={"width": 390, "height": 844}).new_page(), []
         page.on("pageerror", lambda error: wrong.append(error))
-        page.goto(f"{server.url}/play/{HANOI}")
+        page.goto(f"{server.url}play/{HANOI}")
         second = page.locator("#actions button").nth(1)
         second.wait_for()
         first_screen = page.locator("#actions button").nth(0).bounding_box()
