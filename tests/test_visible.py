@@ -8,7 +8,6 @@ import json
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,9 +16,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import SmartPlayWarning, UnknownNameError
-from smartplay_tools.evaluation.analysis.area import Area
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
-from smartplay_tools.evaluation.analysis.figures.curves import areas_under_curves
 from smartplay_tools.evaluation.analysis.figures.prompt_figures import prompt_rows
 from smartplay_tools.evaluation.analysis.figures.run import write_figures
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
@@ -151,11 +148,9 @@ def test_figures_of_a_strangers_folder(hostile_run: Path, tmp_path: Path):
     drawn = {path.stem: path.read_text("utf-8") for path in written}
     assert drawn.keys() == {"score-against-prompt-tokens", "effects-of-slack", "frontier"}
     name = "\x1bowned\ud83d$"
-    area = Area(name, name, caps=(1, 2), infeasible=(), unplayed=0, is_cut=False, seeds=2, area=0.5, low=0, high=1)
-    areas = areas_under_curves([area, replace(area, name="other")])
     dots = capability_dots({HOSTILE: {game: [0.5] for game in sp.GAMES}})
     record = Record.read(next((hostile_run / "episodes").rglob("*.jsonl")))
-    for stem, figure in {"areas": areas, "capabilities": dots, "rows": prompt_rows([(name, record, 2)])}.items():
+    for stem, figure in {"capabilities": dots, "rows": prompt_rows([(name, record, 2)])}.items():
         drawn[stem] = save_figure(figure, tmp_path / stem, formats=["svg"], svg_text=True)[0].read_text("utf-8")
     for stem, text in drawn.items():
         assert "owned" in text, stem
