@@ -168,6 +168,14 @@ def kept_with_notes(spare: int) -> int:
     return play(replies, **{**free, "prompt_tokens": tokens + spare}).view.dropped_turns
 
 
+def notes_beside_the_newest_turn(spare: int) -> int:
+    conversation = play([NOTES, reply(), reply()], notes_tokens=50, prompt_tokens=5_000)
+    counter, episode = conversation.episode.counter, conversation.episode
+    shown = [message for number in (0, 2) for message in conversation.turns[number].messages]
+    cap = counter.prompt([*episode.head, *shown], [*episode.tools])
+    return play([NOTES, reply(), reply()], notes_tokens=50, prompt_tokens=cap + spare).view.dropped_turns
+
+
 def turns_in_view(count: int, room: int = 5 * (TURN + 1)) -> list[int]:
     replies = [reply(f"turn {number}") for number in range(9)]
     shown = play(replies, first_turns=count, prompt_tokens=HEAD + room).prompt().messages
@@ -184,6 +192,25 @@ def recalled(spare: int) -> int:
     conversation = play([*[reply()] * 6, recall], history=0, recall_tokens=2_000)
     two = Words().count("\n\n".join(last_call(conversation).split("\n\n")[:2]))
     return len(last_call(play([*[reply()] * 6, recall], history=0, recall_tokens=two + spare)).split("\n\n"))
+
+
+def recalled_alone(spare: int) -> bool:
+    replies = [*[reply()] * 6, reply(None, "recall", query="1")]
+    one = Words().count(last_call(play(replies, history=0, recall_tokens=2_000)))
+    return "cut" in last_call(play(replies, history=0, recall_tokens=one + spare))
+
+
+def of_a_host(spare: int) -> bool:
+    """Whether the history that `observe` gives a host is cut to a cap of exactly its tokens."""
+
+    def observed(result_tokens: int | None) -> str:
+        budget = sp.Budget(result_tokens=result_tokens)
+        with sp.Episode(RPS, seed=1, tokenizer=Words(), budget=budget, context="host") as episode:
+            for _ in range(3):
+                episode.call("act", {"action": "Rock"})
+            return episode.call("observe", {}).text
+
+    return "tokens cut" in observed(Words().count(observed(None)) + spare)
 
 
 def second_page(spare: int) -> bool:
@@ -227,8 +254,8 @@ def answer(length: int = 50, depth: int = 1) -> str:
     return last_call(conversation)
 
 
-def on_paper(prompt_tokens: int | None) -> Any:
-    budget = sp.Budget(history=None, prompt_tokens=prompt_tokens, result_tokens=None)
+def on_paper(prompt_tokens: int | None, history: int | None = None) -> Any:
+    budget = sp.Budget(history=history, prompt_tokens=prompt_tokens, result_tokens=None)
     conversation = PaperConversation(sp.Episode(RPS, seed=1, tokenizer=Words(), budget=budget))
     for number in range(8):
         conversation.prompt()
@@ -277,6 +304,7 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     "prompt_tokens": (lambda n: play([reply()] * 5, prompt_tokens=HEAD + 4 * TURN + n).view.dropped_turns, 1, 2),
     "prompt_tokens and a turn that pushes out many": (pushed_out, 6, 7),
     "prompt_tokens and notes": (kept_with_notes, 0, 1),
+    "prompt_tokens and notes beside the newest turn": (notes_beside_the_newest_turn, 1, 2),
     "prompt_tokens with slack": (
         lambda n: play(FOUR, prompt_tokens=HEAD + 4 * TURN + n, slack=0.5).view.dropped_turns,
         0,
@@ -297,10 +325,12 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     "episode_tokens and reply_tokens": (lambda n: left(n, 30), 30, None),
     "result_tokens": (lambda n: cut(n, "act"), 0, 1),
     "result_tokens of the manual": (lambda n: cut(n, "read_manual"), 0, 1),
+    "result_tokens of a host's history": (of_a_host, False, True),
     "result_tokens auto": (automatic, (120, 160), (119, 159)),
     "notes_tokens and memory_tokens": (refused, (0, 0), (1, 1)),
     "summary_tokens": (summarised, 0, 1),
     "recall_tokens": (recalled, 2, 1),
+    "recall_tokens and one observation": (recalled_alone, False, True),
     "recall_tokens beside a result": (
         lambda n: made(recall_tokens=50, result_tokens=40, history=1, prompt_tokens=HEAD + RECALL + 90 + n),
         "made",
@@ -312,6 +342,7 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
 EXACTLY_N: dict[str, tuple[Callable[[int], Any], dict[int, Any]]] = {
     # A count: what there is with some numbers.
     "history": (seen, {0: 1, 1: 2, 3: 4}),
+    "history in the paper's protocol": (lambda n: on_paper(None, n).view.shown_steps, {0: 1, 1: 2, 3: 4}),
     "history with masking": (masked, {0: 5, 1: 4, 3: 2}),
     "history of turns without a step": (without_a_step, {0: 1, 2: 3, 8: 9}),
     "history before turns without a step": (after_steps, {3: 0, 4: 2}),
