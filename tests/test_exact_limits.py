@@ -168,12 +168,14 @@ def kept_with_notes(spare: int) -> int:
     return play(replies, **{**free, "prompt_tokens": tokens + spare}).view.dropped_turns
 
 
-def notes_beside_the_newest_turn(spare: int) -> int:
+def notes_beside_the_newest_turn(spare: int) -> bool:
+    """Whether notes stay where there is room for them and the newest turn alone."""
     conversation = play([NOTES, reply(), reply()], notes_tokens=50, prompt_tokens=5_000)
     counter, episode = conversation.episode.counter, conversation.episode
     shown = [message for number in (0, 2) for message in conversation.turns[number].messages]
     cap = counter.prompt([*episode.head, *shown], [*episode.tools])
-    return play([NOTES, reply(), reply()], notes_tokens=50, prompt_tokens=cap + spare).view.dropped_turns
+    shown = play([NOTES, reply(), reply()], notes_tokens=50, prompt_tokens=cap + spare).prompt().messages
+    return any(call["function"]["name"] == "take_notes" for message in shown for call in calls_of(message))
 
 
 def turns_in_view(count: int, room: int = 5 * (TURN + 1)) -> list[int]:
@@ -304,7 +306,7 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     "prompt_tokens": (lambda n: play([reply()] * 5, prompt_tokens=HEAD + 4 * TURN + n).view.dropped_turns, 1, 2),
     "prompt_tokens and a turn that pushes out many": (pushed_out, 6, 7),
     "prompt_tokens and notes": (kept_with_notes, 0, 1),
-    "prompt_tokens and notes beside the newest turn": (notes_beside_the_newest_turn, 1, 2),
+    "prompt_tokens and notes beside the newest turn": (notes_beside_the_newest_turn, True, False),
     "prompt_tokens with slack": (
         lambda n: play(FOUR, prompt_tokens=HEAD + 4 * TURN + n, slack=0.5).view.dropped_turns,
         0,
