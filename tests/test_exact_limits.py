@@ -16,7 +16,7 @@ from smartplay_tools.context import ContextOverflowError
 from smartplay_tools.context.strategies.choices import Choice
 from smartplay_tools.context.strategies.offload import Pages
 from smartplay_tools.conversation.paper import PaperConversation
-from smartplay_tools.types.messages import text_of
+from smartplay_tools.types.messages import calls_of, text_of
 from tests.test_compaction import named
 
 RPS = "RockPaperScissorBasic-v0"

@@ -125,6 +125,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
     points = [axes.transData.transform(_point(c, price)) for c in members]
     marks = [text for text in axes.texts if text.get_text() == CUT]
     taken: list[Bbox] = [mark.get_window_extent() for mark in marks]
+    taken += [bar for c in members for bar in _bars(axes, c, price)]
     inside, named = axes.get_window_extent(), set()
     for comparison, window in front:
         if (point := _point(comparison, price)) in named:
@@ -148,6 +149,16 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
                 taken.append(box)
                 break
             label.remove()
+
+
+def _bars(axes: Axes, comparison: WindowComparison, price: Price) -> list[Bbox]:
+    """The places of a cell's two error bars, a point where it has no interval."""
+    from matplotlib.transforms import Bbox
+
+    (x, y), across, up = _point(comparison, price), comparison.means[price], comparison.means["score"]
+    below, above = style.bars([across, up])
+    ends = [[(x - below[0], y), (x + above[0], y)], [(x, y - below[1]), (x, y + above[1])]]
+    return [Bbox(axes.transData.transform(pair)) for pair in ends]
 
 
 def _point(comparison: WindowComparison, price: Price) -> tuple[float, float]:
