@@ -26,6 +26,7 @@ __all__ = [
     "BATCHES",
     "CALL_KEY",
     "INSTRUCTIONS",
+    "INTERNAL_ERROR",
     "MANUAL",
     "PARSE_ERROR",
     "SERVER_INFO",
