@@ -29,7 +29,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "smartplay_tools"
-SMALL = 40
+GATEWAY = "smartplay_gateway"
+"""The adapter that is servers for other people's agents."""
 NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 PROMPT_ROOMS = ("types", "prompts", "tokens", "context", "episode", "conversation", "transcript")
 """Where a prompt is decided, beside the modules at the root, as long as docs/architecture.md has no list of it."""
@@ -205,6 +206,29 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
             return [sorted(names) for names in members.values() if len(names) > 1]
 
 
+def upwards(root: Path) -> int:
+    """How many imports of the package point to a higher layer, as its test of architecture orders them."""
+    test = (root / "tests" / "test_architecture.py").read_text(encoding="utf-8")
+    layers = re.findall(r'"(\w+)"', test.partition("LAYERS = (")[2].partition(")")[0])
+    heights = {f"{PACKAGE}.{layer}": height for height, layer in enumerate(layers)}
+
+    def height(module: str) -> int | None:
+        return heights.get(".".join(module.split(".")[:2]))
+
+    pairs = (
+        (height(module), height(name))
+        for module, reached in import_graph(root, with_types=True).items()
+        for name in reached
+    )
+    return sum(upper < lower for upper, lower in pairs if upper is not None and lower is not None)
+
+
+def classes(root: Path, folder: str, *, without: tuple[str, ...] = ()) -> int:
+    """How many classes the modules of a folder define, some of its folders left out."""
+    paths = (path for path in files(root, folder) if not {*without} & {*path.relative_to(root / folder).parts})
+    return sum(isinstance(node, ast.ClassDef) for path in paths for node in ast.walk(parsed(path)))
+
+
 def reading_list(root: Path) -> list[Path]:
     """The files to read for "what can happen to my prompt": docs/architecture.md lists them, or `PROMPT_ROOMS`."""
     _, _, section = (root / "docs" / "architecture.md").read_text(encoding="utf-8").partition(READING_LIST)
@@ -233,19 +257,22 @@ def sizes(root: Path) -> dict[str, int | str]:
     return {
         "code lines, package and adapters": sum(ours.values()),
         "of these adapters": sum(lines for path, lines in ours.items() if root / "adapters" in path.parents),
-        "files, package and adapters": len(ours),
-        f"files under {SMALL} code lines, without __init__": sum(
-            lines < SMALL for path, lines in ours.items() if path.name not in ("__init__.py", "__main__.py")
+        f"of these adapters without {GATEWAY}": sum(
+            lines for path, lines in ours.items() if root / "adapters" in path.parents and GATEWAY not in path.parts
         ),
+        "classes in context": classes(root, f"{PACKAGE}/context"),
+        "the same without strategies and tokens": classes(root, f"{PACKAGE}/context", without=("strategies", "tokens")),
         f"modules at the root of {PACKAGE}": len(modules),
         f"rooms at the root of {PACKAGE}": len(modules) + len(rooms),
         "code lines of tests": total(files(root, "tests")),
         "code lines of experiments and benchmarks": total(files(root, "experiments", "benchmarks")),
         "lines of JavaScript, CSS and templates": sum(len(path.read_bytes().splitlines()) for path in web),
         "pages in docs": len(files(root, "docs", endings=(".md",))),
+        "words in docs": sum(len(path.read_text("utf-8").split()) for path in files(root, "docs", endings=(".md",))),
         "fragments in changelog.d": len(files(root, "changelog.d", endings=(".md",))),
         "circles between modules": len(circles(import_graph(root))),
         "the same with imports for type checkers": len(circles(import_graph(root, with_types=True))),
+        "imports upwards, those for type checkers too": upwards(root),
         "code lines to read about a prompt": total(reading_list(root)),
         "code lines that a LangChain session loads": loaded(root, LANGCHAIN),
         "code lines that openai:MODEL loads": loaded(root, OPENAI),

@@ -23,8 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.costs.caches import cache_rules
 from smartplay_tools.evaluation.costs.charges import calls_under
+from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.records import sent_prompts
 from smartplay_tools.records.requests import Request, RequestLog, Unit
 

@@ -19,7 +19,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.games.base import TextGame
-from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS
+from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.climate import biomes, climate
 

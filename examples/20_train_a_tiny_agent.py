@@ -18,8 +18,8 @@ from pathlib import Path
 import tiny_agent
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.exports import export
+from smartplay_tools.statistics.intervals import mean_estimate
 
 GAME = "RockPaperScissorBasic-v0"
 CAPS = (600, 800, 1200, None)  # tokens of a prompt; None is full context

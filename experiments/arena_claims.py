@@ -19,11 +19,12 @@ from page_tables import TOGETHER, Experiment, arguments, complete, markdown_tabl
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimates
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs
 from smartplay_tools.evaluation.analysis.together import bonferroni
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimates
+from smartplay_tools.types.groups import grouped
 
 SEED = 2032
 """Of the runs: their worlds are in no other table."""

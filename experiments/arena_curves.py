@@ -32,11 +32,11 @@ from page_tables import (
 )
 
 import smartplay_tools as sp
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.analysis.pairs import tokens
 from smartplay_tools.evaluation.costs.tariffs import tariffs_of
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record

@@ -19,7 +19,8 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.games.paper_tables import PAPER_SETTINGS
 from smartplay_tools.records import Record
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types.groups import grouped
 
 GAMES = (*PAPER_SETTINGS, "Hanoi4Disk-v0", "MessengerL3-v0")
 PLAYERS = ("random", "rule")

@@ -27,10 +27,11 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     spread,
 )
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimates
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
 from smartplay_tools.evaluation.analysis.together import bonferroni
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import mean_estimates
+from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -31,7 +31,6 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     panels,
     sample_note,
 )
-from smartplay_tools.evaluation.analysis.intervals import USUAL, Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import Measure, paired_difference, sample, score
 from smartplay_tools.evaluation.analysis.remembering import ANSWERS, SURVIVED, tokens_of
 from smartplay_tools.evaluation.analysis.together import bonferroni
@@ -39,7 +38,9 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
 from smartplay_tools.records.remembered import SEEN, UNSEEN
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import USUAL, Bounds, MeanEstimate, Method, mean_estimate
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.messages import text_of
 
 if TYPE_CHECKING:

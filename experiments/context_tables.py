@@ -25,13 +25,14 @@ from page_tables import (
 
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.names import strategy_name
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, differences, paired_difference, tokens
 from smartplay_tools.evaluation.costs.tariffs import Tariff, tariffs_of
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types import STRATEGIES
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 TARIFFS: dict[str, list[Tariff]] = {
     "strategies": tariffs_of(["none", "anthropic-512", "vllm"]),

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from learned_swapped import SWAPPED
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 
 GAME, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"

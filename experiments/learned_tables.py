@@ -15,10 +15,10 @@ from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
 from page_tables import HERE, Experiment, markdown_table
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.distributions import t_quantile
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate
 from smartplay_tools.evaluation.analysis.together import bonferroni
+from smartplay_tools.statistics.distributions import t_quantile
+from smartplay_tools.statistics.intervals import CONFIDENCE, Bounds, MeanEstimate, mean_estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

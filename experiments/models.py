@@ -36,14 +36,15 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     spread,
 )
-from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method
 from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
 from smartplay_tools.types import MISTAKES
+from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

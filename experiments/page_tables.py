@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, mean_estimate
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,10 +25,10 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
 )
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,7 +20,8 @@ from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

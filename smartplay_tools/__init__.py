@@ -25,12 +25,18 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.config import EpisodeConfig as EpisodeConfig
     from smartplay_tools.episode.episode import Episode as Episode
     from smartplay_tools.episode.tools import schema as schema
-    from smartplay_tools.errors import InvalidArgumentError as InvalidArgumentError, SmartPlayError as SmartPlayError
+    from smartplay_tools.errors import (
+        InvalidArgumentError as InvalidArgumentError,
+        PromptOverflowError as PromptOverflowError,
+        SmartPlayError as SmartPlayError,
+    )
     from smartplay_tools.evaluation.runs.runner import evaluate as evaluate
     from smartplay_tools.evaluation.runs.sweeps import sweep as sweep
     from smartplay_tools.games.base import TextGame as TextGame
     from smartplay_tools.games.game_registry import GameSpec as GameSpec
     from smartplay_tools.games.specs import GAMES as GAMES, register as register
+    from smartplay_tools.manager.fitted import FittedPrompt as FittedPrompt
+    from smartplay_tools.manager.manager import ContextManager as ContextManager
     from smartplay_tools.players.player_registry import get_player as get_player
     from smartplay_tools.players.prompt_reading import call as call
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer

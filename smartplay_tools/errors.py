@@ -9,9 +9,10 @@
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
     ├── DiskFullError         a disk has no space left for the records of a run
-    ├── PromptOverflowError   the pinned parts of a prompt do not fit its cap; ends an episode, never reaches users
+    ├── PromptOverflowError   what a prompt cannot leave out does not fit its cap; ends an episode
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
+    ├── PromptRefusedError    a server refuses this one prompt; ends an episode, as its result after the first reply
     ├── ModelCallError        a model gave no reply (in `players.attempts`); ends an episode as player_error
     └── TranscriptError       a file is not a transcript, or cannot be written, read or replayed
 
@@ -22,7 +23,7 @@ errors above, with one sentence that names the remedy. Any other exception is a 
 from __future__ import annotations
 
 import errno
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from smartplay_tools.visible import visible
@@ -35,6 +36,7 @@ __all__ = [
     "MissingExtraError",
     "PlayerLeftError",
     "PromptOverflowError",
+    "PromptRefusedError",
     "ResetNeededError",
     "SmartPlayError",
     "StrategyError",
@@ -69,6 +71,10 @@ class SmartPlayWarning(UserWarning):
 
 class DamageWarning(SmartPlayWarning):
     """A damaged part of a run was left out, and the rest was read; the message names the part."""
+
+
+class ClosingWarning(SmartPlayWarning):
+    """A game, a player or an executor raised an exception while it was closed; what it had done is kept."""
 
 
 class UnknownNameError(SmartPlayError, KeyError):
@@ -107,7 +113,28 @@ class DiskFullError(SmartPlayError):
 
 
 class PromptOverflowError(SmartPlayError):
-    """The pinned parts of a prompt need more than `prompt_tokens`."""
+    """The parts of a prompt that cannot be left out need more than `prompt_tokens`.
+
+    A context manager says which: tools, head, pinned messages and the newest turn, in tokens.
+    """
+
+    parts: Mapping[str, int] = {}
+    """The tokens of each of these parts; empty where an episode has ended."""
+
+    @classmethod
+    def of(cls, cap: int, parts: Mapping[str, int]) -> PromptOverflowError:
+        """Return the error of parts that need more than a cap."""
+        words = ", ".join(f"{name} {tokens:,}" for name, tokens in parts.items())
+        error = cls(
+            f"What cannot be left out takes {sum(parts.values()):,} tokens of {cap:,}: {words}. "
+            "Raise prompt_tokens, or give the agent shorter instructions, fewer tools or shorter messages."
+        )
+        error.parts = dict(parts)
+        return error
+
+
+class PromptRefusedError(SmartPlayError):
+    """A server refuses a prompt, and not its player: it would refuse the same prompt again."""
 
 
 class StrategyError(SmartPlayError):
@@ -157,6 +184,9 @@ def install_command(extra: str = "") -> str:
 
 
 PACKAGE = "smartplay-tools"
+
+PACKAGES = frozenset({"site-packages", "dist-packages"})
+"""The folders of installed packages."""
 
 MOST_LIKE = 3
 """The most similar names that a message lists."""
@@ -217,6 +247,17 @@ SENSELESS = (
 
 
 @contextmanager
+def record_named(what: object = "The record") -> Iterator[None]:
+    """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
+    try:
+        yield
+    except SmartPlayError:
+        raise
+    except SENSELESS as error:
+        raise TranscriptError(f"{what} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
+
+
+@contextmanager
 def damage_named(what: object) -> Iterator[None]:
     """Turn the errors raised while a record is used whose events are out of place into a `DamageError` that names it.
 
@@ -243,6 +284,32 @@ def damage_left_out(what: object) -> Iterator[None]:
             yield
     except DamageError as error:
         warn_damaged(error)
+
+
+@contextmanager
+def warned_if_not_closed(what: object) -> Iterator[None]:
+    """Turn an exception that is raised while something is closed into a warning: it undoes nothing that was done."""
+    import warnings
+
+    try:
+        yield
+    except Exception as error:  # whatever foreign code does at its end
+        why = f"{type(error).__name__}: {in_one_line(error)}{place_of(error)}"
+        warnings.warn(f"{what} could not be closed: {why}.", ClosingWarning, stacklevel=3)
+
+
+def place_of(error: BaseException) -> str:
+    """Return where an error occurred in a user's own code: the innermost line that is in no library, in words."""
+    import sys
+    import traceback
+    from pathlib import Path
+
+    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
+        module, file = frame.f_globals.get("__name__", "").partition(".")[0], Path(frame.f_code.co_filename)
+        is_ours = module.startswith("smartplay_") and not module.startswith("smartplay_file_")
+        if not is_ours and module not in sys.stdlib_module_names and PACKAGES.isdisjoint(file.parts):
+            return f" ({file.name}, line {line})"
+    return ""
 
 
 def warn_damaged(why: SmartPlayError | str) -> None:

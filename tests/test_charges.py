@@ -14,10 +14,10 @@ from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens.tokenizers import with_pictures
 from smartplay_tools.context.turns import with_ids
 from smartplay_tools.errors import TranscriptError, UnknownNameError
-from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.evaluation.costs.charges import calls_under, charge
+from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record
-from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
 from tests import cache_judge, fuzz, scripts
 

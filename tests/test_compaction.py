@@ -21,8 +21,8 @@ from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.players.prompt_reading import call
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record, replay, resume, sent_prompts
-from smartplay_tools.records.prices import Price
 from smartplay_tools.records.requests import requests_of
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.test_continuing import interrupt

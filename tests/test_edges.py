@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import TranscriptError, UnknownNameError
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.games import TextGame
 from smartplay_tools.records import sent_prompts
 
@@ -399,7 +399,7 @@ class TestTokenizersOfRecords:
         with sp.Episode(RPS, seed=1, tokenizer=self.Letters(), transcript=path) as episode:
             sp.play(episode, sp.get_player("rule"))
         assert sp.replay(path, tokenizer=self.Letters()).identical
-        with pytest.raises(UnknownNameError, match="letters"):
+        with pytest.raises(sp.InvalidArgumentError, match=r"tokenizer 'letters'.*in Python tokenizer="):
             sp.replay(path)
         with pytest.raises(sp.InvalidArgumentError, match="was counted with the tokenizer 'letters'"):
             sp.replay(path, tokenizer=self.Letters("others"))

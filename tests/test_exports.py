@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.context.prompts.wording import VERSION, Wording
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.exports import export
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
 

@@ -126,7 +126,7 @@ def test_a_record_with_pictures_is_continued(files, tmp_path):
 
 def test_a_record_of_a_strategy_in_a_file_is_replayed_if_the_file_is_named(files):
     record = "records/strategy-file.jsonl"
-    assert "--strategy" in run("replay", record, code=2).stderr
+    assert "--strategy" in run("replay", record, code=3).stderr
     run("replay", record, "--strategy", STRATEGY)
     run("replay", "strategy-file", "--strategy", STRATEGY)
 

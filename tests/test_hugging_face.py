@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import shutil
+from pathlib import Path
 
 import pytest
 import tokenizers
 from hypothesis import given, strategies as st
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
+from smartplay_tools.cli import app
+from smartplay_tools.context.tokens import TokenCounter, get_tokenizer, tokenizers as named
+from smartplay_tools.records import Record
 
 TEXT = "The player chose Rock, and the opponent chose Paper. You lost and received score -1. "
 
@@ -71,6 +76,62 @@ def test_an_episode_is_played_recorded_and_replayed_with_it(folder, tmp_path):
     sha256 = hashlib.sha256((folder / "tokenizer.json").read_bytes()).hexdigest()
     assert (config["tokenizer"], config["tokenizer_sha256"]) == (f"hf:{folder}", sha256)
     assert sp.replay(tmp_path / "t.jsonl").identical
+
+
+def test_a_record_does_not_open_it_and_its_reader_does(folder, tmp_path, monkeypatch):
+    there, here = tmp_path / "there", tmp_path / "here"
+    shutil.copytree(folder, there)
+    asked = {
+        "games": ["Hanoi3Disk-v0"],
+        "players": ["random"],
+        "trials": 2,
+        "executor": "inline",
+        "out": tmp_path / "run",
+    }
+    run = sp.evaluate(**asked, tokenizer=f"hf:{there}", budgets=sp.Budget(prompt_tokens=2500))
+    record = run.transcript(run.rows[0]["key"])
+    monkeypatch.setattr(named, "_NAMED", {})  # as another process
+    for read in (sp.replay, lambda path: sp.resume(path, transcript=[]), lambda path: sp.fork(path, 1)):
+        with pytest.raises(
+            sp.InvalidArgumentError, match=r"which is not part of this package; name it with --tokenizer"
+        ):
+            read(record)
+    there.rename(here)
+
+    def command(*words):
+        done = CliRunner().invoke(app, list(map(str, words)))
+        return done.exit_code, done.output
+
+    code, output = command("replay", tmp_path / "run")
+    assert (code, "2 of 2 episodes were not replayed" in output, "differ" in output) == (3, True, False)
+    assert command("replay", record)[0] == 3
+    code, output = command("cost", tmp_path / "run", "--cache", "anthropic-512")
+    assert code == 2
+    assert "name it with --tokenizer" in output
+    code, output = command("replay", record, "--tokenizer", "approximate")
+    assert code == 2
+    assert "not with 'approximate'" in output
+    assert command("replay", tmp_path / "run", "--tokenizer", f"hf:{here}")[0] == 0
+    assert command("cost", tmp_path / "run", "--cache", "anthropic-512", "--tokenizer", f"hf:{here}")[0] == 0
+
+
+def test_a_run_that_was_interrupted_is_continued_with_it(folder, tmp_path, monkeypatch):
+    run = sp.evaluate(
+        ["Hanoi3Disk-v0"], ["random"], out=tmp_path, trials=1, executor="inline", tokenizer=f"hf:{folder}"
+    )
+    (finished,) = map(Path, (tmp_path / "episodes").glob("*.jsonl"))
+    (tmp_path / "attempts").mkdir(exist_ok=True)
+    lines = finished.read_bytes().splitlines(keepends=True)
+    (tmp_path / "attempts" / f"{finished.stem}.1.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]))
+    finished.unlink()
+    (tmp_path / "results.jsonl").unlink()
+    monkeypatch.setattr(named, "_NAMED", {})  # as another process
+    again = sp.evaluate(
+        ["Hanoi3Disk-v0"], ["random"], out=tmp_path, trials=1, executor="inline", tokenizer=f"hf:{folder}"
+    )
+    assert again.rows[0]["score"] == run.rows[0]["score"]
+    assert again.status.began_again == 0
+    assert Record.read(finished).resumes
 
 
 def test_it_can_be_pickled(folder):

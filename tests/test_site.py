@@ -42,7 +42,7 @@ ELSEWHERE = {
 """Adapters with an environment of their own, and their pages."""
 
 OF_SUB_PACKAGES = (
-    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "records.prices.Price"),
+    *("evaluation.analysis.summary.summarize", "evaluation.analysis.comparison.compare", "providers.prices.Price"),
     *(
         "evaluation.runs.estimate.estimate",
         "evaluation.analysis.figures.frontier.frontier",

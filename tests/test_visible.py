@@ -29,7 +29,7 @@ from smartplay_tools.records import Record
 from smartplay_tools.terminal import Console
 from smartplay_tools.visible import logger, visible
 from tests.data.foreign import HOSTILE
-from tests.test_architecture import PACKAGE, ROOT, modules, nodes, tree
+from tests.test_architecture import PACKAGE, ROOT, modules, tree
 
 SHOWN = r"\x1b]0;owned\x07 \x00\x08\x0d\x7f\x9b2J \u202etxt\u2069 [/red] $x^$ \ud83d"
 HIDDEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -200,7 +200,7 @@ def test_nothing_passes_by():
         if path in (PACKAGE / "visible.py", PACKAGE / "terminal.py"):
             continue
         is_program = any(ast.unparse(node).startswith("if __name__ == '__main__'") for node in tree(path).body)
-        found = [*shown_unseen(nodes(path), is_command=path.is_relative_to(PACKAGE / "cli") or is_program)]
+        found = [*shown_unseen([*ast.walk(tree(path))], is_command=path.is_relative_to(PACKAGE / "cli") or is_program)]
         assert not found, f"{path.relative_to(ROOT)} shows text by {found}: use smartplay_tools.visible or .terminal"
 
 

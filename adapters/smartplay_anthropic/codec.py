@@ -102,7 +102,7 @@ def reply(answer: Any) -> Reply:
     usage = _usage(sent.get("usage"))
     blocks = sent.get("content")
     if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
-        raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage)
+        raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage, sent.get("error"))
     usage = with_end(usage, sent.get("stop_reason"))
     calls = [_call(block) for block in blocks if block["type"] == "tool_use"]
     text = _joined(blocks, "text")

@@ -29,9 +29,9 @@ from inspect_ai.util import store_as
 from smartplay_inspect.solver import Played
 from smartplay_tools import GAMES, EpisodeResult
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.intervals import mean_estimate
 from smartplay_tools.transcript import write_records
+from smartplay_tools.types.groups import grouped
 
 
 def _values(scores: list[SampleScore]) -> list[float]:

@@ -21,7 +21,7 @@ from pydantic import Field
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
-from smartplay_tools.evaluation.costs.cache_fields import openai_cache_fields
+from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
 
 T = TypeVar("T")

@@ -17,7 +17,7 @@ from smartplay_inspect.solver import smartplay_agent
 from smartplay_tools import GAMES, Budget, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.episode import cell_config
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import PAPER_RESULTS
 
 VERSION = "1"

@@ -10,6 +10,7 @@
 `SmartPlayToolkit` needs only `langchain-core`; it gives the agent the tools and leaves the context to the host.
 `SmartPlayMiddleware` needs `langchain` and owns the context: windows, budgets, order, ends and records are those of
 `smartplay_tools.play`. `GraphSession`, on which the middleware is built, does the same for graphs built by hand.
+`ContextManagerMiddleware` and `FittedModel` hold any other agent to a budget: docs/any-agent.md.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ with extra_named("smartplay_langchain", "langchain"):
 
 if TYPE_CHECKING:
     from smartplay_langchain.chat_model import PlayerChatModel as PlayerChatModel
+    from smartplay_langchain.fitting import (
+        ContextManagerMiddleware as ContextManagerMiddleware,
+        FittedModel as FittedModel,
+    )
     from smartplay_langchain.graph import GraphSession as GraphSession
     from smartplay_langchain.messages import (
         from_langchain as from_langchain,

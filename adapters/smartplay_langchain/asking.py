@@ -91,8 +91,35 @@ def read_reply(message: AIMessage) -> ModelReply:
     return ModelReply(from_langchain(message), usage_of(message), source=message)
 
 
-class WindowedModel:
-    """Replaces a chat model in a request. Everything but the calls that lead to a reply is the model's own.
+class StandIn:
+    """Takes the place of a chat model. Everything but the calls that lead to a reply is the model's own."""
+
+    def __init__(self, model: BaseChatModel) -> None:
+        self._model = model
+
+    @property  # type: ignore[misc]
+    def __class__(self) -> Any:
+        """The class of the model, by which middlewares know its provider."""
+        return type(self._model)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    def request(self, tools: Tools, settings: dict[str, Any]) -> Runnable[LanguageModelInput, AIMessage]:
+        """Return a runnable that makes a prompt and sends it with these tools and settings."""
+        raise NotImplementedError
+
+    def bind_tools(self, tools: Tools, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
+        """Return a runnable that makes a prompt and sends it, with these tools and settings."""
+        return self.request(tools, settings)
+
+    def bind(self, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
+        """Return a runnable that makes a prompt and sends it, with these settings and no tools."""
+        return self.request((), settings)
+
+
+class WindowedModel(StandIn):
+    """Replaces a chat model in a request of an agent that plays.
 
     Arguments:
         model: the model of the request.
@@ -108,25 +135,14 @@ class WindowedModel:
         prepare: Prepare,
         prompt_settings: PromptSettings,
     ) -> None:
-        self._model, self._state, self._prepare = model, state, prepare
+        super().__init__(model)
+        self._state, self._prepare = state, prepare
         self._prompt_settings = prompt_settings
         self.outcome = RequestOutcome()
 
-    @property  # type: ignore[misc]
-    def __class__(self) -> Any:
-        """The class of the model, by which middlewares know its provider."""
-        return type(self._model)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
-
-    def bind_tools(self, tools: Tools, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
+    def request(self, tools: Tools, settings: dict[str, Any]) -> Runnable[LanguageModelInput, AIMessage]:
         """Return a runnable that sends the window to the model, with these tools and settings."""
         return _Request(self, tools, settings)
-
-    def bind(self, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
-        """Return a runnable that sends the window to the model, with these settings and no tools."""
-        return _Request(self, (), settings)
 
 
 class _Request(Runnable[LanguageModelInput, AIMessage]):

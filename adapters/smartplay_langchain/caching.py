@@ -15,7 +15,7 @@ from langchain_core.messages import AnyMessage
 from smartplay_langchain.messages import sendable, to_langchain
 from smartplay_tools import Message, Prompt
 from smartplay_tools.context.prompts import CacheMarks, last_markable, stable_end, with_pictures_below
-from smartplay_tools.evaluation.costs.cache_fields import CacheFields, openai_cache_fields
+from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 ANTHROPIC = {"cache_control": {"type": "ephemeral"}}
 OPENAI = {"prompt_cache_breakpoint": {"mode": "explicit"}}

@@ -32,7 +32,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
-from smartplay_tools.evaluation.quantities import megabytes
+from smartplay_tools.types.quantities import megabytes
 
 if TYPE_CHECKING:
     import tokenizers

@@ -74,7 +74,7 @@ def open_episode(game: str, *, transcript: Path | None, **settings: Any) -> Epis
             f"{transcript} is the record of {recorded.game} with seed {recorded.seed}, not of {game} with seed "
             f"{settings['seed']}; name another file."
         )
-    return resume(transcript).episode
+    return resume(transcript, tokenizer=settings.get("tokenizer")).episode
 
 
 async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) -> Any:

@@ -82,9 +82,11 @@ class ChatCompletions(Interface):
         choice = choice if isinstance(choice, Mapping) else {}
         message, ended = choice.get("message"), choice.get("finish_reason")
         if not isinstance(message, Mapping):
-            raise BrokenAnswerError(error_in(sent, "The completion has no choice with a message"), usage)
+            raise BrokenAnswerError(
+                error_in(sent, "The completion has no choice with a message"), usage, sent.get("error")
+            )
         if ended == "error":
-            raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage)
+            raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage, choice.get("error"))
         try:
             reply = assistant_message(_received(message))
         except InvalidArgumentError as error:

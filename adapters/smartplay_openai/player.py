@@ -28,8 +28,8 @@ from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.evaluation.costs.cache_fields import is_openai, openai_cache_fields
 from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
+from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""

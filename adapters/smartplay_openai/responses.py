@@ -61,7 +61,9 @@ class Responses(Interface):
         usage = read_usage(sent.get("usage"), "input", "output")
         output = sent.get("output")
         if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
-            raise BrokenAnswerError(error_in(sent, "The response has failed, or has no output"), usage)
+            raise BrokenAnswerError(
+                error_in(sent, "The response has failed, or has no output"), usage, sent.get("error")
+            )
         try:
             message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
@@ -80,7 +82,7 @@ class Responses(Interface):
                 answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
                 return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
             if event.get("type") == "error":
-                raise BrokenAnswerError(f"The stream failed: {event.get('message')}.")
+                raise BrokenAnswerError(f"The stream failed: {event.get('message')}.", body=event)
         raise BrokenAnswerError("The stream ended before the reply did.")
 
     def read(self, body: Mapping[str, Any]) -> Prompt:

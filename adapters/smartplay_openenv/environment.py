@@ -28,7 +28,7 @@ from openenv.core.env_server.types import EnvironmentMetadata, Observation, Stat
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
 from smartplay_tools.episode import EpisodeFactory, RewardName
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import get_spec
 from smartplay_tools.types.messages import text_of
 from smartplay_tools.web import Bounded

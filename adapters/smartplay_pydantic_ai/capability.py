@@ -69,7 +69,7 @@ from smartplay_tools.context.prompts import (
 )
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
-from smartplay_tools.evaluation.costs.cache_fields import CacheFields, openai_cache_fields
+from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 
 def cache_key(prompt: Prompt, model: Model, cache: CacheMarks) -> dict[str, Any]:

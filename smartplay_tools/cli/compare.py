@@ -16,7 +16,6 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE
 from smartplay_tools.evaluation.analysis.planning import (
     as_rows as plan_rows,
     of_comparison,
@@ -30,6 +29,7 @@ from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.runs.sweeps import SUMMARY
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import CONFIDENCE
 
 Reference = Annotated[
     str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
@@ -58,6 +58,7 @@ def compare(
     ] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,
+    tokenizer: options.Tokenizers = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:

@@ -18,7 +18,7 @@ from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost
 from smartplay_tools.evaluation.costs.charges import PLACES, Place
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 
 
 def cost(
@@ -31,6 +31,7 @@ def cost(
     price: Annotated[
         str | None, typer.Option(metavar="IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens, for all rules.")
     ] = None,
+    tokenizer: options.Tokenizers = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from smartplay_tools.cli.options import key_values, names, with_options
 from smartplay_tools.context.strategies import KINDS
+from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import STRATEGIES, WORDS, Budget
 
@@ -125,6 +126,8 @@ def with_episode_options(
     }
 
     def pack(asked: dict[str, Any]) -> EpisodeOptions:
+        if asked.get("tokenizer"):  # records that a server continues open none
+            get_tokenizer(asked["tokenizer"])
         lists = {name: _values(name, asked.pop(name)) for name in added if name in vary}
         return EpisodeOptions(
             {name: asked[name] for name in BUDGET if name in asked},

@@ -13,7 +13,6 @@ from typing import Any
 from smartplay_tools.cli.show import compact_table, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
-from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.runs.estimate import (
     SECONDS_A_CALL,
     TOKENS_A_SECOND,
@@ -28,8 +27,9 @@ from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, pri
 from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run
-from smartplay_tools.records.rows import grouped
 from smartplay_tools.terminal import Console, say
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import duration, short
 
 CUT_SHARE = 0.05
 """The share of cut tool results that is worth a warning."""

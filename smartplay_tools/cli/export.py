@@ -34,6 +34,7 @@ def export(
         typer.Option("--pictures", help="Export episodes with pictures, too, and write these as files (sft formats)."),
     ] = False,
     best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
+    tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write finished episodes as training rows, trajectories or Inspect logs.
 

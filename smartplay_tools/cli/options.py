@@ -63,9 +63,23 @@ AllowOrigin = Annotated[
 Plugins = Annotated[
     bool, typer.Option("--plugins", help="Import games of installed packages that records name, to draw them.")
 ]
-GameFile = Annotated[
-    str | None, typer.Option("--game", help="The game that records name, if it is in a file: PATH/FILE.py:NAME.")
+GameFiles = Annotated[
+    list[str] | None,
+    typer.Option("--game", help="A game that records name, if it is in a file: PATH/FILE.py:NAME; repeatable."),
 ]
+
+
+def _opened(names: list[str] | None) -> list[str] | None:
+    """Open the tokenizers that a user names for records, which open none."""
+    from smartplay_tools.context.tokens import get_tokenizer
+
+    for name in names or ():
+        get_tokenizer(name)
+    return names
+
+
+TOKENIZERS = "A tokenizer that records name, if it is no part of this package: hf:PATH_OR_NAME or a name; repeatable."
+Tokenizers = Annotated[list[str] | None, typer.Option("--tokenizer", help=TOKENIZERS, callback=_opened)]
 Caches = Annotated[
     list[str] | None,
     typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
@@ -86,11 +100,11 @@ TranscriptFile = Annotated[
 ]
 
 
-def import_game(game: str | None) -> None:
-    """Import the game in a file that a `GameFile` names, as records import none."""
+def import_games(games: list[str] | None) -> None:
+    """Import the games in files that `GameFiles` name, as records import none."""
     from smartplay_tools.games.specs import load_game
 
-    if game is not None:
+    for game in games or ():
         load_game(game)
 
 

@@ -11,7 +11,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,8 +29,9 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import check_no_credentials
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player, is_model
+from smartplay_tools.players.opening import enter_player
 from smartplay_tools.players.player_registry import second_player, without_second
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.terminal import Console, say
 from smartplay_tools.types import EpisodeResult, Usage
@@ -86,15 +87,15 @@ def play(
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
-        # A player may have connections to close.
-        with who if isinstance(who, AbstractContextManager) else nullcontext(), new_episode as played:
+        for each in (who, second):
+            if each is not None:  # a player may have connections to close
+                enter_player(stack, each)
+        with new_episode as played:
             if page is not None:
                 played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
                 say(f"The episode is shown at {page}", err=True)
                 if open_browser:
                     webbrowser.open(page)
-            if isinstance(second, AbstractContextManager):
-                stack.enter_context(second)
             interrupted = _run(played, who, protocol, second, console, pace, first)
         assert played.result is not None
         _print(played.result, paid, as_json=as_json)

@@ -21,11 +21,11 @@ from rich.table import Table
 
 from smartplay_tools.cli.show import print_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
-from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.evaluation.run_folder.follower import CellSnapshot, RunSnapshot, Spending
 from smartplay_tools.evaluation.runs.run_progress import OnSnapshot
 from smartplay_tools.records.record import Record
 from smartplay_tools.terminal import Console, Text, say
+from smartplay_tools.types.quantities import short
 
 LOG_SECONDS = 60.0
 """Seconds after which a log gets another line."""

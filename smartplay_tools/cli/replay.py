@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -13,13 +13,16 @@ import typer
 from rich.progress import track
 
 from smartplay_tools.cli import options
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, import_named
+from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.replays import replay as run_again
+from smartplay_tools.records.replays import replay_record
 from smartplay_tools.terminal import Console, Text
+
+DIFFERS, NOT_REPLAYED = 1, 3
+"""The exit codes; the first is that of a run in which some episodes differ and some were not replayed, too."""
 
 SHOWN_DIFFERENCES = 3
 """The most differences printed per episode; the first matters, the others mostly follow from it."""
@@ -28,41 +31,50 @@ SHOWN_DIFFERENCES = 3
 def replay(
     path: Annotated[Path, typer.Argument(help="A transcript, or a run's folder.", show_default=False)],
     workers: Annotated[int | None, typer.Option(min=1, help="Episodes of a run at a time.")] = None,
-    tokenizer: Annotated[
-        str | None,
-        typer.Option(help="The tokenizer of the record, if its file was moved: hf:PATH_OR_NAME or a name."),
-    ] = None,
+    tokenizer: options.Tokenizers = None,
     strategy: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="The strategy that the records name, if it is in a file: PATH/FILE.py:CLASS. "
+            help="A strategy that records name, if it is in a file: PATH/FILE.py:CLASS; repeatable. "
             "A compactor is called again, with the recorded replies."
         ),
     ] = None,
-    game: options.GameFile = None,
+    game: options.GameFiles = None,
     as_json: options.Json = False,
 ) -> None:
-    """Play records again and compare them bit for bit; the exit code is 1 if anything differs or is incomplete.
+    """Play records again and compare them bit for bit.
+
+    The exit code is 1 if anything differs or is incomplete, and 3 if nothing does, but something was not replayed: its
+    game, strategy or tokenizer was not named, or its engine or package is not here. What is named is known by its
+    content, so a file may have been moved.
 
     Every finished episode of a run is replayed. An episode that is planned and has no row is missing, whether it is
     paused, running, not begun, or lost.
 
     Example: smartplay-tools replay run.jsonl
     """
-    named = {"game": game, "strategy": strategy}
-    if game is not None or strategy is not None:
+    games, strategies = game or [], strategy or []
+    if games or strategies or tokenizer:
         cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
-        import_named(**named, cells=cells)
+        import_named(games, strategies, cells)
+        check_tokenizers(tokenizer or (), cells)
     if path.is_dir():
-        same = _replay_run(path, workers, tokenizer, named, as_json=as_json)
+        code = _replay_run(path, workers, games, strategies, as_json=as_json)
     else:
-        same = _replay_file(path, tokenizer, calls_compactor=strategy is not None, as_json=as_json)
-    if not same:
-        raise typer.Exit(1)
+        code = _replay_file(path, strategies, as_json=as_json)
+    if code:
+        raise typer.Exit(code)
 
 
-def _replay_file(path: Path, tokenizer: str | None, *, calls_compactor: bool, as_json: bool) -> bool:
-    replayed = run_again(path, tokenizer=tokenizer, calls_compactor=calls_compactor)
+def _replay_file(path: Path, strategies: Sequence[str], *, as_json: bool) -> int:
+    record = Record.read(path, checks_fields=False)
+    try:
+        replayed = replay_record(record, calls_compactor=is_called_again(record.config, strategies))
+    except TranscriptError:
+        raise
+    except SmartPlayError as error:
+        _say(f"not replayed: {error}", stderr=True)
+        return NOT_REPLAYED
     if as_json:
         print(json.dumps({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()}, indent=2))
     elif replayed.identical:
@@ -75,16 +87,16 @@ def _replay_file(path: Path, tokenizer: str | None, *, calls_compactor: bool, as
         _say("differs", "red", f": {replayed.differences[0]}", stderr=True)
     if not as_json and replayed.not_compared is not None:
         _say(replayed.not_compared)
-    return replayed.identical
+    return 0 if replayed.identical else DIFFERS
 
 
 def _replay_run(
-    path: Path, workers: int | None, tokenizer: str | None, named: Mapping[str, str | None], *, as_json: bool
-) -> bool:
+    path: Path, workers: int | None, games: Sequence[str], strategies: Sequence[str], *, as_json: bool
+) -> int:
     folder = RunFolder(path)
     rows = folder.rows()
     progress = Console(stderr=True, quiet=as_json or not Console(stderr=True).is_terminal)
-    going = audit(folder, workers or os.cpu_count() or 1, tokenizer, **named, rows=rows)
+    going = audit(folder, workers or os.cpu_count() or 1, games=games, strategies=strategies, rows=rows)
     shown = track(going, "replaying", len(rows), console=progress, transient=True, disable=progress.quiet)
     findings = sorted(shown, key=lambda finding: finding.key)
     if not findings:
@@ -96,7 +108,9 @@ def _replay_run(
         for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):
             _say(sentence)
         _print_unfinished(folder)
-    return not any(finding.differences for finding in findings)
+    if any(finding.differences for finding in findings):
+        return DIFFERS
+    return NOT_REPLAYED if any(finding.not_replayed for finding in findings) else 0
 
 
 def _print_unfinished(folder: RunFolder) -> None:
@@ -110,11 +124,16 @@ def _print_unfinished(folder: RunFolder) -> None:
 def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
     differing = [finding for finding in findings if finding.differences and finding.has_row]
     missing = [finding for finding in findings if not finding.has_row]
-    total, same = len(findings), len(findings) - len(differing) - len(missing)
+    left = [finding for finding in findings if finding.not_replayed is not None]
+    total, same = len(findings), len(findings) - len(differing) - len(missing) - len(left)
     if same == total:
         _say("identical", "green", f": all {total} episodes of {path}")
     if differing:
         _say(f"{len(differing)} of {total} episodes differ", "red", stderr=True)
+    if left:
+        _say(f"{len(left)} of {total} episodes were not replayed", "yellow", f", {same} are identical", stderr=True)
+        for sentence in sorted({f"{finding.game}: {finding.not_replayed}" for finding in left}):
+            _say(sentence, stderr=True)
     if missing:
         _say(f"{same} of {total} planned episodes are identical; {len(missing)} have no row", "red", stderr=True)
     for finding in (*differing, *(finding for finding in missing if finding.has_record)):

@@ -33,12 +33,13 @@ def report(
         ),
     ] = None,
     plugins: options.Plugins = False,
-    game: options.GameFile = None,
+    game: options.GameFiles = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that read records, where there are many.")
     ] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,
+    tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
 
@@ -50,7 +51,7 @@ def report(
     from smartplay_tools.evaluation.costs.tariffs import tariffs_of
     from smartplay_tools.evaluation.pages.report.page import write_report
 
-    options.import_game(game)
+    options.import_games(game)
     processes = workers or os.cpu_count() or 1
     tariffs = tariffs_of(cache, caches=caches) if cache else ()
     path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
@@ -68,7 +69,7 @@ def share(
     ] = None,
     title: Annotated[str | None, typer.Option(help="The page's title; the record's name if not given.")] = None,
     plugins: options.Plugins = False,
-    game: options.GameFile = None,
+    game: options.GameFiles = None,
 ) -> None:
     """Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.
 
@@ -81,7 +82,7 @@ def share(
 
     if out.suffix not in (".html", ".png", ".gif"):
         raise InvalidArgumentError(f"The name of what is shared ends in .html, .png or .gif, unlike {out}.")
-    options.import_game(game)
+    options.import_games(game)
     span = None if turns is None else _range(turns)
     if out.suffix == ".html":
         path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)

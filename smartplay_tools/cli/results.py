@@ -19,7 +19,6 @@ from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
-from smartplay_tools.evaluation.analysis.intervals import Method
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
@@ -31,6 +30,7 @@ from smartplay_tools.evaluation.analysis.windows import compare_windows, latenci
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.statistics.intervals import Method
 from smartplay_tools.terminal import Console, Text, say
 
 
@@ -54,6 +54,7 @@ def results(
     parquet: Annotated[Path | None, typer.Option(help="Write the same as Parquet, with column types.")] = None,
     cache: options.Caches = None,
     caches: options.CachesFile = None,
+    tokenizer: options.Tokenizers = None,
     weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
     success: Annotated[
         str | None, typer.Option(metavar="'score >= X'", help="Which episodes count as successes of repeats.")

@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.players import is_interactive, is_model
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import unplayed
 from smartplay_tools.terminal import Console, say
 

@@ -6,7 +6,7 @@ import importlib
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ import typer
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.terminal import say
 
 if TYPE_CHECKING:
@@ -35,9 +36,21 @@ ShowSystem = Annotated[
 ]
 
 
+Upstream = Annotated[
+    str | None,
+    typer.Option(help="Without a game: the base URL of a model's server, whose prompts are held to the budget."),
+]
+TokensOfParts = Annotated[int | None, typer.Option(help="With --upstream: the tokens of each picture.")]
+ExtraTokens = Annotated[
+    int | None, typer.Option(help="With --upstream: the tokens of each part or tool that only the provider can count.")
+]
+
+
 @with_episode_options(without=("protocol", *OF_RUNS))
 def window(
-    game: options.Game,
+    game: Annotated[
+        str | None, typer.Argument(help="The id of a game; none with --upstream.", show_default=False)
+    ] = None,
     player: Annotated[str, typer.Option(help="Who plays: openai:MODEL, anthropic:MODEL, rule, ...")] = "rule",
     base_url: options.BaseUrl = None,
     seed: Annotated[int, typer.Option(help="Seed of the first episode or, with --out, of the run.", min=0)] = 0,
@@ -58,6 +71,9 @@ def window(
     idle: Annotated[
         float, typer.Option(help="Without --out: close a begun episode after N seconds without a request.")
     ] = 1800.0,
+    upstream: Upstream = None,
+    picture_tokens: TokensOfParts = None,
+    extra_tokens: ExtraTokens = None,
     out: Annotated[
         Path | None,
         typer.Option(help="The folder of a run: its seeds are those of `eval`, and the same command continues it."),
@@ -71,8 +87,23 @@ def window(
     model smartplay/HANDLE, its tools those of the MCP address; Anthropic's clients take the address without /v1. Each
     episode that ends is printed with its score.
 
+    With --upstream there is no game: any client of chat completions, Responses or Messages whose base URL is the
+    printed address is held to the budget, and everything else passes to the upstream as it is.
+
     Example: smartplay-tools serve window Hanoi3Disk-v0 --player openai:gpt-4o-mini --prompt-tokens 2000
+
+    Example: smartplay-tools serve window --upstream https://api.openai.com/v1 --prompt-tokens 8000
     """
+    if upstream is not None:
+        if game is not None:
+            raise InvalidArgumentError(f"--upstream serves an agent of yours, without a game; leave out {game}.")
+        tokens = {"picture_tokens": picture_tokens, "extra_tokens": extra_tokens}
+        _serve_upstream(upstream, episode, host=host, port=port, hosts=allow_host or (), tokens=tokens)
+        return
+    if game is None:
+        raise InvalidArgumentError(
+            "Name a game, or with --upstream the server of a model; `smartplay-tools games` lists games."
+        )
     shown: dict[str, Any] = {"only_game_tools": only_game_tools, "show_system": show_system}
     endpoint = open_endpoint(
         *(player, base_url, seed),
@@ -95,6 +126,27 @@ def window(
         _serve_run(endpoint, plan_of(game, config, episodes, seed, episode), config, offered, out)
         return
     _serve_episodes(endpoint, game, range(seed, seed + episodes), episode)
+
+
+def _serve_upstream(
+    upstream: str, episode: EpisodeOptions, *, host: str, port: int, hosts: Sequence[str], tokens: Mapping[str, Any]
+) -> None:
+    """Hold every client to the budget until Ctrl-C; print every prompt that did not fit as a whole."""
+    from smartplay_tools.manager import ContextManager, FittedPrompt
+
+    def tell(path: str, prompt: FittedPrompt) -> None:
+        left = {"dropped": prompt.dropped, "masked": prompt.masked, "cut": prompt.cut, "repaired": prompt.repaired}
+        words = ", ".join(f"{len(numbers)} {what}" for what, numbers in left.items() if numbers)
+        if words:
+            say(f"{path}  {prompt.tokens:,} tokens; messages: {words}")
+
+    tokenizer = episode.conditions.get("tokenizer")
+    manager = ContextManager.of(episode.budget, tokenizer=tokenizer, **tokens)
+    gateway = importlib.import_module("smartplay_gateway")
+    endpoint = gateway.ContextEndpoint(upstream, manager, host=host, port=port, hosts=hosts, told=tell)
+    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {upstream}; stop with Ctrl-C)")
+    with suppress(KeyboardInterrupt):
+        endpoint.run()
 
 
 def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) -> Any:

@@ -59,7 +59,7 @@ def view(
         ),
     ] = None,
     plugins: options.Plugins = False,
-    game: options.GameFile = None,
+    game: options.GameFiles = None,
     annotate: Annotated[
         bool, typer.Option("--annotate", help="Let visitors write notes about turns, kept beside the records.")
     ] = False,
@@ -77,7 +77,7 @@ def view(
     from smartplay_tools.web.site import RunList, ViewServer
 
     playing, begin, to_play = _playing(context, play, out, episode, seed=seed, pictures=pictures)
-    options.import_game(game)
+    options.import_games(game)
     own = () if playing is None else (playing.folder,)
     runs = RunList(folders or ([] if playing else [Path()]), own=own)
     where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}

@@ -41,7 +41,7 @@ from smartplay_tools.types import ResolvedBudget, ToolSpec
 from smartplay_tools.types.messages import Message, calls_of, copy_of, pictures_of, text_of
 
 if TYPE_CHECKING:
-    from smartplay_tools.conversation.ids import CallIds
+    from smartplay_tools.types.call_ids import CallIds
 
 Answered: TypeAlias = "Generator[list[Piece], Message | ContextOverflowError | None, list[Piece]]"
 """A compactor that makes a prompt: it yields the messages of questions, and returns those that come back."""

@@ -20,12 +20,19 @@ from typing import Any, TypeVar
 from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import View
-from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError, PlayerLeftError, PromptOverflowError, StrategyError, name_of
+from smartplay_tools.errors import (
+    InvalidArgumentError,
+    PlayerLeftError,
+    PromptOverflowError,
+    PromptRefusedError,
+    StrategyError,
+    name_of,
+)
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
+from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
@@ -223,13 +230,16 @@ class BaseConversation(ABC):
     def give_up(self, error: Exception) -> None:
         """End the episode because its player gives no reply; what the error's `usage` says is counted, if it has one.
 
-        A `PlayerLeftError` ends it as `closed`, any other as `player_error`.
+        A `PlayerLeftError` ends it as `closed`. A `PromptRefusedError` after the first reply ends it as `host`: the
+        result of a model that cannot go on. Any other error ends it as `player_error`.
         """
         usage = getattr(error, "usage", None)
         if isinstance(usage, Usage):
             self.spend(usage)
         if isinstance(error, PlayerLeftError):
             self.episode.end("closed")
+        elif isinstance(error, PromptRefusedError) and self.episode.stats.turns:
+            self.episode.end("host", detail=str(error))
         else:
             self.episode.end("player_error", error)
 
@@ -286,8 +296,18 @@ class BaseConversation(ABC):
         prefix = common_beginning(view.forms, self._shown_before, is_equal=True)
         self._shown_before = view.forms
         messages = tuple(map(message_of, view.forms))
-        facts = view.purpose, self._cache_key, self._shown_pictures(view), self.episode.words.version
-        return Pending(view, max_tokens, partial(Prompt, messages, view.tools, max_tokens, prefix, *facts))
+        prompt = partial(
+            Prompt,
+            messages,
+            tools=view.tools,
+            max_tokens=max_tokens,
+            prefix_messages=prefix,
+            purpose=view.purpose,
+            cache_key=self._cache_key,
+            pictures=self._shown_pictures(view),
+            version=self.episode.words.version,
+        )
+        return Pending(view, max_tokens, prompt)
 
     def _shown_pictures(self, view: View) -> Mapping[str, Picture]:
         """The pictures in a view, by their sha256."""

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context.strategies.custom import load_strategy, name_on_record, refused_with
+from smartplay_tools.context.tokens import Tokenizer, get_tokenizer
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
+from smartplay_tools.context.tokens.tokenizers import recorded_tokenizer, split_rule, with_pictures
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
 from smartplay_tools.episode.config import RULES, CellConfig, Rules, Setting, read_rules
@@ -109,6 +111,29 @@ def most_calls(cell: CellConfig) -> int:
     """Return the calls to the player in the longest episode that the game allows, one of them for the manual."""
     rollout = cell.setting.rollout
     return 2 * rollout if cell.protocol == "paper" else rollout + 1
+
+
+def counter_of(config: CellConfig, given: str | Tokenizer | None = None, *, is_recorded: bool) -> TokenCounter:
+    """Return the counter of a config; `given` is the tokenizer that a user names for it, where it is another object.
+
+    A config that `is_recorded` opens no tokenizer: see `recorded_tokenizer`.
+    """
+    if given is not None and (rule := split_rule(config.tokenizer)[1]) is not None:
+        given = with_pictures(get_tokenizer(given), rule)
+    if given is None:
+        named = config.tokenizer, config.tokenizer_sha256
+        given = recorded_tokenizer(*named) if is_recorded else config.tokenizer
+    counter = shared_counter(given, config.prompts)
+    # The file may have been moved; only its content matters.
+    asked, found = config.tokenizer, counter.tokenizer.name
+    if config.tokenizer_sha256 is not None:
+        asked, found = config.tokenizer_sha256, sha256_of(counter) or found
+    if asked != found:
+        raise InvalidArgumentError(
+            f"The record was counted with the tokenizer {config.tokenizer!r} ({asked}), "
+            f"not with {counter.tokenizer.name!r} ({found})."
+        )
+    return counter
 
 
 def sha256_of(counter: TokenCounter) -> str | None:

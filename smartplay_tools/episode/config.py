@@ -34,7 +34,7 @@ from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.game_registry import GameSpec, Scoring
-from smartplay_tools.games.specs import GAMES, get_spec, recorded_game
+from smartplay_tools.games.specs import GAMES, recorded_game
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget, Cap, CarriedStore, ObservationForm, Recorded, RecordedBudget, ResolvedBudget
 
@@ -174,13 +174,18 @@ class CellConfig(Rules):
     @property
     def registered(self) -> GameSpec:
         """The setting as it is here: registered under its id, or read from the file of this digest."""
-        return get_spec(self.game) if self.game_file is None else recorded_game(self.game_file, self.game_sha256)
+        return GAMES[self.game] if self.game_file is None else recorded_game(self.game_file, self.game_sha256)
 
-    def make_game(self, spec: GameSpec) -> TextGame:
-        """Build the game, before its first reset. `spec` is the setting, which need not be registered."""
+    def make_game(self, spec: GameSpec, *, is_recorded: bool = False) -> TextGame:
+        """Build the game, before its first reset. `spec` is the setting, which need not be registered.
+
+        A config that `is_recorded` can come from a stranger: the places that its options name are not opened.
+        """
         engine = {} if self.engine is None else {"engine": self.engine}
         history = spec.history if self.budget.history == "game" else self.budget.history
-        options = spec.load().options_from_record(self.options)
+        kind = spec.load()
+        hidden = kind.places if is_recorded else ()
+        options = kind.options_from_record({name: v for name, v in self.options.items() if name not in hidden})
         game = spec.make(**options, **engine, history=history)
         game.shows_pictures = self.observation != "text"
         return game

@@ -19,11 +19,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, Self, get_args
 
-from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
+from smartplay_tools.context.tokens import TokenCounter, Tokenizer
 from smartplay_tools.context.tokens.counter import picture_counter, shared_counter
-from smartplay_tools.context.tokens.tokenizers import split_rule, with_pictures
 from smartplay_tools.episode.carried import Carried
-from smartplay_tools.episode.cells import cell_config, sha256_of
+from smartplay_tools.episode.cells import cell_config, counter_of
 from smartplay_tools.episode.config import (
     BatchPolicy,
     ContextOwner,
@@ -35,7 +34,7 @@ from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.ledger import Ledger, Listener
 from smartplay_tools.episode.tools import tool_functions
 from smartplay_tools.errors import InvalidArgumentError, check_choice
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.transcript.events import Event
@@ -131,24 +130,13 @@ class Episode:
     ) -> Self:
         """Return the episode of a config; `tokenizer` is required if the config names a custom tokenizer object.
 
-        A config that `is_recorded` does not decide what is imported: see `recorded_strategy`. `carried` is what the
-        episode takes over from the trial before it, where its rules have `carry`. `strategy` stands for the custom
-        strategy that the config names, which is then not imported.
+        A config that `is_recorded` opens and imports nothing that the user has not named: see `recorded_strategy` and
+        `recorded_tokenizer`. `carried` is what the episode takes over from the trial before it, where its rules have
+        `carry`. `strategy` stands for the custom strategy that the config names, which is then not imported.
         """
         if carried is not None and config.carry is None:
             raise InvalidArgumentError("An episode whose rules do not have carry takes nothing over from another one.")
-        if tokenizer is not None and (rule := split_rule(config.tokenizer)[1]) is not None:
-            tokenizer = with_pictures(get_tokenizer(tokenizer), rule)
-        counter = shared_counter(config.tokenizer if tokenizer is None else tokenizer, config.prompts)
-        # The file may have been moved; only its content matters.
-        asked, given = config.tokenizer, counter.tokenizer.name
-        if config.tokenizer_sha256 is not None:
-            asked, given = config.tokenizer_sha256, sha256_of(counter) or given
-        if asked != given:
-            raise InvalidArgumentError(
-                f"The record was counted with the tokenizer {config.tokenizer!r} ({asked}), "
-                f"not with {counter.tokenizer.name!r} ({given})."
-            )
+        counter = counter_of(config, tokenizer, is_recorded=is_recorded)
         episode = cls.__new__(cls)
         episode._open(
             config, config.spec, counter, transcript, is_recorded=is_recorded, carried=carried, strategy=strategy
@@ -170,7 +158,7 @@ class Episode:
         """What it takes over from the trial before it in its chain; None for nothing."""
         self.spec, self.counter = spec, counter
         began = time.perf_counter()
-        self.game = config.make_game(spec)
+        self.game = config.make_game(spec, is_recorded=is_recorded)
         try:
             self.game.reset(seed=config.seed)
             session = GameSession(spec, self.game, config, counter, carried)
@@ -180,7 +168,7 @@ class Episode:
                 session.strategies.custom = strategy
             writer = None if transcript is None else TranscriptWriter(transcript)
         except BaseException:
-            self.game.close()
+            close_game(self.game)
             raise
         session.game_seconds = time.perf_counter() - began
         self.words = session.words
@@ -373,7 +361,7 @@ class Episode:
             finally:
                 if self.ledger.writer is not None:
                     self.ledger.writer.close()
-                self.game.close()
+                close_game(self.game)
 
     def __enter__(self) -> Self:
         return self

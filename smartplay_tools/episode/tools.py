@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
 from smartplay_tools.context.strategies.base import StrategyTool
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import MEMORY_TOOL, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import Arguments, as_text, is_strict, number_as_text, text_parameters
@@ -168,7 +168,7 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
     try:
         return Tools(made, Wording.of(VERSION)).specs
     finally:
-        made.close()
+        close_game(made)
 
 
 def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:

@@ -100,6 +100,7 @@ class TextGame(gymnasium.Env[str, Any]):
         hash_every: the number of steps from one state hash of a record to the next, a constant of the game.
         is_slow: whether a step may take so long that an event loop should not wait for it.
         options: the names of the keyword arguments that users of a setting may give.
+        places: those of them that name a file or a folder; what a record names with them is not opened.
         engines: the engines that can run the game, the default first; empty if there is only one.
         picture_engines: the engines on which an observation can be a picture; (None,) for a game without engines.
         shows_pictures: whether observations are pictures, too, which is set before the first reset.
@@ -113,6 +114,7 @@ class TextGame(gymnasium.Env[str, Any]):
     hash_every: ClassVar[int] = 1
     is_slow: ClassVar[bool] = False
     options: ClassVar[tuple[str, ...]] = ()
+    places: ClassVar[tuple[str, ...]] = ()
     engines: ClassVar[tuple[str, ...]] = ()
     picture_engines: ClassVar[tuple[str | None, ...]] = ()
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal
 
-from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, UnknownNameError, warned_if_not_closed
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
 from smartplay_tools.games.paper_tables import normalize
 from smartplay_tools.registry import declared_in, load_declared, package_of, resolve
@@ -162,6 +162,12 @@ class GameSpec(Scoring):
     def __getstate__(self) -> dict[str, Any]:
         # The benchmark's ratings are read-only views, which do not pickle.
         return {**vars(self), "challenges": dict(self.challenges)}
+
+
+def close_game(game: TextGame) -> None:
+    """Close a game, whose environment or engine may raise anything: that is a `ClosingWarning`."""
+    with warned_if_not_closed(f"The game {type(game).__name__}"):
+        game.close()
 
 
 PACKS = ("smartplay_popgym:CARDS", "smartplay_popgym:LABYRINTHS", "smartplay_minigrid:ROOMS")

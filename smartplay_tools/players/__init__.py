@@ -5,6 +5,7 @@ prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
 environment      keys and proxies, checked before anything is asked
 optional_fields  what a server that refuses a part of a request is asked without
+server_errors    whose error it is that a server reports: the model's, the prompt's, the player's, or only this moment's
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
 
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
     from smartplay_tools.players.attempts import (
         BrokenAnswerError as BrokenAnswerError,
         ModelCallError as ModelCallError,
+        ModelPromptError as ModelPromptError,
         count_in as count_in,
         error_in as error_in,
+        given_up as given_up,
         plain_answer as plain_answer,
         reported_in as reported_in,
         with_end as with_end,
@@ -34,11 +37,12 @@ if TYPE_CHECKING:
         PLAYERS as PLAYERS,
         get_player as get_player,
         is_interactive as is_interactive,
-        is_model as is_model,
         player_names as player_names,
     )
     from smartplay_tools.players.prompt_reading import Reading as Reading, call as call
     from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
+    from smartplay_tools.players.server_errors import ServerError as ServerError, server_error as server_error
+    from smartplay_tools.providers.model_names import is_model as is_model
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

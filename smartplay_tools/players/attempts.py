@@ -11,12 +11,14 @@ import random
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from email.utils import parsedate_to_datetime
 from typing import Any
 from urllib.parse import urlsplit
 
-from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.types import Usage
+from smartplay_tools.errors import PromptRefusedError, SmartPlayError
+from smartplay_tools.players.server_errors import ServerError, ends, server_error
+from smartplay_tools.types import Reply, Usage
 
 LONGEST_PAUSE = 8.0
 """Seconds at which the pauses stop doubling."""
@@ -24,38 +26,37 @@ LONGEST_PAUSE = 8.0
 LONGEST_WISH = 60.0
 """The request is not retried if the server asks for a longer pause than this."""
 
-RETRIED = (408, 409, 429)
-"""HTTP statuses below 500 that are worth a retry; all statuses from 500 on are."""
-
-
-REFUSED = (401, 402, 403, 404)
-"""Statuses with which a server refuses every request of this player."""
-
-REFUSED_CODES = ("insufficient_quota", "invalid_api_key", "model_not_found")
-"""Error codes with the same meaning, which come with other statuses."""
-
 
 class ModelCallError(SmartPlayError):
     """A model gave no reply. The message has the number of attempts and the reason; `usage` is their cost."""
 
     def __init__(self, usage: Usage, error: Exception) -> None:
         times = "1 attempt" if usage.requests == 1 else f"{usage.requests} attempts"
-        reason = str(error).rstrip(".")
+        said, reason = server_error(error), str(error).rstrip(".")
+        for words in (words.rstrip(".") for words in said.words):  # of a provider behind a gateway
+            if words not in reason and repr(words)[1:-1] not in reason:
+                reason = f"{reason}: {words}"
         if (url := _asked(error)) and url not in reason:
             reason = f"{reason} ({url})"
-        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}{_remedy(error)}")
+        super().__init__(f"No reply from the model in {times}: {type(error).__name__}: {reason}{_remedy(error, said)}")
         self.usage = usage
 
 
-def _remedy(error: Exception) -> str:
+REMEDIES = {
+    "quota": "The account behind the key has nothing left to spend",
+    "key": "Check the key, which is read from a variable such as OPENAI_API_KEY",
+    "model": "Check the model's name and --base-url, which ends in /v1 as a rule",
+    "moderation": "A filter of the provider refuses this prompt",
+    "context": "The model's context{tokens} is full; --prompt-tokens keeps prompts and replies within it",
+}
+"""What a user can do, by what an error is about."""
+
+
+def _remedy(error: Exception, said: ServerError) -> str:
     """What a user can do about an error, after the sentence that reports it."""
-    status, code = status_of(error), getattr(error, "code", None)
-    if code == "insufficient_quota" or status == 402:
-        return ". The account behind the key has nothing left to spend"
-    if code == "invalid_api_key" or status in (401, 403):
-        return ". Check the key, which is read from a variable such as OPENAI_API_KEY"
-    if code == "model_not_found" or status == 404:
-        return ". Check the model's name and --base-url, which ends in /v1 as a rule"
+    if said.about in REMEDIES:
+        tokens = "" if said.tokens is None else f" of {said.tokens:,} tokens"
+        return f". {REMEDIES[said.about].format(tokens=tokens)}"
     return ". Is the server running at this address?" if type(error).__name__ == "APIConnectionError" else ""
 
 
@@ -63,13 +64,36 @@ class ModelRefusedError(ModelCallError):
     """A server refuses every request of this player: the key, the address or the model's name is wrong."""
 
 
+class ModelPromptError(ModelCallError, PromptRefusedError):
+    """A server refuses this one prompt, which the model's context cannot hold."""
+
+
+class ModelFilterError(ModelPromptError):
+    """A filter of the provider refuses this one prompt, which is counted."""
+
+    def __init__(self, usage: Usage, error: Exception) -> None:
+        super().__init__(usage.model_copy(update={"refused": 1}), error)
+
+
+PROMPT_ERRORS = {"context": ModelPromptError, "moderation": ModelFilterError}
+"""How a refused prompt is raised, by what the refusal is about."""
+
+
+def given_up(error: Exception) -> Exception:
+    """Return what an episode is given up with (`BaseConversation.give_up`) after an error of a framework's client."""
+    about = "" if isinstance(error, ModelCallError) else server_error(error).about
+    return PROMPT_ERRORS[about](Usage(), error) if about in PROMPT_ERRORS else error
+
+
 class BrokenAnswerError(Exception):
     """A server's answer is not a reply: it has no choices, its stream ends early, or it is something else."""
 
-    def __init__(self, problem: str, usage: Usage | None = None) -> None:
+    def __init__(self, problem: str, usage: Usage | None = None, body: Any = None) -> None:
         super().__init__(problem)
         self.usage = usage
         """The usage that the provider reports for it, if any."""
+        self.body = body
+        """The error that the answer holds in place of a reply, if it does."""
 
 
 def plain_answer(answer: Any) -> dict[str, Any]:
@@ -94,23 +118,13 @@ def error_in(answer: Mapping[str, Any], problem: str) -> str:
     return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
 
 
-_ENDS: Mapping[str, str] = {
-    **dict.fromkeys(("length", "model_length", "max_tokens", "max_output_tokens"), "cut"),
-    "model_context_window_exceeded": "cut",
-    **dict.fromkeys(("refusal", "content_filter", "safety", "recitation", "prohibited_content"), "refused"),
-    "malformed_function_call": "broken_calls",
-    "pause_turn": "paused",
-}
-"""The count of `Usage` for each reason for which a reply ended, in small letters."""
-
-
 def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
     """Return a usage that counts for which reasons its reply ended, wherever its provider says so.
 
     Gemini's endpoint joins two in one text: "function_call_filter: MALFORMED_FUNCTION_CALL".
     """
     said = [part for reason in reasons if isinstance(reason, str) for part in reason.lower().split(": ")]
-    counts = dict.fromkeys((_ENDS[part] for part in said if part in _ENDS), 1)
+    counts = dict.fromkeys((ends()[part] for part in said if part in ends()), 1)
     return (usage or Usage()).model_copy(update=counts) if counts else usage
 
 
@@ -148,15 +162,28 @@ class Attempts:
         spent = self._spent if last is None else self._spent + last
         return spent.model_copy(update={"requests": self._made})
 
+    def broken_call(self, error: Exception) -> Reply | None:
+        """Return the reply that an error was, if it is a call of the model that the server could not read."""
+        said, charged = server_error(error), getattr(error, "usage", None)
+        if said.whose != "model":
+            return None
+        reply = said.as_reply(charged if isinstance(charged, Usage) else None)
+        return replace(reply, usage=self.usage(reply.usage))
+
     def pause(self, error: Exception) -> float:
         """Return the seconds to wait before asking again; raise `ModelCallError` if that is pointless."""
         charged = getattr(error, "usage", None)
         if isinstance(charged, Usage):
             self._spent += charged
-        wish = _wish(error)
-        if _is_refused(error):
+        said, wish = server_error(error), _wish(error)
+        wish = said.wait if wish is None else wish
+        if said.whose == "player":
             raise ModelRefusedError(self.usage(None), error) from error
-        if self._made > self._retries or not _may_pass(error) or (wish or 0) > LONGEST_WISH:
+        if said.about in PROMPT_ERRORS:
+            raise PROMPT_ERRORS[said.about](self.usage(None), error) from error
+        advice = _headers(error).get("x-should-retry")
+        may_pass = advice == "true" or (advice != "false" and said.whose == "moment")
+        if self._made > self._retries or not may_pass or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self.usage(None), error) from error
         pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
         return pause if wish is None else max(wish, 0.0)
@@ -179,22 +206,6 @@ def status_of(error: Exception) -> int | None:
     response = getattr(error, "response", None)
     status = getattr(error, "status_code", None) or getattr(response, "status_code", None)
     return status if isinstance(status, int) and status >= 400 else None
-
-
-def _is_refused(error: Exception) -> bool:
-    """Whether no request of this player can succeed: access is denied, or the requested model does not exist."""
-    return status_of(error) in REFUSED or getattr(error, "code", None) in REFUSED_CODES
-
-
-def _may_pass(error: Exception) -> bool:
-    """Whether the same request may succeed if it is retried."""
-    status = status_of(error)
-    if status is None:
-        return True
-    advice = _headers(error).get("x-should-retry")
-    if advice in ("true", "false"):
-        return bool(advice == "true")
-    return status in RETRIED or status >= 500
 
 
 def _wish(error: Exception) -> float | None:

@@ -3,7 +3,8 @@
 A reply takes one request, or several if the server is busy or the connection fails. Client libraries retry without
 reporting how often, so a player disables their retries and makes its own: with pauses, as the server asks for them, and
 with each request counted in the reply's usage. A model that cannot be reached ends the episode as `player_error`, which
-is recorded and never counts as a move.
+is recorded and never counts as a move. Whose error it is that a server reports, `server_errors` says: a call that it
+could not read is a reply of the model.
 
 An adapter for another provider defines how a request is made and sent (`docs/other-frameworks.md`).
 """
@@ -141,6 +142,8 @@ class ModelPlayer(ABC):
             except Exception as error:
                 if not self.failed(error):
                     raise
+                if (broken := attempts.broken_call(error)) is not None:
+                    return broken
                 pause = 0.0 if self.mended(request, error) else attempts.pause(error)
             time.sleep(pause)
 
@@ -156,6 +159,8 @@ class ModelPlayer(ABC):
             except Exception as error:
                 if not self.failed(error):
                     raise
+                if (broken := attempts.broken_call(error)) is not None:
+                    return broken
                 pause = 0.0 if self.mended(request, error) else attempts.pause(error)
             await asyncio.sleep(pause)
 

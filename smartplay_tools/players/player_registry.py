@@ -38,7 +38,7 @@ def takes_seed(factory: Callable[..., Any]) -> bool:
 
 PLAYERS: dict[str, str] = {
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
-    "blind": "smartplay_tools.evaluation.runs.players:BlindPlayer",
+    "blind": "smartplay_tools.evaluation.runs.blind:BlindPlayer",
     "first": "smartplay_tools.players.scripted:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
@@ -52,9 +52,6 @@ PLAYERS: dict[str, str] = {
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
 }
 """The players of this package: name -> location of the class."""
-
-BLIND = "blind"
-"""The player whose argument is a run to replay, not a model."""
 
 ENTRY_POINTS = "smartplay_tools.players"
 """The group under which other packages declare players."""
@@ -105,11 +102,6 @@ def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPla
         problem = str(error).partition("\n")[0].rstrip(".")
         raise InvalidArgumentError(f"The player {name!r} cannot be made: {problem}.") from error
     return player
-
-
-def is_model(name: str) -> bool:
-    """Return whether a name is that of a player with a model behind it, such as `openai:MODEL`."""
-    return ":" in name and not is_in_file(name) and not name.startswith(f"{BLIND}:")
 
 
 def is_interactive(name: str) -> bool:

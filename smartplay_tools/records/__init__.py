@@ -6,7 +6,6 @@ driver, replays    a record played again on a new game and compared; the picture
 resumption         an episode continued from its record, and what a trial leaves to the next one
 accounts           where the tokens of prompts went, how turns were shown, and why they left
 rows               the results of episodes as plain data
-prices             what tokens cost
 spent              what the events of a record add up to, and what runs have used
 requests           the requests that an episode sent, as a provider's cache saw them
 

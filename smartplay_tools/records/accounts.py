@@ -2,7 +2,7 @@
 
 Budget tokens of messages add up, so a prompt is the sum of its parts to the token, and what a turn would have needed is
 known for prompts that it was not in. Only records of conversations that were counted with a tokenizer of this package
-have accounts: any other name in a record could cause a download. `shown_turns` needs no tokenizer: it says what a
+have accounts: any other would have to be named by the reader. `shown_turns` needs no tokenizer: it says what a
 prompt showed of each turn before it, as a word for each turn.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate, pairwise
 from operator import add, sub
 from typing import Literal
@@ -21,9 +21,9 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
-from smartplay_tools.context.tokens import DEFAULT_TOKENIZER, PRIMING
+from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.context.tokens.tokenizers import split_rule
+from smartplay_tools.context.tokens.tokenizers import ships
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.view import numbers_in, with_manual
 from smartplay_tools.records.prompts import oldest_of, rewritten_prompts, selection_of
@@ -48,9 +48,6 @@ PARTS = {
 was read; the summary includes the request for one; notes are the calls that take them."""
 
 _TASK, _MANUAL, _SUMMARY, _NOTES, _WORDS, _CALLS, _OBSERVATIONS, _MASKED, _OTHER, _TEXTS = range(len(PARTS))
-
-COUNTED_WITH = (DEFAULT_TOKENIZER, "approximate")
-"""The tokenizers that count without a downloaded file."""
 
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
@@ -98,7 +95,7 @@ class Accounts:
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
         """Return the accounts of a record; None if it has none."""
-        if record.is_paper or not record.views or split_rule(record.config.tokenizer)[0] not in COUNTED_WITH:
+        if record.is_paper or not record.views or not ships(record.config.tokenizer):
             return None
         return cls(record)
 
@@ -219,19 +216,19 @@ class Accounts:
         room = None if cap is None else cap - view["tokens"]
         for turn in reversed(gone):
             age = step - turns[turn].step
-            facts = (turn, view["turn"])
+            left = partial(Departure, turn=turn, prompt=view["turn"], needs=needs[turn], age=age)
             if budget.strategy is not None:
-                yield Departure(*facts, "choice", needs[turn], age)
+                yield left(reason="choice")
             elif turn < run:
-                yield Departure(*facts, "pin", needs[turn], age)
+                yield left(reason="pin")
             elif history is not None and age > history:
-                yield Departure(*facts, "history", needs[turn], age, keeps=age)
+                yield left(reason="history", keeps=age)
             elif budget.slack == 0 and cap is not None and room is not None:
-                yield Departure(*facts, "full", needs[turn], age, free=room, keeps=cap + needs[turn] - room)
+                yield left(reason="full", free=room, keeps=cap + needs[turn] - room)
             elif cap is not None and unmoved > cap:
-                yield Departure(*facts, "full", needs[turn], age, keeps=unmoved)
+                yield left(reason="full", keeps=unmoved)
             else:
-                yield Departure(*facts, "block", needs[turn], age)
+                yield left(reason="block")
             if room is not None:
                 room -= needs[turn]
 

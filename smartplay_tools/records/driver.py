@@ -6,6 +6,7 @@ contents of each prompt, counts) is produced again. Any difference between the t
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
+from smartplay_tools.errors import TranscriptError, record_named
 from smartplay_tools.records.prompts import is_compacted
 from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, purpose_of
 from smartplay_tools.transcript.file import MemoryRecord
@@ -51,6 +53,8 @@ compared), and the text of an exception. The chain includes them, so it is not c
 LATER = frozenset({("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts")})
 """What records of older versions do not have."""
 
+SHA256 = re.compile("[0-9a-f]{64}")
+
 NOT_REPLAYED = ("resume", "exception")
 """Events about the record itself."""
 
@@ -61,6 +65,7 @@ class Driver:
     `differences` compares the new record with the one that was fed.
     """
 
+    @record_named()
     def __init__(
         self,
         recorded: Sequence[Event],
@@ -247,8 +252,13 @@ def _rewritings(events: Iterable[Event]) -> Iterator[tuple[bool, list[Any] | Non
 
 
 def picture_names(events: Iterable[Event]) -> Iterator[str]:
-    """Yield the sha256 of every picture that a result of a record shows."""
-    return (event["data"]["picture"]["sha256"] for event in events if "picture" in event.get("data", ()))
+    """Yield the sha256 of every picture that a result of a record shows; files have these names."""
+    for event in events:
+        if "picture" in event.get("data", ()):
+            name = str(event["data"]["picture"]["sha256"])
+            if not SHA256.fullmatch(name):
+                raise TranscriptError(f"The record has a picture whose name is not a sha256: {name!r}.")
+            yield name
 
 
 def _naming(names: Iterator[str], on_picture: Callable[[Picture], object] | None) -> Callable[[Picture], Picture]:

@@ -25,13 +25,14 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
 from smartplay_tools.conversation import paper
-from smartplay_tools.conversation.ids import CallIds
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import schema
+from smartplay_tools.errors import record_named
 from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, purpose_of
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
+from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, calls_of, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
@@ -246,7 +247,7 @@ def whole_conversation(
 
 def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> WholeConversation:
     """Return the conversation of an episode whose host managed the context, from its calls."""
-    with Episode.from_config(config) as episode:
+    with record_named(), Episode.from_config(config, is_recorded=True) as episode:
         tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
         head = episode.head
     calls = _renumbered(calls)

@@ -18,7 +18,7 @@ from typing import Any, Generic, Literal, Self, TypeVar
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
@@ -75,6 +75,11 @@ Outcome = Literal["finished", "failed", "paused", "interrupted"]
 """What an attempt came to. Only a finished episode is a result; the others are continued or played again."""
 
 E_co = TypeVar("E_co", covariant=True)
+
+
+def has_result(path: Path) -> bool:
+    """Return whether the record in a file, if there is one, has the result of its episode: nothing later undoes it."""
+    return path.exists() and (record := Record.head(path)).start is not None and record.outcome == "finished"
 
 
 class _EventsOf(Generic[E_co]):

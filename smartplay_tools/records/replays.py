@@ -22,11 +22,12 @@ from typing import Literal
 
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
-from smartplay_tools.errors import SENSELESS, SmartPlayError, TranscriptError, in_one_line
+from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
+from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import Event, compares_pictures
+from smartplay_tools.transcript.events import Event, compares_pictures, event_fault
 from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
 from smartplay_tools.transcript.hashing import event_line
 from smartplay_tools.types import EpisodeResult
@@ -71,11 +72,14 @@ def replay(
     which event and why. What is not a transcript is a `TranscriptError`, and an episode whose game, engine or
     tokenizer is not here is the `SmartPlayError` that says so.
 
-    `tokenizer` is required if the record was counted with a custom tokenizer object, or with a file that was moved.
-    What a compactor returned is taken from the record; with `calls_compactor` it is called again, with the recorded
-    replies, and compared.
+    `tokenizer` is required if the record was counted with one that does not ship with this package: a name in a record
+    opens nothing, unless the program has named the same tokenizer before. What a compactor returned is taken from the
+    record; with `calls_compactor` it is called again, with the recorded replies, and compared.
     """
-    record = Record.read(source, checks_fields=False) if isinstance(source, str | Path) else Record(read_events(source))
+    if isinstance(source, str | Path):
+        record = Record.read(source, checks_fields=False)
+    else:
+        record = Record(read_events(source, checks_fields=False))
     return replay_record(record, tokenizer=tokenizer, calls_compactor=calls_compactor)
 
 
@@ -84,7 +88,8 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None, c
     recorded, written = record.events, record.written
     if written is None:
         written = b"".join(event_line(event) + b"\n" for event in recorded)
-    driver = _driver(record, tokenizer, calls_compactor=calls_compactor)
+    compactor: Literal["called", "recorded"] = "called" if calls_compactor else "recorded"
+    driver = Driver(recorded, tokenizer=tokenizer, config=record.config, compactor=compactor)
     differences: list[str] = []
     try:
         stop = _stop(driver)
@@ -94,23 +99,11 @@ def replay_record(record: Record, *, tokenizer: str | Tokenizer | None = None, c
         elif driver.record.written != written:
             differences = [*_broken(recorded), *driver.differences(), *_tampered(recorded)]
     finally:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
     resumed = tuple(number for number, event in enumerate(recorded, start=1) if event["event"] == "resume")
     result = driver.episode.result if record.is_complete else None
     not_compared = None if compares_pictures(recorded[0]) else PICTURES_ARE_NOT_COMPARED
     return Replay(len(recorded), differences, result, resumed, driver.has_host_part, not_compared)
-
-
-def _driver(record: Record, tokenizer: str | Tokenizer | None, *, calls_compactor: bool) -> Driver:
-    """The new episode that a record is fed to; its start event decides whether there is one."""
-    try:
-        compactor: Literal["called", "recorded"] = "called" if calls_compactor else "recorded"
-        return Driver(record.events, tokenizer=tokenizer, config=record.config, compactor=compactor)
-    except SmartPlayError:
-        raise
-    except SENSELESS as error:
-        name = record.path or "The record"
-        raise TranscriptError(f"{name} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
 
 
 def _stop(driver: Driver) -> str | None:
@@ -122,14 +115,18 @@ def _stop(driver: Driver) -> str | None:
     return None
 
 
-def read_events(source: str | Path | Sequence[Event]) -> list[Event]:
-    """Return the events of a transcript, a file or a list, whose format this version reads."""
+def read_events(source: str | Path | Sequence[Event], *, checks_fields: bool = True) -> list[Event]:
+    """Return the events of a transcript, a file or a list, whose format this version reads.
+
+    Without `checks_fields` the events of a list may have any.
+    """
     if isinstance(source, str | Path):
         return read_transcript(source)
     events = list(source)
     for number, event in enumerate(events, start=1):
-        if not is_event(event):
-            raise TranscriptError(f"The events are not a transcript: number {number} is not an event.")
+        fault = (event_fault(event) if checks_fields else None) if is_event(event) else "is not an event"
+        if fault is not None:
+            raise TranscriptError(f"The events are not a transcript: number {number} {fault.rstrip('.')}.")
     if not events or events[0]["event"] != "start":
         raise TranscriptError("The events are not a transcript: they do not begin with a start event.")
     check_format(events[0])
@@ -158,7 +155,7 @@ def recorded_pictures(
 
     The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`,
     except where pictures are not compared (`Replay.not_compared`).
-    `tokenizer` is required if the record was counted with a custom tokenizer object.
+    `tokenizer` is required as for `replay`.
     """
     events = read_events(source)
     if not events or EpisodeConfig.from_event(events[0]).observation == "text":
@@ -168,7 +165,7 @@ def recorded_pictures(
     try:
         driver.run()
     finally:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
     pictures = {picture.sha256: picture for picture in made}
     shown = list(picture_names(events))
     if missing := [sha256 for sha256 in shown if sha256 not in pictures]:

@@ -17,8 +17,8 @@ from operator import is_not
 from typing import Any, NamedTuple
 
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer
-from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Form, with_ids
+from smartplay_tools.episode.cells import counter_of
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.prompts import Rebuilder, sent_prompts
 from smartplay_tools.records.record import Record
@@ -202,8 +202,8 @@ Key = tuple[int, Purpose, int]
 def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> RequestLog:
     """Return the requests of a record.
 
-    `tokenizer` is required if the record was counted with a custom tokenizer object. A record that has no prompts, or
-    prompts without usage, is a `TranscriptError`.
+    `tokenizer` is required if the record was counted with one that does not ship with this package, unless the program
+    has named the same before. A record that has no prompts, or prompts without usage, is a `TranscriptError`.
     """
     if record.start is None or not record.heads:
         raise TranscriptError(f"{record.called} has no prompts: its episode was played with the host's own context.")
@@ -211,8 +211,7 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     usages = dict(zip(_keys(counted), counted, strict=True))
     if not usages and record.messages:
         raise TranscriptError(f"{record.called} has no usage, so nothing can be said about its cost.")
-    config = record.start["config"]
-    units = _Units(record, shared_counter(tokenizer or config.get("tokenizer"), config["prompts"]))
+    units = _Units(record, counter_of(record.config, tokenizer, is_recorded=True))
     prompts = dict(zip(_keys(record.views), zip(units.prompts(), _times(record), strict=True), strict=True))
     replies, ratio = units.replies(), _ratio(usages.values())
     scores = {event["turn"]: float(event["data"]["score"]) for event in record.calls if "score" in event["data"]}

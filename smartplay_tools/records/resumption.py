@@ -22,6 +22,7 @@ from smartplay_tools.conversation.agent_session import AgentSession, Conversatio
 from smartplay_tools.episode.carried import STORES, Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SENSELESS, InvalidArgumentError, TranscriptError, in_one_line
+from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import read_events
@@ -65,7 +66,8 @@ def resume(
         transcript: a new file, or a list, that begins with all events so far. It is required to continue an episode
             that was ended from outside (an error of the player, a cap of the run, a limit of the host, `close`).
         session: the conversation is an `AgentSession`, for a host that runs calls one by one.
-        tokenizer: required if the record was counted with a custom tokenizer object.
+        tokenizer: required if the record was counted with one that does not ship with this package: a name in a record
+            opens nothing, unless the program has named the same tokenizer before.
         on_step: called with the game after every step, the recorded ones included.
 
     An episode that the game or its budgets have ended is returned in its final state. A record that was changed, or
@@ -89,7 +91,7 @@ def resume(
         elif end is not None:
             driver.episode.ledger.result = EpisodeResult(**end)  # unchanged, with the versions of the recording
     except BaseException:
-        driver.episode.game.close()
+        close_game(driver.episode.game)
         raise
     return Resumed(driver.episode, driver.conversation, len(recorded))
 

@@ -1,7 +1,7 @@
 """Rows: the results of episodes as plain data, read from the records of attempts.
 
 A row is one line of `results.jsonl`. Playing, statistics and reports all use this module, so that `runs` and `analysis`
-need not import each other. `grouped` groups them, or anything else, in the order in which they come.
+need not import each other.
 
 An attempt at an episode leaves a record, which alone determines the outcome. An episode that ended by itself, including
 by a spent budget, is a result and has a row. An attempt that failed, was interrupted or was paused by a cap of the run
@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import BaseModel, Field
 
@@ -29,11 +29,6 @@ from smartplay_tools.transcript.events import Amount, Count, RecordedResult
 from smartplay_tools.transcript.lines import GrowingLines, parse_json
 from smartplay_tools.types import STRATEGIES, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
-
-__all__ = [
-    "grouped",
-]
-
 
 Row = dict[str, Any]
 """A row of `results.jsonl`: an `EpisodeResult` in JSON, and the configuration of its episode."""
@@ -285,15 +280,3 @@ def _cause(row: Row, text: str) -> str:
     if row["malformed_calls"] or row["illegal_actions"]:
         return "all its calls were malformed or named no legal action"
     return f"the end is {row['end_reason'].replace('_', ' ')}"
-
-
-T = TypeVar("T")
-K = TypeVar("K", bound=Hashable)
-
-
-def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
-    """Return the items by their key; keys are in the order of their first items, and items keep theirs."""
-    groups: dict[K, list[T]] = {}
-    for item in items:
-        groups.setdefault(key(item), []).append(item)
-    return groups

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from operator import add
 from typing import Any, TypeAlias
 
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Usage

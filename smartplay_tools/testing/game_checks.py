@@ -27,6 +27,7 @@ import pickle
 import random
 import re
 import sys
+import warnings
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
@@ -39,7 +40,7 @@ from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.conversation.loop import play
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.episode.tools import Tools
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import ClosingWarning, InvalidArgumentError
 from smartplay_tools.games.base import TextGame
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import GAMES, IN_FILES, get_spec
@@ -87,7 +88,9 @@ def _check(function: Callable[[GameSpec], None]) -> Callable[[Setting], None]:
     def check(game: Setting) -> None:
         spec = get_spec(game)
         try:
-            function(spec)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", ClosingWarning)  # a run would only warn of a failing close
+                function(spec)
         except AssertionError:
             raise
         except Exception as error:

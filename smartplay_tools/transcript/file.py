@@ -219,11 +219,19 @@ def _parsed(line: bytes, path: object, number: int | None = None) -> Event:
     raise TranscriptError(f"{path or 'The record'} is not a transcript: {fault}.")
 
 
-def append_exception(path: str | Path, error: str, traceback: str | None = None) -> None:
-    """Append an `exception` event to a record, which may be empty: an error outside of the episode."""
-    writer = TranscriptWriter.resume(path, _read(path)[0]) if Path(path).exists() else TranscriptWriter(path)
+def append_exception(path: str | Path, error: str, traceback: str | None = None) -> bool:
+    """Append an `exception` event to a record, which may be empty: an error outside of the episode.
+
+    Nothing is appended, and False returned, if the episode has come to an end: nothing that fails later undoes it. An
+    episode that was closed has not, since an error that passes by closes it.
+    """
+    events = _read(path)[0] if Path(path).exists() else None
+    if events and events[-1]["event"] == "end" and events[-1]["result"]["end_reason"] != "closed":
+        return False
+    writer = TranscriptWriter(path) if events is None else TranscriptWriter.resume(path, events)
     writer.append({"event": "exception", "error": error, "traceback": traceback})
     writer.close()
+    return True
 
 
 def broken_links(events: Iterable[Event]) -> Iterator[int]:

@@ -183,7 +183,8 @@ EndReason = Literal[
     "closed",
 ]
 """Why an episode is over. `terminated` and `rollout` are the game's own ends; a reason with the name of a budget
-means that it is spent; `host` is a limit of the framework that drove the agent (`EpisodeResult.detail` names it)."""
+means that it is spent; `host` is a limit of the framework that drove the agent, or of the model's server, which refuses
+a prompt (`EpisodeResult.detail` names it)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +280,7 @@ class EpisodeResult(Recorded):
     error: str | None = None
     """The exception's type and message for an end whose name ends in `_error`; its traceback is in the transcript."""
     detail: str | None = None
-    """The host's name for the limit that ended the episode (`host`); why no call came (`no_tool_call`), if known."""
+    """The limit of the host or the server that ended the episode (`host`), or why no call came (`no_tool_call`)."""
     state_hash: str
     context: Literal["window", "host"]
     deviations: dict[str, Any]

@@ -15,7 +15,8 @@ from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, trial_seed
+from smartplay_tools.episode.seeds import trial_seed
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.processes import heed_interrupts, needs_unix
 
 pytest.importorskip("openai")

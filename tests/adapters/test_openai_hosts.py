@@ -224,10 +224,10 @@ def test_a_prompt_can_be_too_long():
     ):
         with sp.Episode("Hanoi3Disk-v0", seed=3) as episode:
             result = sp.play(episode, player)
-        assert result.end_reason == "player_error"
-        assert "maximum context length is 400 tokens" in result.error
+        assert result.end_reason == "host"
+        assert "The model's context of 400 tokens is full; --prompt-tokens keeps" in result.detail
         with sp.Episode("Hanoi3Disk-v0", seed=3, budget=sp.Budget(prompt_tokens=400, history=0)) as episode:
-            assert sp.play(episode, player).end_reason != "player_error", "who keeps to the limit plays"
+            assert sp.play(episode, player).end_reason != "host", "who keeps to the limit plays"
 
 
 def test_a_service_can_be_busy():

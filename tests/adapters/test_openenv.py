@@ -31,7 +31,7 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import get_spec
 from smartplay_tools.types import TOOL_NAMES
 from smartplay_tools.types.messages import calls_of, text_of

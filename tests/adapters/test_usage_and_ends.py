@@ -9,7 +9,7 @@ import smartplay_openai as so
 from smartplay_anthropic.codec import reply as anthropic_reply
 
 import smartplay_tools as sp
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
 from tests.evaluation.runs import play_row
 

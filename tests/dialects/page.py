@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from smartplay_tools.players.server_errors import rows as rows_of_errors, server_error
 from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
 
@@ -50,6 +52,17 @@ def rules() -> Iterator[list[str]]:
         yield [", ".join(rule.dialects), KINDS[rule.kind], rule.rule, sources]
 
 
+def errors() -> Iterator[list[str]]:
+    """Each error of the table, by whose it is, with the beginning of what the server says."""
+    yield ["whose", "about", "server", "what it says", "source"]
+    for row in rows_of_errors():
+        status, _, body = row.says.partition(" ")
+        said = " ".join(server_error({"error": json.loads(body)}).words) or body
+        words = "; ".join([*([status] if status != "200" else []), *row.code, said])
+        sources = ", ".join(map(_link, row.source.split(", ")))
+        yield [row.whose, row.about, row.provider, f"`{words.replace('|', '/').replace('`', '')[:90]}`", sources]
+
+
 def _link(source: str) -> str:
     """A source as a link, where it is a thread; threads of GitHub are numbered alike."""
     thread = re.fullmatch(r"([\w.-]+/[\w.-]+)#(\d+)", source)
@@ -58,7 +71,11 @@ def _link(source: str) -> str:
 
 def renewed(page: str) -> str:
     """The page with its tables as the rules have them."""
-    tables = {name: matrix(name) for name in ("chat", "responses", "messages")} | {"set": to_set(), "rules": rules()}
+    tables = {name: matrix(name) for name in ("chat", "responses", "messages")} | {
+        "set": to_set(),
+        "errors": errors(),
+        "rules": rules(),
+    }
     for name, rows in tables.items():
         begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
         before, rest = page.split(begin)

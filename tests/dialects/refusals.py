@@ -90,6 +90,10 @@ def null(turns: Turns, body: Json, given: Given, *, words: str) -> Refusal:
     return (400, words) if missing else None
 
 
+def no_user(turns: Turns, body: Json, given: Given, *, words: str) -> Refusal:
+    return None if any(turn.role == "user" for turn in turns) else (400, words)
+
+
 def blank_text(turns: Turns, body: Json, given: Given) -> Refusal:
     texts = [block["text"] for turn in turns for block in turn.raw if block["type"] == "text"]
     if "" in texts or any(not turn.raw for turn in turns):
@@ -111,6 +115,14 @@ def parameter(turns: Turns, body: Json, given: Given, *, name: str, status: int,
 def unknown_parameter(turns: Turns, body: Json, given: Given, *, known: str, words: str) -> Refusal:
     unknown = sorted(set(body) - set(known.split()))
     return (400, words.format(name=unknown[0])) if unknown else None
+
+
+def unsupported(turns: Turns, body: Json, given: Given, *, names: Sequence[str], words: str) -> Refusal:
+    """Fields of messages that a schema does not have."""
+    for at, turn in enumerate(turns):
+        if found := [name for name in names if name in turn.raw]:
+            return 400, words.format(at=at, name=found[0])
+    return None
 
 
 def at_least(turns: Turns, body: Json, given: Given, *, name: str, least: int, words: str) -> Refusal:

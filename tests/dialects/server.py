@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from tests.dialects import speech
+from tests.dialects.failures import Failure
 from tests.dialects.rules import Dialect, Kind, Rule
 from tests.dialects.said import Json, Said, Turn, plainer, read_chat, read_messages, read_responses
 from tests.loopback import Loopback
@@ -32,6 +33,11 @@ ERRORS: dict[str, Callable[[int, Any], Any]] = {
     "text": lambda status, words: {"error": words},
     "minimax": lambda status, words: {"type": "error", "error": {"type": "bad_request_error", "message": words}},
     "gemini": lambda status, words: [{"error": {"code": status, "message": words, "status": "INVALID_ARGUMENT"}}],
+    "cerebras": lambda status, words: {"message": words, "type": "invalid_request_error", "code": "wrong_api_format"},
+    "message": lambda status, words: {"message": words},
+    "xai": lambda status, words: {"code": "Client specified an invalid argument", "error": words},
+    "zai": lambda status, words: {"error": {"code": "1214", "message": words}},
+    "databricks": lambda status, words: {"error_code": "BAD_REQUEST", "message": json.dumps({"message": words})},
     "anthropic": lambda status, words: {"type": "error", "error": {"type": "invalid_request_error", "message": words}},
 }
 
@@ -72,11 +78,13 @@ def given_with(whole: Json) -> dict[str, Any]:
 class DialectServer(Loopback):
     """Says the replies of a script, one for each request that it does not refuse; the last one again and again.
 
+    In place of a reply a script may have an error of the server's.
+
     `without` are the names of rules' functions that do not apply, and "thoughts" for a model that does not think, or a
     user who has turned that off.
     """
 
-    def __init__(self, dialect: Dialect, script: Sequence[Said], *, without: Collection[str] = ()) -> None:
+    def __init__(self, dialect: Dialect, script: Sequence[Said | Failure], *, without: Collection[str] = ()) -> None:
         self.dialect, self._script, self._without = dialect, script, without
         self._path, self._read, _, _ = INTERFACES[dialect.interface]
         self.requests: list[Json] = []
@@ -105,7 +113,10 @@ class DialectServer(Loopback):
             self.overlooked += [refusal[1] for refusal in lost if refusal is not None]
             number = len(self.requests)
             self.requests.append(body)
-            whole = whole_answer(self.dialect, self._script[min(number, len(self._script) - 1)], number, self._without)
+            said = self._script[min(number, len(self._script) - 1)]
+            if isinstance(said, Failure):
+                return said.answer(self.dialect.interface)
+            whole = whole_answer(self.dialect, said, number, self._without)
             self._given |= given_with(whole)
             if not body.get("stream"):
                 return 200, "application/json", _json(whole)

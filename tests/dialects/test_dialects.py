@@ -12,6 +12,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from tests.adapters.conformance import GAME, SEED
+from tests.dialects.failures import Failure
 from tests.dialects.page import PAGE, renewed
 from tests.dialects.rules import Dialect
 from tests.dialects.said import Json, Said, readable
@@ -39,7 +40,9 @@ ONE_EACH = [(way, next(dialects)[1]) for way, dialects in groupby(PAIRS, key=lam
 """Each way in at one server."""
 
 
-def game(way: Way, dialect: Dialect, script: Sequence[Said], stream: bool) -> tuple[list[Json], DialectServer]:
+def game(
+    way: Way, dialect: Dialect, script: Sequence[Said | Failure], stream: bool
+) -> tuple[list[Json], DialectServer]:
     """Play a script; return the record and the server."""
     events: list[Any] = []
     with (

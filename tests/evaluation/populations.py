@@ -14,10 +14,10 @@ import numpy as np
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs
-from smartplay_tools.evaluation.analysis.distributions import Values
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.intervals import Bounds
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.statistics.distributions import Values
+from smartplay_tools.statistics.intervals import Bounds
 
 BANDIT, RPS, HANOI, MESSENGER = (
     "BanditTwoArmedHighLowFixed-v0",

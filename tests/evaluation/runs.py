@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record
-from smartplay_tools.records.prices import Price
 from smartplay_tools.records.rows import row_of
 
 

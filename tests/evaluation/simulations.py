@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from smartplay_tools.evaluation.analysis.decisions import decide
-from smartplay_tools.evaluation.analysis.distributions import Values
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Method, Sample, mean_estimate, mean_estimates
 from smartplay_tools.evaluation.analysis.stopping import decided_at
 from smartplay_tools.evaluation.analysis.together import jointly
+from smartplay_tools.statistics.distributions import Values
+from smartplay_tools.statistics.intervals import Bounds, Method, Sample, mean_estimate, mean_estimates
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, bounds, scores, shuffled_differences, tilted
 
 REPETITIONS = 2_000

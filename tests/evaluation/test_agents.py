@@ -74,7 +74,7 @@ def test_an_agent_that_always_fails_is_tried_three_times_and_its_error_is_said_o
     error = f"JSONDecodeError: Expecting value: line 1 column 1 (char 0) (test_agents.py, line {line})"
     assert [words for words in caplog.messages if words.startswith("raises ")] == [
         f"raises failed at {HANOI}: {error}",
-        f"raises plays no more: it failed 3 times before any action. {error}",
+        f"raises plays no more: it failed 3 times in one place, and finished no episode in between. {error}",
     ]
     assert Counter(failure["error"] for failure in run.failures)[error] == 3
     assert repr(run).startswith("<Run: 0 of 60 episodes finished, 9 failed attempts, the last: ")

@@ -10,7 +10,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.plan import prices_in_tables
 from smartplay_tools.evaluation.runs.runner import Run
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.record import UNANSWERED, Record
 from smartplay_tools.transcript.file import append_exception
 from tests.evaluation.players import Metered, Uncounted, Wordy

@@ -17,8 +17,8 @@ from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record
-from smartplay_tools.records.prices import Price
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis import intervals, pairs, repeats
-from smartplay_tools.evaluation.analysis.intervals import weighted_estimates
+from smartplay_tools.evaluation.analysis import pairs, repeats
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.statistics import intervals
+from smartplay_tools.statistics.intervals import weighted_estimates
 from tests.evaluation import populations, simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS
 from tests.evaluation.simulated_tables import agrees, published

@@ -11,10 +11,10 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde, pairs_needed, plan_pairs
-from smartplay_tools.evaluation.analysis.intervals import Bounds, Sample, mean_estimate
 from smartplay_tools.evaluation.analysis.planning import of_comparison, of_windows, plan
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.analysis.windows import compare_windows
+from smartplay_tools.statistics.intervals import Bounds, Sample, mean_estimate
 from tests.evaluation import simulations
 from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
 from tests.evaluation.simulated_tables import NEAR, published

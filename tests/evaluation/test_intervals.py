@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy
 
-from smartplay_tools.evaluation.analysis import intervals
-from smartplay_tools.evaluation.analysis.distributions import chi_squared_quantile
-from smartplay_tools.evaluation.analysis.intervals import (
+from smartplay_tools.statistics import intervals
+from smartplay_tools.statistics.distributions import chi_squared_quantile
+from smartplay_tools.statistics.intervals import (
     Bounds,
     MeanEstimate,
     Method,

@@ -51,6 +51,24 @@ def test_a_refusal_for_good_stops_the_run_after_one_attempt(tmp_path, status, co
     assert "Once that is corrected, the same command continues the run." in sentence
 
 
+FLAGGED = (403, "x", "This model requires moderation. Your input was flagged.")
+
+
+ONE_REQUEST = [(403, "x", "No."), (402, "x", "Fewer max_tokens."), (404, "x", "No."), FLAGGED]
+
+
+@pytest.mark.parametrize(("refused", "at"), [*((refused, 5) for refused in ONE_REQUEST), (FLAGGED, 0)])
+def test_a_refusal_of_one_request_stops_no_run(tmp_path, refused, at):
+    """What was refused goes on from its record; a filter that refuses a later prompt ends the episode."""
+    with serving(lambda body, number: refusal(*refused) if number == at else first_arm(body, number)) as (url, bodies):
+        assert play(tmp_path, url, "--trials", 2)[0] == 0
+    rows = RunFolder(tmp_path).rows()
+    steps = [row["steps"] for row in rows]
+    assert (len(rows), len(bodies)) == (2, sum(steps) + 1)
+    assert (max(steps), min(steps) < 50) == (50, refused is FLAGGED and at > 0)
+    assert sum(row["tokens"]["provider"].get("refused", 0) for row in rows) == (refused is FLAGGED)
+
+
 def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
     arguments = ("--trials", 20, "--player-option", "retries=1", "--player-option", "pause=0.01")
     code, _, stderr = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
@@ -150,19 +168,25 @@ def test_check_does_not_ask_again_and_tells_a_server_that_only_streams():
 # Continuing.
 
 
-@pytest.mark.slow
-def test_replies_that_were_paid_for_are_not_bought_again(tmp_path):
-    """The provider fails in the middle of every episode; the same command then continues from the records."""
+@pytest.mark.parametrize("workers", [1, pytest.param(4, marks=pytest.mark.slow)])
+def test_replies_that_were_paid_for_are_not_bought_again(tmp_path, workers):
+    """Three refusals in a row end the run, those side by side counted once; the same command continues its records."""
+    answered, has_credit = [], False
 
-    def fails_once(body: dict, number: int) -> tuple[int, dict]:
-        return (
-            refusal(402, "insufficient_quota", "You have no credit left") if number == 60 else first_arm(body, number)
-        )
+    def answer(body: dict, number: int) -> tuple[int, dict]:
+        if not has_credit and number >= 30 and (number >= 60 or number % 10 == 0):
+            return refusal(402, "insufficient_quota", "You have no credit left")
+        answered.append(number)
+        return first_arm(body, number)
 
-    with serving(fails_once) as (url, bodies):
-        assert play(tmp_path / "broken", url, "--trials", 3, "--workers", 2)[0] == 1
-        assert play(tmp_path / "broken", url, "--trials", 3, "--workers", 2)[0] == 0
-    assert len(bodies) <= 3 * 50 + 2  # those that were refused
+    with serving(answer) as (url, bodies):
+        code, _, stderr = play(tmp_path / "broken", url, "--trials", 3, "--workers", workers)
+        assert code == 1
+        assert "You have no credit left" in stderr
+        assert 62 < len(bodies) < 60 + 3 * workers + 1
+        has_credit = True
+        assert play(tmp_path / "broken", url, "--trials", 3, "--workers", workers)[0] == 0
+    assert len(answered) == 3 * 50
     with serving(first_arm) as (url, _):
         assert play(tmp_path / "whole", url, "--trials", 3)[0] == 0
     broken, whole = (RunFolder(tmp_path / name) for name in ("broken", "whole"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from smartplay_tools.evaluation.analysis.distributions import t_power, tango
-from smartplay_tools.evaluation.analysis.intervals import Method, mean_estimate
+from smartplay_tools.statistics.distributions import t_power, tango
+from smartplay_tools.statistics.intervals import Method, mean_estimate
 
 power = pytest.importorskip("statsmodels.stats.power")
 resampling = pytest.importorskip("evalstats.core.resampling")

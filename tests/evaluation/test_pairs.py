@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from smartplay_tools.evaluation.analysis import pairs
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate
+from smartplay_tools.statistics.intervals import mean_estimate
 from tests.evaluation.window_rows import row
 
 

@@ -22,7 +22,8 @@ from smartplay_tools.cli import app
 from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episode_reading import columns
-from smartplay_tools.evaluation.pages.report.episodes import check, excerpt
+from smartplay_tools.evaluation.pages.report.episodes import check
+from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.page import render_runs, write_report
 from smartplay_tools.evaluation.pages.report.sources import find_runs
 from smartplay_tools.games import get_spec

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.costs.caches import cache_rules
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
 from smartplay_tools.evaluation.runs.runner import run_plan
+from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.registry import read_file
 from tests.evaluation.command import run
 from tests.evaluation.players import Waiting
@@ -196,7 +196,7 @@ def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path)
     file, text = read_run_file(marked("run.toml", 'games = ["Hanoi3Disk-v0"]'))
     assert file.games == [HANOI]
     assert text.startswith("games")
-    own = resources.files("smartplay_tools.evaluation.costs").joinpath("caches.toml").read_text(encoding="utf-8")
+    own = resources.files("smartplay_tools.providers").joinpath("caches.toml").read_text(encoding="utf-8")
     assert cache_rules(marked("caches.toml", own)) == cache_rules()
     nim = marked("nim.py", Path("tests/data/nim.py").read_text())
     assert read_file(f"{nim}:SPEC", is_one=lambda held: True).value.id == "Nim-v0"

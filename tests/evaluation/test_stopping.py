@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis.intervals import Bounds
 from smartplay_tools.evaluation.analysis.stopping import decided_at, judge
 from smartplay_tools.evaluation.run_folder.folder import Until
+from smartplay_tools.statistics.intervals import Bounds
 from tests.evaluation import simulations
 from tests.evaluation.populations import BANDIT, HANOI, RPS, tilted
 from tests.evaluation.simulated_tables import agrees, published

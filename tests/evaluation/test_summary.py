@@ -16,7 +16,7 @@ from smartplay_tools.evaluation.analysis.pairs import completion
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows
 from smartplay_tools.evaluation.pages.report.summary_tables import lines
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from tests.evaluation.players import act
 from tests.evaluation.runs import failed_row, play_row, play_rows
 

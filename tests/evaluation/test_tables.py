@@ -13,7 +13,7 @@ from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_ht
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import COLUMNS, LATER, flat, summary_json, write_csv, write_parquet
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
 RPS, HANOI, HANOI4 = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "Hanoi4Disk-v0"

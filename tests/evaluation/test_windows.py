@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from smartplay_tools.evaluation.analysis.grouping import labels
-from smartplay_tools.evaluation.analysis.intervals import Sample
 from smartplay_tools.evaluation.analysis.names import series_name
 from smartplay_tools.evaluation.analysis.together import holm, jointly
 from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows, latencies
+from smartplay_tools.statistics.intervals import Sample
 from tests.evaluation.window_rows import row
 
 RPS = "RockPaperScissorBasic-v0"

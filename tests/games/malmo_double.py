@@ -23,8 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from smartplay_tools.games.minecraft.engines import Stride
 from smartplay_tools.games.minecraft.observation import heading
+from smartplay_tools.games.minecraft.rules import Stride
 from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from hashlib import sha256
 from pathlib import Path
 
@@ -81,6 +82,36 @@ def test_two_files_with_one_id_are_two_games():
     assert len(set(firsts)) == 2
 
 
+def test_a_run_of_two_files_is_replayed_with_both():
+    Path("other.py").write_text(CODE.replace("10 +", "20 +"), encoding="utf-8")
+    sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run", executor="inline")
+
+    def replayed(*options):
+        forget()
+        done = command("replay", "run", "--workers", 1, *options)
+        return done.exit_code, done.output
+
+    code, output = replayed("--game", NIM)
+    assert code == 3
+    assert "2 of 4 episodes were not replayed" in output
+    assert "Nim-v0: The record was played with the game other.py:SPEC; name it with --game" in output
+    found = json.loads(replayed("--game", NIM, "--json")[1])
+    assert (
+        sorted((each["differences"], each["not_replayed"] is None) for each in found)
+        == [([], False)] * 2 + [([], True)] * 2
+    )
+    for file in ("nim.py", "other.py"):
+        Path(file).rename(f"moved_{file}")
+    both = ("--game", "moved_nim.py:SPEC", "--game", "moved_other.py:SPEC")
+    assert replayed(*both) == (0, "identical: all 4 episodes of run\n")
+    rows = Path("run/results.jsonl")
+    rows.write_text(rows.read_text().replace('"steps": ', '"steps": 9', 1))
+    code, output = replayed("--game", "moved_nim.py:SPEC")
+    assert code == 1
+    assert "1 of 4 episodes differ" in output
+    assert "2 of 4 episodes were not replayed" in output
+
+
 @pytest.mark.parametrize(
     ("game", "sentence"),
     [
@@ -116,7 +147,8 @@ def test_the_commands_take_it():
         done = command(*command_of_another_process)
         assert done.exit_code == 0, done.output
     forget()
-    assert command("replay", "run").exit_code == 1
+    assert command("replay", "run").exit_code == 3
+    assert command("replay", "a.jsonl").exit_code == 3
 
 
 def test_a_run_file_names_it_and_the_run_is_continued():

@@ -203,6 +203,7 @@ def test_a_record_without_a_folder_is_replayed_with_our_sentences_on_any_machine
 def test_a_record_of_other_sentences_is_replayed_only_with_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str
 ) -> None:
+    monkeypatch.setattr(manuals, "_NAMED", {})
     folder = tmp_path / "there"
     folder.mkdir()
     write_texts(folder)

@@ -10,16 +10,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.games.minecraft.engines import (
-    CORRECTED_GOALS,
-    ENGINES,
-    PAPER_GOALS,
-    TICKS,
-    Stride,
-    check_engines,
-    strides,
-    turn,
-)
+from smartplay_tools.games.minecraft.engines import ENGINES, check_engines
+from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
 
 BIOMES = """
 0 Ocean, 1 Plains, 2 Desert, 3 Extreme Hills, 4 Forest, 5 Taiga, 6 Swampland, 7 River, 8 Hell, 9 The End,

@@ -12,8 +12,8 @@ import pytest
 import scipy
 
 import smartplay_tools as sp
-from smartplay_tools.games.minecraft.engines import CORRECTED_GOALS, Stride
 from smartplay_tools.games.minecraft.observation import RAY_RANGES, true_rays
+from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, Stride
 from smartplay_tools.games.minecraft.voxel import animals, plants, start
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain

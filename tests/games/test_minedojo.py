@@ -19,7 +19,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
-from smartplay_tools.games.minecraft.engines import PAPER_GOALS, Goal, Stride, check_engines, strides, turn
+from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import (
     CALL_SECONDS,
@@ -33,6 +33,7 @@ from smartplay_tools.games.minecraft.minedojo.engine import (
 from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
+from smartplay_tools.games.minecraft.rules import PAPER_GOALS, Goal, Stride, strides, turn
 from smartplay_tools.games.minecraft.text import describe
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
 from tests.processes import is_running, is_soon, needs_proc, needs_unix

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.players import played_actions
+from smartplay_tools.evaluation.runs.blind import played_actions
 from smartplay_tools.players import is_model
 from smartplay_tools.records import Record
 

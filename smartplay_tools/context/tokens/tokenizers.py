@@ -13,13 +13,14 @@ A name may end with the rule by which pictures are counted, as in o200k_base+cla
 from __future__ import annotations
 
 import base64
+import contextlib
 import functools
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.context.tokens.o200k import VOCABULARY_SHA256, o200k_base
-from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError
 from smartplay_tools.registry import resolve
 
 if TYPE_CHECKING:
@@ -140,6 +141,22 @@ def with_pictures(tokenizer: Tokenizer, rule: str | None = None) -> Tokenizer:
     return tokenizer
 
 
+_NAMED: dict[tuple[str, str | None], Tokenizer] = {}
+"""The tokenizers that do not ship and that the user has named in this process, by name and digest."""
+
+
+def named_tokenizers() -> list[str]:
+    """Return the names of the tokenizers that the user has named, for processes that read records for this one."""
+    return list(dict.fromkeys(name for name, _ in _NAMED))
+
+
+def open_tokenizers(names: Iterable[str]) -> None:
+    """Open in this process what was named in another; a file that is gone counts as not named."""
+    for name in set(names).difference(named_tokenizers()):
+        with contextlib.suppress(SmartPlayError):
+            get_tokenizer(name)
+
+
 def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
     """Return a tokenizer by name, or the object itself if it already is one; None is `o200k_base`.
 
@@ -155,6 +172,15 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
         return PictureTokenizer(get_tokenizer(words), picture_rules()[rule])
     if tokenizer == ApproximateTokenizer.name:
         return ApproximateTokenizer()
+    if tokenizer == DEFAULT_TOKENIZER:
+        return TiktokenTokenizer(tokenizer)
+    found = _found(tokenizer)
+    _NAMED[tokenizer, getattr(found, "sha256", None)] = found
+    return found
+
+
+def _found(tokenizer: str) -> Tokenizer:
+    """Return a tokenizer that does not ship with this package: a file, or an encoding that tiktoken downloads."""
     if tokenizer.startswith(HUGGING_FACE):
         from smartplay_tools.context.tokens.hugging_face import HuggingFaceTokenizer
 
@@ -162,21 +188,45 @@ def get_tokenizer(tokenizer: str | Tokenizer | None = None) -> Tokenizer:
     if tokenizer.startswith(MODEL_FILE):
         vocabulary: Callable[[str], Tokenizer] = resolve("smartplay_local.model_files:GgufTokenizer")
         return vocabulary(tokenizer.removeprefix(MODEL_FILE))
-    if tokenizer != DEFAULT_TOKENIZER:
-        import tiktoken
+    import tiktoken
 
-        _, plus, asked = tokenizer.partition("+")
-        if plus:
-            raise UnknownNameError("rule for pictures", asked, list(picture_rules()))
-        if tokenizer not in tiktoken.list_encoding_names():
-            names = [
-                *tiktoken.list_encoding_names(),
-                ApproximateTokenizer.name,
-                f"{HUGGING_FACE}PATH_OR_NAME",
-                f"{MODEL_FILE}MODEL",
-            ]
-            raise UnknownNameError("tokenizer", tokenizer, names)
+    _, plus, asked = tokenizer.partition("+")
+    if plus:
+        raise UnknownNameError("rule for pictures", asked, list(picture_rules()))
+    if tokenizer not in tiktoken.list_encoding_names():
+        names = [
+            *tiktoken.list_encoding_names(),
+            ApproximateTokenizer.name,
+            f"{HUGGING_FACE}PATH_OR_NAME",
+            f"{MODEL_FILE}MODEL",
+        ]
+        raise UnknownNameError("tokenizer", tokenizer, names)
     return TiktokenTokenizer(tokenizer)
+
+
+def ships(name: str) -> bool:
+    """Return whether a tokenizer is part of this package, so that its name opens no file and downloads nothing."""
+    return split_rule(name)[0] in (DEFAULT_TOKENIZER, ApproximateTokenizer.name)
+
+
+def recorded_tokenizer(name: str, sha256: str | None) -> str | Tokenizer:
+    """Return the tokenizer that a record names, with the digest of its vocabulary, without opening anything for it.
+
+    A record can come from a stranger: its tokenizer ships with this package, or the user has named one with that
+    digest, or with that name, in this process.
+    """
+    if ships(name):
+        return name
+    words, rule = split_rule(name)
+    same = [found for (_, digest), found in _NAMED.items() if sha256 is not None and digest == sha256]
+    found = next(iter([*same, *(found for (known, _), found in _NAMED.items() if known == words)]), None)
+    if found is None:
+        digest = "" if sha256 is None else f" (sha256 {sha256[:16]})"
+        raise InvalidArgumentError(
+            f"The record was counted with the tokenizer {name!r}{digest}, which is not part of this package; name it "
+            "with --tokenizer (in Python tokenizer=), and it is opened."
+        )
+    return found if rule is None else with_pictures(found, rule)
 
 
 def _checked(tokenizer: Tokenizer) -> Tokenizer:

@@ -8,5 +8,5 @@
     tables      writes rows as CSV or Parquet, and a summary as JSON
     figures/    draws sweeps, capabilities and prompts
 
-`grouping` decides which episodes are averaged together, `intervals` estimates means, from `distributions`.
+`grouping` decides which episodes are averaged together. Means are estimated in `smartplay_tools.statistics`.
 """

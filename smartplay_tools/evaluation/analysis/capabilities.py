@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, weighted_estimates
 from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.statistics.intervals import MeanEstimate, weighted_estimates
 
 __all__ = ["Capabilities", "capability_scores"]
 

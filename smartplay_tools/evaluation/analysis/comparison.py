@@ -22,7 +22,6 @@ from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
     are_identical,
@@ -34,6 +33,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     score,
 )
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.types import Budget
 
 __all__ = ["Comparison", "Overall", "Pairing", "Side", "compare"]
@@ -209,14 +209,26 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: M
         matches, paired, differing, means, compared, strict=True
     ):
         signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in own)
-        outcomes = signs[1], signs[0], signs[-1]
         verdict = None
         if margin is not None and own:
             verdict = decide(drawn["score"], margin.points(game), difference["score"])
             verdict = replace(verdict, word="identical", mde=None) if are_identical(own) else verdict
-        unpaired = len(sides[side][game]) + len(sides[other][game]) - 2 * len(own)
-        facts = (game, side, other, len(own), unpaired, mean, difference)
-        pairings.append(Pairing(*facts, *outcomes, are_identical(own), verdict))
+        pairings.append(
+            Pairing(
+                game,
+                side,
+                other,
+                pairs=len(own),
+                unpaired=len(sides[side][game]) + len(sides[other][game]) - 2 * len(own),
+                means=mean,
+                differences=difference,
+                wins=signs[1],
+                ties=signs[0],
+                losses=signs[-1],
+                is_identical=are_identical(own),
+                verdict=verdict,
+            )
+        )
     return tuple(pairings)
 
 
@@ -256,8 +268,8 @@ def _overall(sides: Sides, pairings: Sequence[Pairing]) -> Iterator[Overall]:
         by_game = {game: values for game, values in by_game.items() if values}
         weights = [[1 / len(by_game)] * len(by_game)] if by_game else []
         difference = next(iter(weighted_estimates(list(by_game.values()), weights)), None)
-        sums = (sum(getattr(each, name) for each in own) for name in ("wins", "ties", "losses"))
-        yield Overall(side, reference, tuple(by_game), difference, *sums)
+        sums = {name: sum(getattr(each, name) for each in own) for name in ("wins", "ties", "losses")}
+        yield Overall(side, reference, tuple(by_game), difference, **sums)
 
 
 def _versions(runs: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, str]]:

@@ -6,21 +6,18 @@ from collections.abc import Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.decisions import Verdict
-from smartplay_tools.evaluation.analysis.formats import (
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.names import apart, check_distinct
+from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
-    Column,
-    TextTable,
-    columns,
     decimals_of,
     fixed,
     interval_notes,
-    sections,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.names import apart, check_distinct
-from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % interval",

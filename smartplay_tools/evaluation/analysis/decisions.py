@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.distributions import beyond, chi_squared_quantile, crossing, t_power
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.statistics.distributions import beyond, chi_squared_quantile, crossing, t_power
+from smartplay_tools.statistics.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
 
 POWERS = (0.8, 0.9)
 FEWEST_PAIRS = 10
@@ -49,7 +49,7 @@ class Margin:
         """Return the margin in points of a game."""
         if not self.of_human:
             return self.number
-        spec = get_spec(game)
+        spec = GAMES[game]  # never a file: the name is from rows and manifests
         if spec.human_score is None or spec.min_score is None:
             raise InvalidArgumentError(f"{game} has no human score; give the difference in points.")
         return self.number * (spec.human_score - spec.min_score)

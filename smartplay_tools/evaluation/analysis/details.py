@@ -9,22 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import (
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.grouping import Condition
+from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
+from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
-    Column,
-    TextTable,
     amount,
-    columns,
     count,
     decimals_of,
     dollars,
     interval_notes,
     percent,
-    sections,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.grouping import Condition
-from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
 from smartplay_tools.evaluation.analysis.summary import (
     Baseline,
     Baselines,
@@ -34,9 +31,9 @@ from smartplay_tools.evaluation.analysis.summary import (
     Profile,
     RunSummary,
 )
-from smartplay_tools.evaluation.quantities import short
 from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.types.quantities import short
 
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""

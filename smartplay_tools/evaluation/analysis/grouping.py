@@ -20,10 +20,11 @@ from smartplay_tools.context.tokens import DEFAULT_TOKENIZER
 from smartplay_tools.episode.config import RULES, USUAL_RULES
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 from smartplay_tools.types.arguments import canonical_text
+from smartplay_tools.types.groups import grouped
 
 USUAL = {**USUAL_RULES, "tokenizer": DEFAULT_TOKENIZER}
 """The defaults of a condition, except its budget."""

@@ -9,21 +9,19 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 
-from smartplay_tools.evaluation.analysis.formats import (
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.names import apart, check_distinct
+from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
-    TextTable,
-    columns,
     count,
     decimals_of,
     dollars,
     interval_notes,
     percent,
-    sections,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
-from smartplay_tools.evaluation.quantities import short
+from smartplay_tools.types.quantities import short
 
 CUT = "\N{DAGGER}"
 """The mark of cells in which tool results were cut to fit."""

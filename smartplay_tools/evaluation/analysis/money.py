@@ -11,25 +11,18 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import (
-    NOTHING,
-    Column,
-    TextTable,
-    columns,
-    decimals_of,
-    dollars,
-    fixed,
-    percent,
-)
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import mean_estimate
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
 from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import Row, grouped, has_reported_tokens
+from smartplay_tools.records.rows import Row, has_reported_tokens
+from smartplay_tools.statistics.intervals import mean_estimate
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 LEAST = "*"
 """The mark of the least cost of a column among the windows of a player at a game."""

@@ -7,8 +7,8 @@ from collections.abc import Hashable, Iterable, Iterator, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
 from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
-from smartplay_tools.records.rows import grouped
 from smartplay_tools.types import STRATEGIES, Budget, ResolvedBudget
+from smartplay_tools.types.groups import grouped
 
 
 def series_name(comparison: WindowComparison, among: Sequence[WindowComparison]) -> str:

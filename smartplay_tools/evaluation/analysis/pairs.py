@@ -21,10 +21,11 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.intervals import USUAL, Bounds, MeanEstimate, Method, Sample, mean_estimate
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import Row, grouped, mean_score, scoring_of, unit_of
+from smartplay_tools.records.rows import Row, mean_score, scoring_of, unit_of
+from smartplay_tools.statistics.intervals import USUAL, Bounds, MeanEstimate, Method, Sample, mean_estimate
+from smartplay_tools.types.groups import grouped
 
 __all__ = ["MEASURES", "differences", "paired_difference"]
 

@@ -15,13 +15,14 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import Comparison
 from smartplay_tools.evaluation.analysis.comparison_tables import side_names
 from smartplay_tools.evaluation.analysis.decisions import POWERS, Margin, Needed, pairs_needed, plan_pairs
-from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, dollars, sections
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, MeanEstimate
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars
 from smartplay_tools.evaluation.analysis.pairs import is_control
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.intervals import CONFIDENCE, MeanEstimate
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 ALL = "all together"
 NOTES = (
@@ -124,7 +125,8 @@ def _plan(each: Contrast, points: float, confidence: float) -> Planned:
     if isinstance(needed, str):
         return Planned(each, None, needed)
     trials = tuple(each.length * count for count in needed.needed)
-    return Planned(each, needed, None, trials, *_price(dict(each.costs), trials))
+    tokens, cost = _price(dict(each.costs), trials)
+    return Planned(each, needed, None, trials, tokens=tokens, cost=cost)
 
 
 def _all_together(planned: Sequence[Planned], confidence: float) -> Planned:
@@ -137,7 +139,8 @@ def _all_together(planned: Sequence[Planned], confidence: float) -> Planned:
         max(line.length * pairs_needed(own.difference, own.sd, chance, confidence) for line, own in known)
         for chance in chances
     )
-    return Planned(None, None, None, trials, *_price({key: m for line, _ in known for key, m in line.costs}, trials))
+    tokens, cost = _price({key: means for line, _ in known for key, means in line.costs}, trials)
+    return Planned(None, None, None, trials, tokens=tokens, cost=cost)
 
 
 def _price(costs: dict[Any, Means], trials: Sequence[int]) -> tuple[tuple[float, ...], tuple[float, ...] | None]:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, interval_notes, sections, with_interval
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
-from smartplay_tools.evaluation.analysis.intervals import Bounds, mean_estimate
+from smartplay_tools.evaluation.analysis.numbers import interval_notes, with_interval
 from smartplay_tools.evaluation.analysis.pairs import Measure, sample
 from smartplay_tools.records.remembered import EVICTIONS, LOOKED, RULED, SEEN, UNRULED, UNSEEN
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import Bounds, mean_estimate
+from smartplay_tools.types.groups import grouped
 
 SHARE = Bounds(0, 1)
 

@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.distributions import Values, t_quantile
-from smartplay_tools.evaluation.analysis.formats import NOTHING, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE
-from smartplay_tools.records.rows import Row, grouped, mean_score
+from smartplay_tools.evaluation.analysis.numbers import NOTHING
+from smartplay_tools.records.rows import Row, mean_score
+from smartplay_tools.statistics.distributions import Values, t_quantile
+from smartplay_tools.statistics.intervals import CONFIDENCE
+from smartplay_tools.types.groups import grouped
 
 SEED = 20_240_417
 RESAMPLES = 2_000

@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.distributions import Values
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
-from smartplay_tools.evaluation.analysis.intervals import Bounds
 from smartplay_tools.evaluation.analysis.pairs import bounds_of, score
 from smartplay_tools.evaluation.run_folder.folder import Manifest
-from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.distributions import Values
+from smartplay_tools.statistics.intervals import Bounds
+from smartplay_tools.types.groups import grouped
 
 MOST_STAKED = 0.9
 """The share of the capital that a pair can cost at most."""
@@ -70,8 +71,8 @@ def judge(differences: Sequence[float], bounds: Bounds, margin: float, compariso
     capital = np.maximum(_log_capital(x, grid).max(axis=-1), _log_capital(1 - x, 1 - grid).max(axis=-1))
     mean, kept = float(x.mean()), grid[capital < math.log(40 * comparisons)].tolist()
     low, high = min([mean, *kept]) - 1 / (GRID - 1), max([mean, *kept]) + 1 / (GRID - 1)
-    ends = [float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high)]
-    return Evidence(word, used, float(bounds.low + width * mean), *ends)
+    low, high = (float(bounds.low + width * min(1.0, max(0.0, end))) for end in (low, high))
+    return Evidence(word, used, mean=float(bounds.low + width * mean), low=low, high=high)
 
 
 def decided_at(differences: Values, bounds: Bounds, margin: float, comparisons: int = 1) -> tuple[Places, Places]:
@@ -191,7 +192,7 @@ class Comparisons:
     def _bounds_of(self, game: str) -> Bounds:
         if self._until.by == "wins":
             return Bounds(-1, 1)
-        spec = get_spec(game)
+        spec = GAMES[game]  # never a file: the name is from rows and manifests
         if (bounds := bounds_of(score, spec)) is not None and self._until.clip is None:
             return bounds.of_differences
         clip = self._until.clip

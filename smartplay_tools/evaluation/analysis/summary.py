@@ -17,7 +17,6 @@ from typing import Any, Literal, get_args
 from smartplay_tools.episode.config import differs
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, label_in
-from smartplay_tools.evaluation.analysis.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.evaluation.analysis.pairs import (
     Measure,
     completion,
@@ -29,8 +28,10 @@ from smartplay_tools.evaluation.analysis.pairs import (
     tokens,
 )
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
-from smartplay_tools.records.rows import Row, grouped, has_early_end, has_reported_tokens, is_unplayed
+from smartplay_tools.records.rows import Row, has_early_end, has_reported_tokens, is_unplayed
+from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.types import EndReason
+from smartplay_tools.types.groups import grouped
 
 __all__ = ["CellSummary", "Failures", "Profile", "RunSummary", "summarize"]
 

@@ -17,9 +17,9 @@ from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
-from smartplay_tools.evaluation.analysis.intervals import with_ends
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
 from smartplay_tools.records.rows import FILES, LATER as ROWS_LATER, OPTIONAL, Row
+from smartplay_tools.statistics.intervals import with_ends
 from smartplay_tools.types import STRATEGIES, WORDS, Budget, EpisodeResult, Tokens, Usage
 from smartplay_tools.types.arguments import well_formed
 

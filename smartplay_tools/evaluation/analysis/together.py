@@ -15,9 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.distributions import Values, binomial_at_most, t_tail
-from smartplay_tools.evaluation.analysis.intervals import CONFIDENCE, Method, Sample, is_constant
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.distributions import Values, binomial_at_most, t_tail
+from smartplay_tools.statistics.intervals import CONFIDENCE, Method, Sample, is_constant
+from smartplay_tools.types.groups import grouped
 
 SEED = 20_240_417
 MOST_DF = 60

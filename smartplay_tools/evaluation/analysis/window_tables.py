@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
-from smartplay_tools.evaluation.analysis.formats import (
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns
+from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
+from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
+from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
-    TextTable,
     amount,
-    columns,
     count,
     decimals_of,
     dollars,
@@ -18,12 +19,10 @@ from smartplay_tools.evaluation.analysis.formats import (
     percent,
     with_interval,
 )
-from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.evaluation.quantities import short
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by seed; [ ]: 95 % interval",

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate, named_estimates, with_ends
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
     are_identical,
@@ -35,9 +34,11 @@ from smartplay_tools.evaluation.analysis.pairs import (
     samples,
 )
 from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
-from smartplay_tools.records.rows import Row, grouped, has_early_end, is_whole
+from smartplay_tools.records.rows import Row, has_early_end, is_whole
+from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
+from smartplay_tools.types.groups import grouped
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:

@@ -14,8 +14,8 @@ from operator import mul
 from typing import Any, Literal, NamedTuple, get_args
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.costs.caches import CacheRule
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.caches import CacheRule
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.requests import Prefixes, Request, RequestLog
 
 __all__ = ["Charge", "calls_under", "charge"]

@@ -10,11 +10,12 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from smartplay_tools.errors import DamageError, damage_named, warn_damaged
-from smartplay_tools.evaluation.costs.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.context.tokens.tokenizers import named_tokenizers, open_tokenizers
+from smartplay_tools.errors import InvalidArgumentError, damage_named, warn_damaged
 from smartplay_tools.evaluation.costs.charges import PLACES, Charge, Place, charge, marks_of
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
 
@@ -71,17 +72,20 @@ def charge_records(
 ) -> dict[str, Charged | None]:
     """Return the cost of each record by its key; None for a record without prompts, or one that is damaged.
 
+    One whose tokenizer does not ship with this package, and was not named in this process, is left out in the same way.
+
     `prices` are those of the run by player.
     """
-    work = partial(_charge_all, tariffs=tariffs, prices=prices, rules=cache_rules(caches))
-    charged: dict[str, Charged | DamageError | None] = {}
+    named = named_tokenizers()
+    work = partial(_charge_all, tariffs=tariffs, prices=prices, rules=cache_rules(caches), tokenizers=named)
+    charged: dict[str, Charged | InvalidArgumentError | None] = {}
     with parallel_map(work, list(records.items()), worth(processes, records.values(), WORTH_A_PROCESS)) as results:
         for _, part in results:
             charged |= part
     for fault in charged.values():
-        if isinstance(fault, DamageError):
+        if isinstance(fault, InvalidArgumentError):
             warn_damaged(fault)
-    return {key: None if isinstance(of_key := charged[key], DamageError) else of_key for key in records}
+    return {key: None if isinstance(of_key := charged[key], InvalidArgumentError) else of_key for key in records}
 
 
 def _charge_all(
@@ -90,7 +94,9 @@ def _charge_all(
     tariffs: Sequence[Tariff],
     prices: Mapping[str, Price],
     rules: Mapping[str, CacheRule],
-) -> dict[str, Charged | DamageError | None]:
+    tokenizers: Sequence[str],
+) -> dict[str, Charged | InvalidArgumentError | None]:
+    open_tokenizers(tokenizers)
     with _collecting_rarely():
         return {key: _charged(path, tariffs, prices, rules) for key, path in records}
 
@@ -108,11 +114,11 @@ def _collecting_rarely() -> Iterator[None]:
 
 def _charged(
     path: Path, tariffs: Sequence[Tariff], prices: Mapping[str, Price], rules: Mapping[str, CacheRule]
-) -> Charged | DamageError | None:
+) -> Charged | InvalidArgumentError | None:
     try:
         with damage_named(path):
             return _charged_record(Record.read(path), tariffs, prices, rules)
-    except DamageError as error:
+    except InvalidArgumentError as error:  # it is damaged, or nobody has named its tokenizer
         return error
 
 

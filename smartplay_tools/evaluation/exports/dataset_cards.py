@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.exports.sft import FILE, EpisodeSelection
-from smartplay_tools.evaluation.run_folder.folder import trial_seed
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import grouped, recorded_score
+from smartplay_tools.records.rows import recorded_score
+from smartplay_tools.types.groups import grouped
 
 EVALUATED = 100
 """The number of worlds, the first that an evaluation plays by default, of which a card counts those in the data."""

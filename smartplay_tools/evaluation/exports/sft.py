@@ -33,8 +33,9 @@ from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import recorded_pictures
-from smartplay_tools.records.rows import grouped, recorded_score
+from smartplay_tools.records.rows import recorded_score
 from smartplay_tools.types import Purpose, SampledTokens
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.messages import Message, pictures_of, text_of
 from smartplay_tools.types.pictures import is_picture
 

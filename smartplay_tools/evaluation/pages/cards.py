@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, damage_named, extra_named
-from smartplay_tools.games.specs import get_spec
+from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.accounts import ShownAs, shown_turns
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import grouped
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
 from smartplay_tools.types.arguments import read
+from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -121,10 +121,12 @@ def _shots(record: Record) -> Iterator[_Shot]:
 def _images(record: Record) -> Iterator[Any]:
     """Yield the game's pictures of itself: at the start and after every played action; none if it makes none."""
     config = record.config
-    if PICTURES not in get_spec(config.game).load().metadata["render_modes"]:
+    if PICTURES not in config.registered.load().metadata["render_modes"]:
         return
     options = {**config.options, "render_mode": PICTURES}
-    with closing(config.model_copy(update={"options": options}).make_game(config.spec)) as game:
+    with ExitStack() as stack:
+        game = config.model_copy(update={"options": options}).make_game(config.spec, is_recorded=True)
+        stack.callback(close_game, game)
         game.reset(seed=config.seed)
         tools = Tools(game, Wording.of(record.config.prompts))
         yield game.render()

@@ -16,7 +16,6 @@ here.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -48,34 +47,18 @@ from smartplay_tools.errors import (
     damage_named,
     in_one_line,
 )
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, Timing, read_rows
 from smartplay_tools.transcript.lines import parse_json
 from smartplay_tools.types.messages import text_of
 
-__all__ = ["RunFolder", "Until", "trial_seed"]
+__all__ = ["RunFolder", "Until"]
 
 T = TypeVar("T")
 
 FORMAT: Literal[1] = 1
 """The version of the layout of a run's folder; folders with another version are refused."""
-
-
-def trial_seed(seed: int, game: str, trial: int) -> int:
-    """Return the seed of a trial: below 2**31, different for every trial of a game.
-
-    It follows from the seed of the run, so one number determines all its worlds.
-    """
-    start = hashlib.sha256(f"{seed} {game}".encode()).digest()[:4]
-    return (int.from_bytes(start, "big") + trial) % 2**31
-
-
-def player_seed(seed: int, repeat: int) -> int:
-    """Return the seed of a player in a world: the world's, or another one each time it is played again."""
-    if not repeat:
-        return seed
-    return int.from_bytes(hashlib.sha256(f"{seed} {repeat}".encode()).digest()[:4], "big") % 2**31
 
 
 def shard_of(digest: str, chain: int, count: int) -> int:
@@ -90,7 +73,7 @@ def shard_of(digest: str, chain: int, count: int) -> int:
 def _price(value: Any) -> Price:
     try:
         return value if isinstance(value, Price) else Price.from_json(value)
-    except (KeyError, TypeError):
+    except (AttributeError, KeyError, TypeError):
         raise ValueError("it is not a price") from None
 
 

@@ -23,7 +23,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
-from smartplay_tools.evaluation.quantities import duration, short
 from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder, damaged_attempt, failure
 from smartplay_tools.evaluation.run_folder.time_left import (
     CellWork,
@@ -33,13 +32,14 @@ from smartplay_tools.evaluation.run_folder.time_left import (
     most_replies,
     rest_of_tokens,
 )
-from smartplay_tools.players.player_registry import is_model
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.model_names import is_model
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row, mean_score, read_row
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
+from smartplay_tools.types.quantities import duration, short
 
 STALE_SECONDS = 15.0
 """A status file that is older was left by a run that was killed: a run writes one every second, or every five."""
@@ -205,9 +205,15 @@ class Result(NamedTuple):
         """Return the figures of a row."""
         tokens, replies = row["tokens"], row["turns"] + row.get("summaries", 0)
         spent = Spent(replies, int(tokens["prompt"]), int(tokens["reply"]), row["cost"])
-        scores = (float(row["score"]), row["normalized_score"], int(row["steps"]))
         return cls(
-            *scores, spent, sum(row[name] for name in MISTAKES), row["cut_results"], row["end_reason"], mean_score(row)
+            score=float(row["score"]),
+            normalized_score=row["normalized_score"],
+            steps=int(row["steps"]),
+            spent=spent,
+            mistakes=sum(row[name] for name in MISTAKES),
+            cut_results=row["cut_results"],
+            end_reason=row["end_reason"],
+            mean_score=mean_score(row),
         )
 
 

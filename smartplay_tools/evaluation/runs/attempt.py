@@ -8,11 +8,10 @@ attempt. The return value has times, and why the episode began again, which are 
 from __future__ import annotations
 
 import asyncio
-import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,17 +24,18 @@ from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conver
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full
-from smartplay_tools.evaluation.run_folder.folder import player_seed
+from smartplay_tools.episode.seeds import player_seed
+from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full, place_of
 from smartplay_tools.evaluation.runs.agents import Agent, Held
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
-from smartplay_tools.evaluation.runs.plan import PlannedEpisode, player_of
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode, check_playable, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import ModelPlayer, get_player, player_registry
+from smartplay_tools.players.opening import aenter_player, enter_player
 from smartplay_tools.players.player_registry import second_player, without_second
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import UNANSWERED, Record
 from smartplay_tools.records.replays import recorded_pictures
@@ -80,6 +80,8 @@ class Times:
     processor_seconds: float
     began_again: str | None = None
     """Why the episode did not continue from the record of an earlier attempt; None if there was none, or it did."""
+    after_the_end: str | None = None
+    """What was raised after the episode had ended: a note, since the record has the result; None for nothing."""
 
 
 class StoppedError(Exception):
@@ -116,7 +118,7 @@ def play_attempt(task: Task, limits: RunLimits | None, stop: StopFlag, on_record
     `on_record` is called before each call to the player and after each reply, once the record contains it.
     """
     attempt = _Attempt(task, limits, stop, on_record)
-    with _on_record(task), ExitStack() as stack:
+    with attempt.recording(), ExitStack() as stack:
         players = Players.of(task)
         if not isinstance(players.first, Player):
             asyncio.run(attempt.aplay(players))
@@ -138,7 +140,7 @@ async def aplay_attempt(
 ) -> Times:
     """Play on the running event loop, with slow games' steps in threads; a shared player is not closed afterwards."""
     attempt = _Attempt(task, limits, stop)
-    with _on_record(task):
+    with attempt.recording():
         if task.player.agent is not None:
             await attempt.hand_over(task.player.agent)
         else:
@@ -156,6 +158,7 @@ class _Attempt:
     on_record: OnRecord | None = None
     episode: Episode | None = None
     began_again: str | None = None
+    after_the_end: str | None = None
 
     def __post_init__(self) -> None:
         self._began, self._processor = time.perf_counter(), time.thread_time()
@@ -163,7 +166,21 @@ class _Attempt:
     def times(self) -> Times:
         game = 0.0 if self.episode is None else self.episode.game_seconds
         processor = time.thread_time() - self._processor
-        return Times(time.perf_counter() - self._began, game, processor, self.began_again)
+        return Times(time.perf_counter() - self._began, game, processor, self.began_again, self.after_the_end)
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Record why the attempt did not reach the end of its episode; once it has, what is raised is a note."""
+        try:
+            yield
+        except StoppedError:
+            return
+        except asyncio.CancelledError as error:
+            _append(self.task.record, error, UNANSWERED)
+        except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
+            why = f"{type(error).__name__}: {error}{place_of(error)}"
+            if not _append(self.task.record, error, why, traceback.format_exc()):
+                self.after_the_end = why
 
     async def hand_over(self, agent: Agent) -> None:
         """Have an agent play the episode."""
@@ -279,6 +296,7 @@ class _Attempt:
         """The record of an earlier attempt, unless it began with something other than the trial before has left."""
         assert self.task.previous is not None
         self._load_files()
+        check_playable(self.task.planned.cell)  # opens the plan's tokenizer and folders, which a record does not
         events = read_transcript(self.task.previous)
         if Carried.of(events[0]) != self.task.carried:
             raise TranscriptError("The earlier attempt was played after another record of the trial before it.")
@@ -322,16 +340,14 @@ class _DifferentReplyError(Exception):
 
 def _open(players: Players, stack: ExitStack) -> None:
     for player in players:
-        if isinstance(player, AbstractContextManager):
-            stack.enter_context(player)
+        if player is not None:
+            enter_player(stack, player)
 
 
 async def _aopen(players: Players, stack: AsyncExitStack, shared: AsyncPlayer | None) -> None:
     for player in players:
-        if player is not shared and isinstance(player, AbstractAsyncContextManager):
-            await stack.enter_async_context(player)
-        elif player is not shared and isinstance(player, AbstractContextManager):
-            stack.enter_context(player)
+        if player is not None and player is not shared:
+            await aenter_player(stack, player)
 
 
 async def _in_thread(open_one: Callable[[], Opened]) -> Opened:
@@ -346,37 +362,17 @@ async def _in_thread(open_one: Callable[[], Opened]) -> Opened:
         raise
 
 
-@contextmanager
-def _on_record(task: Task) -> Iterator[None]:
-    """Record why an attempt did not reach the end of its episode."""
-    try:
-        yield
-    except StoppedError:
-        return
-    except asyncio.CancelledError as error:
-        _append(task.record, error, UNANSWERED)
-    except (Exception, SystemExit) as error:  # a player that exits ends its episode, not the run
-        _append(task.record, error, f"{type(error).__name__}: {error}{_place(error)}", traceback.format_exc())
+def _append(record: Path, error: BaseException, *words: str) -> bool:
+    """Record why an attempt has ended, and return whether it has no result without that.
 
-
-def _place(error: BaseException) -> str:
-    """Where an error occurred in a user's own code: the innermost line that is in no library, in words."""
-    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
-        module, file = frame.f_globals.get("__name__", "").partition(".")[0], Path(frame.f_code.co_filename)
-        is_ours = module.startswith("smartplay_") or module in sys.stdlib_module_names
-        if not is_ours and {"site-packages", "dist-packages"}.isdisjoint(file.parts):
-            return f" ({file.name}, line {line})"
-    return ""
-
-
-def _append(record: Path, error: BaseException, *words: str) -> None:
-    """Record why an attempt has ended; on a full disk no attempt can continue, so the run ends."""
+    On a full disk no attempt can continue, so the run ends.
+    """
     try:
         if not is_disk_full(error):
-            append_exception(record, *words)
-            return
+            return append_exception(record, *words)
     except (OSError, SmartPlayError) as second:
         if not is_disk_full(second):
             raise
     if not isinstance(error, asyncio.CancelledError):
         raise DiskFullError(f"There is no space left for {record}.") from None
+    return True

@@ -25,18 +25,19 @@ from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.costs.caches import cache_rules, rule_of
 from smartplay_tools.evaluation.costs.charges import charge, marks_of
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
 from smartplay_tools.players.player_registry import without_second
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.caches import cache_rules, rule_of
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import Player, Prompt, Reply, Usage
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.messages import assistant_message, text_of
 
 SAMPLED_TRIALS = 3

@@ -20,7 +20,7 @@ from typing import Any, Protocol, Self
 
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import PAUSED
 from smartplay_tools.types import Usage
 

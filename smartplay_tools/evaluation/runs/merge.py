@@ -16,11 +16,19 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from smartplay_tools.context.strategies.custom import IN_FILES as STRATEGIES_IN_FILES, load_strategy, parted
+from smartplay_tools.context.strategies import custom
+from smartplay_tools.context.tokens import get_tokenizer
+from smartplay_tools.context.tokens.tokenizers import named_tokenizers, open_tokenizers, split_rule
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, damage_left_out, damage_named
+from smartplay_tools.errors import (
+    DamageError,
+    InvalidArgumentError,
+    SmartPlayError,
+    TranscriptError,
+    damage_left_out,
+    damage_named,
+)
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
@@ -119,15 +127,16 @@ class EpisodeAudit:
     """What could not be compared (`Replay.not_compared`)."""
     has_row: bool = True
     has_record: bool = True
+    not_replayed: str | None = None
+    """Why it was not played again: its game, engine, strategy or tokenizer is not here, or was not named."""
 
 
 def audit(
     folder: RunFolder,
     workers: int,
-    tokenizer: str | None = None,
     *,
-    game: str | None = None,
-    strategy: str | None = None,
+    games: Sequence[str] = (),
+    strategies: Sequence[str] = (),
     rows: Sequence[Row] | None = None,
 ) -> Iterator[EpisodeAudit]:
     """Yield the audit of every episode of a run that is planned or has a record, in the order of completion.
@@ -135,16 +144,17 @@ def audit(
     Those without a row come first, unless the run was ended because their comparisons are decided.
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
-    registered. `tokenizer` names the records' tokenizer if its file was moved, `game` and `strategy` are the names of
-    their game and their strategy, if these are in files; a compactor that is named is called again. Rows are read from
-    the folder unless they are given.
+    registered. `games` and `strategies` are the names of those that are in files; a compactor that is named is called
+    again. A tokenizer that does not ship with this package has been named before. Rows are read from the folder unless
+    they are given.
     """
     rows, manifest = folder.rows() if rows is None else rows, folder.manifest()
     yield from _without_row(folder, manifest, rows)
     before = {key: folder.transcript(earlier) for key, earlier in manifest.predecessors.items()}
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
-    work = functools.partial(_audit_all, tokenizer=tokenizer, game=game, strategy=strategy)
+    named = {"games": games, "strategies": strategies, "tokenizers": named_tokenizers()}
+    work = functools.partial(_audit_all, named=named)
     with parallel_map(work, records, processes) as results:
         for _, findings in results:
             yield from findings
@@ -170,46 +180,67 @@ def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> 
         yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))
 
 
-def import_named(game: str | None, strategy: str | None, cells: Iterable[CellConfig] = ()) -> None:
-    """Import the game and the strategy in files that a user names for records, which import no file themselves.
+def import_named(games: Iterable[str], strategies: Iterable[str], cells: Sequence[CellConfig] = ()) -> None:
+    """Import the games and strategies in files that a user names for records, which import no file themselves.
 
-    A file that is not that of the cells is refused before it is imported.
+    A file that is not that of one of the cells is refused before it is imported.
     """
-    cells = list(cells)
-    if game is not None:
+    for game in games:
         GAMES_IN_FILES.check(game, [cell.game_sha256 for cell in cells])
         load_game(game)
-    if strategy is not None:
-        place, _ = parted(strategy)
+    for strategy in strategies:
+        place, _ = custom.parted(strategy)
         if is_in_file(place):
-            STRATEGIES_IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
-        load_strategy(strategy)
+            custom.IN_FILES.check(place, [cell.strategy_sha256 for cell in cells])
+        custom.load_strategy(strategy)
+
+
+def check_tokenizers(names: Iterable[str], cells: Iterable[CellConfig]) -> None:
+    """Refuse a tokenizer that a user names for records if none of them was counted with it."""
+    asked = {cell.tokenizer_sha256 or split_rule(cell.tokenizer)[0]: cell.tokenizer for cell in cells}
+    for name in names:
+        sha256 = getattr(get_tokenizer(name), "sha256", None) or split_rule(name)[0]
+        if sha256 not in asked:
+            theirs = ", ".join(f"{own!r} ({digest})" for digest, own in asked.items())
+            raise InvalidArgumentError(
+                f"The record was counted with the tokenizer {theirs}, not with {name!r} ({sha256})."
+            )
+
+
+def is_called_again(config: CellConfig, strategies: Iterable[str]) -> bool:
+    """Return whether a user has named the strategy of a config, so that a compactor is called again."""
+    asked = config.budget.strategy
+    return asked is not None and _place(asked) in map(_place, strategies)
+
+
+def _place(strategy: str) -> str:
+    return custom.parted(custom.name_on_record(strategy))[0]
 
 
 def _audit_all(
-    records: Sequence[tuple[Path, Path | None, Row]], *, tokenizer: str | None, game: str | None, strategy: str | None
+    records: Sequence[tuple[Path, Path | None, Row]], *, named: Mapping[str, Sequence[str]]
 ) -> list[EpisodeAudit]:
-    import_named(game, strategy)
-    given: dict[str, Any] = {"tokenizer": tokenizer, "calls_compactor": strategy is not None}
-    return [_audit(record, before, row, **given) for record, before, row in records]
+    import_named(named["games"], named["strategies"])
+    open_tokenizers(named["tokenizers"])
+    return [_audit(record, before, row, named["strategies"]) for record, before, row in records]
 
 
-def _audit(
-    record: Path, before: Path | None, row: Row, *, tokenizer: str | None, calls_compactor: bool
-) -> EpisodeAudit:
-    not_compared = None
+def _audit(record: Path, before: Path | None, row: Row, strategies: Sequence[str]) -> EpisodeAudit:
+    differences, not_compared, not_replayed = [], None, None
     try:
         read = Record.read(record, checks_fields=False)
-        replayed = replay_record(read, tokenizer=tokenizer, calls_compactor=calls_compactor)
+        replayed = replay_record(read, calls_compactor=is_called_again(read.config, strategies))
         differences, not_compared = [*replayed.differences], replayed.not_compared
         with damage_named(record):
             if replayed.complete or not read.is_complete:
                 differences += _row_differences(read, row)
             if fault := chain_fault(read, before):
                 differences.append(fault)
-    except SmartPlayError as error:
+    except (TranscriptError, DamageError) as error:
         differences = [str(error)]
-    return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared)
+    except SmartPlayError as error:
+        not_replayed = str(error)
+    return EpisodeAudit(row["key"], row["game"], tuple(differences), not_compared, not_replayed=not_replayed)
 
 
 def _row_differences(record: Record, row: Row) -> Iterator[str]:

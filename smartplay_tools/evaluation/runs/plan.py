@@ -10,7 +10,6 @@ recognises it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,14 +19,15 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.cells import cell_config, with_recorded_name
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
+from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder, shard_of, trial_seed
+from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder, shard_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
-from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.specs import IN_FILES, get_spec
 from smartplay_tools.players.player_registry import second_name
-from smartplay_tools.records.prices import Price, find_price
+from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 
@@ -229,8 +229,11 @@ def plan_suite(
 
 def check_playable(cell: CellConfig) -> None:
     """Check the options of the game, its engine and the budget by creating them, without making a world."""
-    with closing(cell.make_game(cell.spec)) as game:
+    game = cell.make_game(cell.spec)
+    try:
         GameSession(cell.spec, game, cell, shared_counter(cell.tokenizer, cell.prompts))
+    finally:
+        close_game(game)
 
 
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:

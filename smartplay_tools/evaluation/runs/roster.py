@@ -24,7 +24,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, 
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players import ModelPlayer
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.types import AsyncPlayer, Player
 
 ELSEWHERE = ("processes", "ray")

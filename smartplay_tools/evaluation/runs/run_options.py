@@ -42,7 +42,7 @@ from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
 from smartplay_tools.evaluation.runs.scheduler import OnProgress
-from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.types import Budget, CarriedStore, ObservationForm
 
 

@@ -11,14 +11,14 @@ use, so playing a run loads neither pages nor statistics.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
-from smartplay_tools.errors import DiskFullError, EngineError, InvalidArgumentError, is_disk_full
+from smartplay_tools.errors import DiskFullError, EngineError, InvalidArgumentError, is_disk_full, warned_if_not_closed
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, S
 from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
-from smartplay_tools.records.prices import Price, check_known
+from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget
 
@@ -202,9 +202,12 @@ def run_plan(
                 order = list(roster.episodes.items())[:: 1 if comparisons is None else -1]
                 for name, episodes in order:
                     chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
-                    with closing(chosen):
+                    try:
                         signals.tell(chosen.stop)
                         apart_from_event_loop(scheduler.play, chosen, episodes)
+                    finally:
+                        with warned_if_not_closed(f"The executor {name}"):
+                            chosen.close()
             finally:
                 rows = scheduler.finish()
                 tracking.close(complete=len(rows) + scheduler.spared == len(part.episodes))

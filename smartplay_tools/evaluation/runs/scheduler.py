@@ -13,8 +13,9 @@ episode instead of a hundred.
 
 from __future__ import annotations
 
+import re
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,8 +30,8 @@ from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file, player_key, player_of, strategy_file
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.players.attempts import ModelCallError, ModelRefusedError
-from smartplay_tools.records.prices import Price, check_known
+from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
+from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of
@@ -46,10 +47,15 @@ RETRIES = 3
 """How often a failed episode is retried in one run."""
 
 SAME_FAILURES = 3
-"""A player that fails so often with one kind of error, and has never played an action in this run, plays no more in it.
+"""A player that fails so often in one place, with no finished episode in between, plays no more in this run.
 
-Attempts that fail side by side count once, since they may have one cause that passes.
+Attempts that fail side by side count once, since they may have one cause that passes. After a failure the player's next
+attempts begin one at a time, until one finishes its episode. A player that a server refuses so often without a reply in
+between ends the run.
 """
+
+FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
+"""A place in a traceback."""
 
 
 @dataclass(frozen=True)
@@ -99,13 +105,14 @@ class Scheduler:
         self._queue: deque[PlannedEpisode] = deque()
         self._running: dict[str, Task] = {}
         self._awaited: dict[Path, Record] = {}
-        self._answered: set[str] = set()
+        self._answered: Counter[str] = Counter()
+        self._refusals: dict[str, tuple[int, int]] = {}
         self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._failures: Counter[tuple[str, str]] = Counter()
         self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
-        self._reasons: set[str] = set()
+        self._reasons: set[tuple[str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
         self._needed: set[int] | None = None
@@ -243,16 +250,20 @@ class Scheduler:
         """Whether a player has played an action in this run, according to the records that are being written."""
         if player not in self._setup.tried or player in self._acted:
             return True
+        if any(record.steps for record in self._records_of(player)):
+            self._acted.add(player)
+        return player in self._acted
+
+    def _records_of(self, player: str) -> Iterator[Record]:
+        """The records of a player that are being written, as far as they are."""
         for path in (task.record for task in self._running.values() if self._who[task.planned.place] == player):
             followed = self._awaited.get(path)
             self._awaited[path] = Record.follow(path) if followed is None else followed.refresh()
-            if self._awaited[path].steps:
-                self._acted.add(player)
-        return player in self._acted
+            yield self._awaited[path]
 
     def _is_failing(self, player: str) -> bool:
-        """Whether a player has failed in this run and never played an action."""
-        return player not in self._acted and any(player == failed for failed, _ in self._failures)
+        """Whether a player has failed in this run and finished no episode since."""
+        return any(player == failed for failed, _ in self._failures)
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
@@ -272,8 +283,16 @@ class Scheduler:
         config = self._setup.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
         carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
-        price, files = self._setup.prices.get(player_of(cell)), (game_file(cell), strategy_file(cell))
-        task = Task(episode, config, record, previous, price, carried, *files)
+        task = Task(
+            episode,
+            config,
+            record,
+            previous,
+            price=self._setup.prices.get(player_of(cell)),
+            carried=carried,
+            game_file=game_file(cell),
+            strategy_file=strategy_file(cell),
+        )
         self._running[episode.key] = task
         self._failures_before[episode.key] = self._failures.copy()
         return task
@@ -285,8 +304,7 @@ class Scheduler:
         record = Record.follow(task.record, self._setup.prices)
         if record.exists:
             spent = record.own_totals + record.open_call
-            if spent.replies:
-                self._answered.add(self._who[task.planned.place])
+            self._answered[self._who[task.planned.place]] += spent.replies
             if record.steps:
                 self._acted.add(self._who[task.planned.place])
             self._spent += spent
@@ -302,7 +320,10 @@ class Scheduler:
         if outcome.times is not None:
             timing = {name: value for name, value in asdict(outcome.times).items() if value is not None}
             self._folder.append_timing({"key": episode.key, "attempt": record.attempt, **timing})
-            self._tell_beginning(episode, outcome.times.began_again)
+            self._tell(
+                episode, "%s began again from its start: %s What it had spent is counted.", outcome.times.began_again
+            )
+            self._tell(episode, "%s keeps its result; after its end came %s.", outcome.times.after_the_end)
         row, error = None, record.error or record.end_reason
         if not record.exists:
             error = "There is no record of the attempt."
@@ -310,47 +331,67 @@ class Scheduler:
             record.path = self._folder.transcript(episode.key)  # it was moved
             row = self._rows[episode.key] = row_of(record, episode.trial)
             self._folder.append_row(row)
+            player = self._who[episode.place]
+            self._failures = Counter({key: n for key, n in self._failures.items() if key[0] != player})
             self._needed = None
             self._expected.finished(row)
+            if row["end_reason"] == "host" and task.player.agent is None:
+                self._tell(episode, "%s ended early: %s", row["detail"] or "")
             if row["cost"] is None and self._setup.caps.cost is not None:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
         elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
-            self._judge(episode, error)
+            self._judge(episode, error, record)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
-    def _tell_beginning(self, episode: PlannedEpisode, why: str | None) -> None:
-        """Log why an episode began again, once for each reason."""
-        if why is not None and (reason := reason_of(why)) not in self._reasons:
-            self._reasons.add(reason)
-            log.warning("%s began again from its start: %s What it had spent is counted.", episode.key, why)
+    def _tell(self, episode: PlannedEpisode, sentence: str, why: str | None) -> None:
+        """Log what is to be known of an attempt, once for each reason; a row of `timings.jsonl` has it, too."""
+        if why is not None and (sentence, reason_of(why)) not in self._reasons:
+            self._reasons.add((sentence, reason_of(why)))
+            log.warning(sentence, episode.key, why)
 
-    def _judge(self, episode: PlannedEpisode, error: str) -> None:
-        """End the run if a server refuses every request; give up a player that never answers, or always fails."""
+    def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
+        """End the run if a server refuses a player; give up a player that never answers, or always fails."""
         assert self._executor is not None
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
-            self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
-            self._executor.stop.set()
-        elif kind == ModelCallError.__name__ and player not in self._answered:
+            if self._is_refused(episode, kind):
+                self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
+                self._executor.stop.set()
+        elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
-        elif player not in self._acted:
-            self._count_failure(episode, kind, error)
+        elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break
+            frames = FRAME.findall(record.traceback or "")
+            self._count_failure(episode, f"{kind} {frames[-1:]}", error)
 
-    def _count_failure(self, episode: PlannedEpisode, kind: str, error: str) -> None:
-        """Count a failure, unless one of the same kind was counted while this attempt was played."""
+    def _is_refused(self, episode: PlannedEpisode, kind: str) -> bool:
+        """Whether a refusal is the player's: it was never answered, or not between this refusal and some before.
+
+        A server may also refuse one request of a player's, with the same status.
+        """
         player = self._who[episode.place]
-        if self._failures_before[episode.key][player, kind] < self._failures[player, kind]:
+        replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
+        in_a_row, heard = self._refusals.get(player, (0, 0))
+        if self._failures_before[episode.key][player, kind] >= self._failures[player, kind]:
+            self._failures[player, kind] += 1
+            in_a_row = in_a_row + 1 if replies == heard else 1
+            self._refusals[player] = in_a_row, replies
+        return not replies or in_a_row >= SAME_FAILURES
+
+    def _count_failure(self, episode: PlannedEpisode, place: str, error: str) -> None:
+        """Count a failure, unless one in the same place was counted while this attempt was played."""
+        player = self._who[episode.place]
+        if self._failures_before[episode.key][player, place] < self._failures[player, place]:
             return
-        self._failures[player, kind] += 1
-        if self._failures[player, kind] == SAME_FAILURES:
+        self._failures[player, place] += 1
+        if self._failures[player, place] == SAME_FAILURES:
             self._silent.add(player)
-            name = player_of(episode.cell)
-            log.warning("%s plays no more: it failed %d times before any action. %s", name, SAME_FAILURES, error)
+            why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
+            log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)

@@ -16,9 +16,10 @@ from typing import Any, Protocol
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
 from smartplay_tools.registry import Registry
 from smartplay_tools.types import Budget
+from smartplay_tools.types.groups import grouped
 
 
 class Tracker(Protocol):

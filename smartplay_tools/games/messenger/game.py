@@ -32,6 +32,7 @@ class Messenger(TextGame):
 
     actions = words.ACTIONS
     options = ("split", "texts", "sentences", "text")
+    places = ("texts",)
 
     def __init__(
         self,

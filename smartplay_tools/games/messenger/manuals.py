@@ -41,6 +41,9 @@ TEXTS_VARIABLE = "SMARTPLAY_MESSENGER_TEXTS"
 
 OUR_TEXTS = Path(__file__).parent / "texts"
 
+_NAMED: dict[Path, None] = {}
+"""The folders that the user has named in this process."""
+
 GRAMMAR, ORIGINAL = "grammar", "original"
 
 ORIGINAL_SHA256 = MappingProxyType(
@@ -56,15 +59,18 @@ ORIGINAL_SHA256 = MappingProxyType(
 def choose_folder(texts: str | os.PathLike[str] | None, split: Split, sentences: str | None = None) -> Path:
     """Return the folder to read: the one that is named, by the argument or the environment variable, or else ours.
 
-    If `sentences` says which sentences are wanted (see `identify`), it is the first of these that holds them.
+    If `sentences` says which sentences are wanted (see `identify`), it is the first of these that holds them, or one
+    that the argument has named before: a record gives the sentences, and no folder.
 
     Raises:
         InvalidArgumentError: none of them holds the sentences that are wanted.
     """
     named = [Path(folder) for folder in (texts, os.environ.get(TEXTS_VARIABLE)) if folder]
+    if texts:
+        _NAMED[named[0]] = None
     if sentences is None:
         return named[0] if named else OUR_TEXTS
-    for folder in (*named, OUR_TEXTS):
+    for folder in (*named, *_NAMED, OUR_TEXTS):
         if (folder / _file_name(split)).is_file() and identify(folder, split) == sentences:
             return folder
     raise InvalidArgumentError(

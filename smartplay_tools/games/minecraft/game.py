@@ -8,17 +8,9 @@ from typing import Any, Literal, get_args
 
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
-from smartplay_tools.games.minecraft.engines import (
-    ACTIONS,
-    CORRECTED_GOALS,
-    ENGINES,
-    PAPER_GOALS,
-    Engine,
-    load_engine,
-    strides,
-    turn,
-)
+from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
+from smartplay_tools.games.minecraft.rules import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
 from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
 from smartplay_tools.types.pictures import Picture
 

@@ -22,7 +22,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.games.minecraft.engines import PAPER_GOALS
+from smartplay_tools.games.minecraft.rules import PAPER_GOALS
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in

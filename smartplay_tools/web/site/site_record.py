@@ -13,17 +13,13 @@ from typing import Any
 from urllib.parse import quote
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.pages.report.page import (
-    pack_episode,
-    render_episode,
-    render_report,
-    render_side_by_side,
-)
-from smartplay_tools.evaluation.quantities import duration, short
+from smartplay_tools.evaluation.pages.report.page import render_report
+from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode, render_side_by_side
 from smartplay_tools.evaluation.run_folder.folder import read_notes
 from smartplay_tools.evaluation.run_folder.follower import Result
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Budget
+from smartplay_tools.types.quantities import duration, short
 from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, figures, live_figures
 
 KEY = "0" * 16

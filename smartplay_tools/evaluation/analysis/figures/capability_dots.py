@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.capabilities import capability_scores
 from smartplay_tools.evaluation.analysis.figures import style
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
+from smartplay_tools.statistics.intervals import MeanEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,8 +14,8 @@ from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
-from smartplay_tools.records.rows import grouped
 from smartplay_tools.types import Budget
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.names import series_name, window_names
 from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
-from smartplay_tools.evaluation.quantities import typeset
-from smartplay_tools.records.rows import grouped
+from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import typeset
 from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:

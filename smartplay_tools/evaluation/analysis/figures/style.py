@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.evaluation.analysis.headline import CUT
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
-from smartplay_tools.evaluation.quantities import typeset
+from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.quantities import typeset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

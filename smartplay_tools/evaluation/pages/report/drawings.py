@@ -32,7 +32,7 @@ from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.games.game_registry import packages_are_imported
+from smartplay_tools.games.game_registry import close_game, packages_are_imported
 from smartplay_tools.games.minecraft.game import Minecraft
 from smartplay_tools.games.minecraft.voxel.climate import SPACING, Biome, biomes, climate
 from smartplay_tools.games.minecraft.voxel.engine import VoxelEngine
@@ -169,14 +169,14 @@ class Drawings:
             if not packages_are_imported() and config.setting.kwargs != Setting.of(config.registered).kwargs:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
-            game = config.make_game(config.spec)
+            game = config.make_game(config.spec, is_recorded=True)
             self._made = (cell, game, Tools(game, Wording.of(config.prompts)))
         return self._made[1], self._made[2]
 
     def _close(self) -> None:
         """Close the game. One that disagreed with a record is not used again: it may be broken."""
         if self._made is not None:
-            self._made[1].close()
+            close_game(self._made[1])
             self._made = None
 
 

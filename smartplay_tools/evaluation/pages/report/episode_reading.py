@@ -16,7 +16,8 @@ from typing import Any
 
 from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
-from smartplay_tools.evaluation.pages.report.episodes import episode_data, excerpt
+from smartplay_tools.evaluation.pages.report.episodes import episode_data
+from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth

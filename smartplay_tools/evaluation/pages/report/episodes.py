@@ -2,11 +2,6 @@
 
 Texts are kept as recorded. Everything that the page can compute itself (the prompts, the running sums) is left to it,
 which keeps ten thousand steps small.
-
-Excerpts: some turns of an episode, for a page that plays only those.
-
-Earlier turns stay, because prompts show them; later ones are left out, with the drawings, pictures and departures of
-later turns.
 """
 
 from __future__ import annotations
@@ -26,7 +21,6 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import BROUGHT_BACK
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.prompts import is_compacted, rewritten_prompts
@@ -205,27 +199,3 @@ def check(record: Record) -> dict[str, Any]:
         return {"prompts": len(views), "differ": None}
     differ = [sent.turn for sent in record.sent_prompts() if sent.sha256 != sent.recorded_sha256]
     return {"prompts": len(views), "differ": differ}
-
-
-def excerpt(data: dict[str, Any], first: int, last: int) -> dict[str, Any]:
-    """Return the data of an episode for a page that plays the turns from `first` to `last`."""
-    count = len(data["turns"])
-    if not first <= last < count:
-        raise InvalidArgumentError(f"The episode has turns 0 to {count - 1}; there is no range {first}-{last} of them.")
-    turns = data["turns"][: last + 1]
-    calls = [item["call"] for turn in turns for item in turn["items"] if "call" in item]
-    steps = max((call["step"] for call in calls if call.get("legal")), default=0)
-    drawing = dict(data["drawing"])
-    for name, length in (("changes", steps + 1), ("walk", steps + 1), ("actions", steps), ("rewards", steps)):
-        if name in drawing:
-            drawing[name] = drawing[name][:length]
-    pictures = data["pictures"]
-    if pictures is not None:
-        named = {call["picture"]["sha256"] for call in calls if "picture" in call}
-        pictures = {**pictures, "files": {name: file for name, file in pictures["files"].items() if name in named}}
-    departures = data["departures"]
-    if departures is not None:
-        departures = [gone for gone in departures if gone["prompt"] <= last]
-    shown = {"first": first, "last": last, "count": count}
-    kept = {"turns": turns, "drawing": drawing, "pictures": pictures, "departures": departures}
-    return {**data, **kept, "excerpt": shown}

@@ -2,16 +2,6 @@
 
 A content security policy in the head of the file makes it safe: it allows only the styles and scripts of this package,
 by their hashes, and pictures from the file itself; no network, no inline handlers and no forms.
-
-Replay pages for a site that serves them: one episode that may still be played, and several side by side.
-
-Such a page knows the site (`site`): where the list is, which episodes are its neighbours, and where new turns come
-from. It may ask this server, and no other.
-
-Pairs: which episodes of several runs a page shows side by side.
-
-Episodes of the same game, seed and trial met the same world. Where a run has several of them, that of the same player
-under the same rules is the counterpart, else that of the same player, else that under the same rules, else the first.
 """
 
 from __future__ import annotations
@@ -24,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
-from string import ascii_uppercase
 from typing import Any, Literal
 
 from smartplay_tools.context.prompts.wording import versions
@@ -42,45 +31,24 @@ from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, reading
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
+from smartplay_tools.evaluation.pages.report.pairs import pairs_of
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
 from smartplay_tools.evaluation.pages.report.summary_tables import (
     failed_row,
     figures,
     interval,
     lines,
-    rules,
     totals,
 )
-from smartplay_tools.evaluation.quantities import figure, typeset
 from smartplay_tools.games.game_registry import importing_packages
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.accounts import PARTS
-from smartplay_tools.records.prices import Price
-from smartplay_tools.records.rows import Row, grouped, unplayed
+from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.types import MISTAKES, Budget
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.types.quantities import figure, typeset
 
 __all__ = ["render_report", "write_excerpt", "write_report"]
-
-Episode = Mapping[str, Any]
-
-
-def pairs_of(episodes: Sequence[Episode]) -> Iterator[tuple[Episode, Episode]]:
-    """Yield every finished episode of the later runs with its counterpart in the first run."""
-    first = episodes[0]["run"] if episodes else ""
-    finished = [episode for episode in episodes if episode["status"] == "finished"]
-    of_first = grouped((episode for episode in finished if episode["run"] == first), _world)
-    for episode in finished:
-        if episode["run"] != first and (candidates := of_first.get(_world(episode))):
-            yield max(candidates, key=lambda other: _likeness(other, episode)), episode
-
-
-def _world(episode: Episode) -> tuple[Any, ...]:
-    return episode["game"], episode["seed"], episode["trial"]
-
-
-def _likeness(one: Episode, other: Episode) -> tuple[bool, bool]:
-    return one["player"] == other["player"], rules(one) == rules(other)
-
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
@@ -375,30 +343,3 @@ def number(value: float | None, digits: int = 2) -> str:
     """Format a number for people: with separated thousands, without trailing zeros, and a dash for None."""
     text = figure(value, digits)
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
-    """Return the page of one episode, which is called `key` in it; the page is called `title`."""
-    run = ShownRun(record, "", Sources([Source(key, record)]))
-    with importing_packages(plugins):
-        return render_runs([run], title, plugins=plugins, opened="first", site=site)
-
-
-def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
-    """Return what such a page unpacks of an episode, as far as its record goes."""
-    with reading([Source(key, record)], "", plugins=plugins) as read:
-        shown, damaged = read()
-    if damaged:
-        raise DamageError(damaged[0])
-    return packs(shown)[0][1]
-
-
-def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:
-    """Return the page of several episodes side by side, each with the name of its run."""
-    several = len({name for name, _ in records}) > 1
-    runs = [
-        ShownRun(record, name if several else "", Sources([Source(f"{letter}.{record.stem}", record)]))
-        for letter, (name, record) in zip(ascii_uppercase, records, strict=False)
-    ]
-    with importing_packages(plugins):
-        return render_runs(runs, "Side by side", plugins=plugins, opened="compared", site=site)

@@ -21,9 +21,10 @@ from typing import Any
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayWarning, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import Row, grouped
+from smartplay_tools.records.rows import Row
 from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.types.groups import grouped
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,12 @@ from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.analysis.figures.run import write_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell, differing
-from smartplay_tools.evaluation.analysis.intervals import MeanEstimate
 from smartplay_tools.evaluation.analysis.summary import CellSummary, RunSummary
 from smartplay_tools.evaluation.pages.report.sources import ShownRun
 from smartplay_tools.games.paper_tables import HUMAN_SCORES, PAPER_RESULTS
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types import MISTAKES, Budget, ResolvedBudget
 
 AXIS, MARGIN = 150, 6

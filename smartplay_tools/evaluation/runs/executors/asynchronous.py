@@ -12,12 +12,13 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from contextlib import AsyncExitStack
 
 from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.players.opening import aenter_player
 from smartplay_tools.types import AsyncPlayer
 
 GRACE_SECONDS = 10.0
@@ -84,8 +85,8 @@ class AsyncExecutor:
         name = str([cell.player, sorted(cell.player_options.items()), task.player.api_key_env])
         if name not in self._shared:
             self._shared[name] = player = _shareable(task)
-            if isinstance(player, AbstractAsyncContextManager):
-                await closing.enter_async_context(player)
+            if player is not None:
+                await aenter_player(closing, player)
         return self._shared[name]
 
 

@@ -17,6 +17,7 @@ from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
 
 
@@ -39,10 +40,12 @@ class ProcessExecutor:
         with ProcessPool(play, self._workers) as pool:
             while True:
                 for task, times in pool.run(lambda: take() if pool.has_begun or not lost else None):
-                    if isinstance(times, Lost):
-                        lost.append(task)
-                    else:
+                    if not isinstance(times, Lost):
                         yield EndedAttempt(task, times)
+                    elif has_result(task.record):
+                        yield EndedAttempt(task, None)
+                    else:
+                        lost.append(task)
                 if lost and not pool.has_begun and not self.stop.is_set():
                     raise InvalidArgumentError(
                         "No worker process could begin; its error is above. Workers import the program's main module:"

@@ -27,6 +27,7 @@ from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
+from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
 
 with extra_named("The Ray executor", "ray"):
@@ -84,6 +85,8 @@ class RayExecutor:
                 outcome = _outcome(reference, task)
                 if outcome is None:
                     self._give_up([attempt], under_way.values())
+                if outcome is None and has_result(task.record):
+                    outcome = EndedAttempt(task, None)
                 if outcome is None and losses[task.planned.key] < WORKER_LOSSES and not self.stop.is_set():
                     losses[task.planned.key] += 1
                     self._begin(again(task), under_way)

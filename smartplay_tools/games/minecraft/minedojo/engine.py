@@ -10,7 +10,6 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from smartplay_tools.errors import EngineError, InvalidArgumentError
-from smartplay_tools.games.minecraft.engines import PAPER_GOALS, TURN_STEP, Goal, Stride
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import (
@@ -21,6 +20,7 @@ from smartplay_tools.games.minecraft.observation import (
     TextMode,
     malmo_rays,
 )
+from smartplay_tools.games.minecraft.rules import PAPER_GOALS, TURN_STEP, Goal, Stride
 
 INTERPRETER = "SMARTPLAY_MINEDOJO_PYTHON"
 """The variable that names the Python in which MineDojo is installed."""

@@ -11,7 +11,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from smartplay_tools.games.minecraft.engines import Goal, Stride
 from smartplay_tools.games.minecraft.observation import (
     NEAR,
     RAY_RANGES,
@@ -20,6 +19,7 @@ from smartplay_tools.games.minecraft.observation import (
     heading,
     rays,
 )
+from smartplay_tools.games.minecraft.rules import Goal, Stride
 from smartplay_tools.games.minecraft.voxel import animals, blocks
 from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
 from smartplay_tools.games.minecraft.voxel.start import make_world

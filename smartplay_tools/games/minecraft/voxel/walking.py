@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from math import floor
 
-from smartplay_tools.games.minecraft.engines import Stride
+from smartplay_tools.games.minecraft.rules import Stride
 from smartplay_tools.games.minecraft.voxel.blocks import SLIPPERY, SOLID, Block
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, VoxelWorld
 

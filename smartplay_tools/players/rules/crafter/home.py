@@ -77,8 +77,8 @@ def find_site(now: Situation, *, dry: bool) -> Home | None:
         for top in range(y - SEARCH, y + SEARCH):
             if not is_walkable(now, (left, top)):
                 continue
-            for shape in SHAPES:
-                home = Home(left, top, *shape)
+            for width, height, side in SHAPES:
+                home = Home(left, top, width, height, side)
                 cost = _cost(now, home, dry)
                 if cost is not None and (best is None or cost < best[0]):
                     best = cost, home

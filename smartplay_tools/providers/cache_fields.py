@@ -32,7 +32,7 @@ def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
     if not is_openai(base_url):
         return CacheFields()
-    from smartplay_tools.evaluation.costs.caches import cache_rules, rule_of
+    from smartplay_tools.providers.caches import cache_rules, rule_of
 
     rule = rule_of(f"openai:{model}", {}, cache_rules())
     return CacheFields(key=True, marks=rule is not None and rule.marks != "auto")

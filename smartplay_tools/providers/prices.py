@@ -15,6 +15,7 @@ from itertools import repeat
 from typing import Any, Self
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.providers.model_names import is_model
 from smartplay_tools.types import Usage
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
@@ -133,8 +134,6 @@ class Price:
 
 def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:
     """Return the price of a player's model; None if there is no model or no known price."""
-    from smartplay_tools.players.player_registry import is_model
-
     if not is_model(player) or "base_url" in player_options:
         return None
     try:

@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.evaluation.analysis.distributions import NORMAL, Values, clopper_pearson, t_quantile, tango, wilson
+from smartplay_tools.statistics.distributions import NORMAL, Values, clopper_pearson, t_quantile, tango, wilson
 
 __all__ = ["Bounds", "MeanEstimate", "Method", "mean_estimate"]
 

@@ -13,14 +13,12 @@ from fnmatch import fnmatchcase
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
-
-if TYPE_CHECKING:
-    from smartplay_tools.records.prices import Price
+from smartplay_tools.providers.prices import Price, provider_of, scaled
 
 __all__ = ["CacheRule", "cache_rules", "rule_of"]
 
@@ -94,15 +92,11 @@ def rule_named(name: str, rules: Mapping[str, CacheRule]) -> CacheRule:
 
 def rule_of(player: str, player_options: Mapping[str, Any], rules: Mapping[str, CacheRule]) -> CacheRule | None:
     """Return the rule of a player's model; None if there is no model, or no rule is known to hold for it."""
-    from smartplay_tools.records.prices import provider_of
-
     return None if "base_url" in player_options else _rule_for(":".join(provider_of(player)), rules)
 
 
 @lru_cache(64)
 def _priced(price: Price | None, read: float, write: float, output: float) -> Price:
-    from smartplay_tools.records.prices import Price, scaled
-
     if price is None:
         price = Price.per_million(1e6, output * 1e6, source="tokens")
     cached = scaled(price.input, read) if price.cached == price.input else price.cached

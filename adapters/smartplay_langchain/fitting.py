@@ -1,0 +1,166 @@
+"""The context manager in LangChain: for an agent that exists, and for a model in a graph built by hand.
+
+A stand-in takes the model's place, so that the prompt is made when the request reaches the model: after all
+middlewares, with the tools and the output schema that are sent. What it sends is not stored: the agent's state keeps
+every message.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+from typing import Any, cast
+
+from smartplay_tools.errors import extra_named
+
+with extra_named("ContextManagerMiddleware", "langchain"):
+    from langchain.agents.middleware import AgentMiddleware, AgentState, ModelRequest, ModelResponse
+    from langchain_core.language_models import BaseChatModel, LanguageModelInput
+    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, ToolMessage
+    from langchain_core.runnables import Runnable, RunnableConfig
+    from langchain_core.tools import BaseTool
+    from langchain_core.utils.function_calling import convert_to_openai_tool
+
+from smartplay_langchain.asking import StandIn
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
+
+Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
+AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
+
+_ROLES = {"ai": "assistant", "human": "user", "system": "system", "tool": "tool"}
+_CALLS = ("tool_calls", "function_call")
+"""The fields of a reply in which providers' packages repeat its calls."""
+
+
+class ContextManagerMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
+    """Holds every request of an agent to the budget of a `ContextManager`.
+
+        manager = sp.ContextManager(prompt_tokens=8_000)
+        agent = create_agent(model, tools, middleware=[ContextManagerMiddleware(manager)])
+
+    Its place among other middlewares does not matter.
+    """
+
+    def __init__(self, manager: ContextManager) -> None:
+        super().__init__()
+        self.manager = manager
+
+    def wrap_model_call(self, request: ModelRequest[Any], handler: Handler) -> ModelResponse[Any]:
+        """Have the model called with what fits."""
+        return handler(request.override(model=cast("BaseChatModel", FittedModel(request.model, self.manager))))
+
+    async def awrap_model_call(self, request: ModelRequest[Any], handler: AsyncHandler) -> ModelResponse[Any]:
+        """Do what `wrap_model_call` does."""
+        return await handler(request.override(model=cast("BaseChatModel", FittedModel(request.model, self.manager))))
+
+
+class FittedModel(StandIn):
+    """Takes the place of a chat model, and sends it what a context manager shows of the messages.
+
+    model = FittedModel(init_chat_model("..."), sp.ContextManager(prompt_tokens=8_000))
+    reply = model.bind_tools(tools).invoke(messages)
+    """
+
+    def __init__(self, model: BaseChatModel, manager: ContextManager) -> None:
+        super().__init__(model)
+        self.manager = manager
+
+    def request(
+        self, tools: Sequence[BaseTool | dict[str, Any]], settings: dict[str, Any]
+    ) -> Runnable[LanguageModelInput, AIMessage]:
+        """Return a runnable that fits messages and sends them with these tools and settings."""
+        bound = self._model.bind_tools(tools, **settings) if tools else self._model.bind(**settings)
+        schemas = [tool if isinstance(tool, dict) else convert_to_openai_tool(tool) for tool in tools]
+        return _Fitted(bound, self.manager, schemas, settings.get("response_format"))
+
+    def invoke(self, messages: Any, config: RunnableConfig | None = None, **settings: Any) -> AIMessage:
+        """Send messages without tools."""
+        return self.request((), settings).invoke(messages, config)
+
+    async def ainvoke(self, messages: Any, config: RunnableConfig | None = None, **settings: Any) -> AIMessage:
+        """Send messages without tools."""
+        return await self.request((), settings).ainvoke(messages, config)
+
+
+class _Fitted(Runnable[LanguageModelInput, AIMessage]):
+    """A bound model behind a context manager."""
+
+    def __init__(self, bound: Runnable[Any, AIMessage], manager: ContextManager, tools: list[Any], schema: Any) -> None:
+        self._bound, self._manager, self._tools, self._schema = bound, manager, tools, schema
+
+    def invoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
+        """Send what fits."""
+        prompt, messages = self._fitted(input)
+        return self._told(prompt, self._bound.invoke(messages, config))
+
+    async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
+        """Send what fits."""
+        prompt, messages = self._fitted(input)
+        return self._told(prompt, await self._bound.ainvoke(messages, config))
+
+    def stream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> Iterator[AIMessage]:  # noqa: A002
+        """Send what fits, and yield the reply in pieces."""
+        prompt, messages = self._fitted(input)
+        for piece in self._bound.stream(messages, config):
+            yield self._told(prompt, piece)
+
+    async def astream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
+        """Send what fits, and yield the reply in pieces."""
+        prompt, messages = self._fitted(input)
+        async for piece in self._bound.astream(messages, config):
+            yield self._told(prompt, piece)
+
+    def _told(self, prompt: FittedPrompt, reply: AIMessage) -> AIMessage:
+        """Have the prompt's tokens recorded as the provider has counted them."""
+        if reply.usage_metadata is not None and reply.usage_metadata["input_tokens"]:
+            self._manager.reported(prompt, reply.usage_metadata["input_tokens"])
+        return reply
+
+    def _fitted(self, messages: Sequence[BaseMessage]) -> tuple[FittedPrompt, list[BaseMessage]]:
+        chat = [as_chat(message, number) for number, message in enumerate(messages)]
+        prompt = self._manager.fit(chat, tools=self._tools, output_schema=self._schema, form="chat")
+        return prompt, as_given(prompt, messages)
+
+
+def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMessage]:
+    """Return a fitted prompt in LangChain's messages: those that were given, and copies of those that are shorter."""
+    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
+    shown: list[BaseMessage] = []
+    for source, message in zip(prompt.sources, prompt.messages, strict=True):
+        if source is None:
+            shown.append(ToolMessage(message["content"], tool_call_id=message["tool_call_id"]))
+        elif source in trimmed:
+            shown.append(given[source].model_copy(update={"content": "", "additional_kwargs": {}}))
+        elif source in shorter:
+            shown.append(given[source].model_copy(update={"content": message["content"]}))
+        else:
+            shown.append(given[source])
+    return shown
+
+
+def as_chat(message: BaseMessage, number: int) -> Mapping[str, Any]:
+    """Return a message in the chat form, with everything that is sent of it; `number` is its position."""
+    role = getattr(message, "role", None) or _ROLES.get(message.type.removesuffix("MessageChunk").lower())
+    if isinstance(message, AIMessageChunk):
+        role = "assistant"
+    if role is None:
+        raise InvalidArgumentError(f"Message {number} has the type {message.type!r}, which no prompt can have.")
+    chat: dict[str, Any] = {"role": role, "content": message.content}
+    if message.name:
+        chat["name"] = message.name
+    more = {name: value for name, value in message.additional_kwargs.items() if name not in _CALLS}
+    if more:
+        chat["more"] = more
+    if isinstance(message, ToolMessage):
+        chat["tool_call_id"] = message.tool_call_id
+    if isinstance(message, AIMessage) and (message.tool_calls or message.invalid_tool_calls):
+        calls = [*message.tool_calls, *message.invalid_tool_calls]
+        chat["tool_calls"] = [
+            {"id": call["id"], "type": "function", "function": {"name": call["name"], "arguments": _text(call["args"])}}
+            for call in calls
+        ]
+    return chat
+
+
+def _text(arguments: Any) -> str:
+    return arguments if isinstance(arguments, str) else json.dumps(arguments, ensure_ascii=False)

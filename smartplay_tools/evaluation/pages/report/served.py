@@ -1,0 +1,45 @@
+"""Replay pages for a site that serves them: one episode that may still be played, and several side by side.
+
+Such a page knows the site (`site`): where the list is, which episodes are its neighbours, and where new turns come
+from. It may ask this server, and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import ascii_uppercase
+from typing import Any
+
+from smartplay_tools.errors import DamageError
+from smartplay_tools.evaluation.pages.report.episode_reading import packs, reading
+from smartplay_tools.evaluation.pages.report.page import render_runs
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources
+from smartplay_tools.games.game_registry import importing_packages
+
+
+def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:
+    """Return the page of one episode, which is called `key` in it; the page is called `title`."""
+    run = ShownRun(record, "", Sources([Source(key, record)]))
+    with importing_packages(plugins):
+        return render_runs([run], title, plugins=plugins, opened="first", site=site)
+
+
+def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
+    """Return what such a page unpacks of an episode, as far as its record goes."""
+    with reading([Source(key, record)], "", plugins=plugins) as read:
+        shown, damaged = read()
+    if damaged:
+        raise DamageError(damaged[0])
+    return packs(shown)[0][1]
+
+
+def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:
+    """Return the page of several episodes side by side, each with the name of its run."""
+    several = len({name for name, _ in records}) > 1
+    runs = [
+        ShownRun(record, name if several else "", Sources([Source(f"{letter}.{record.stem}", record)]))
+        for letter, (name, record) in zip(ascii_uppercase, records, strict=False)
+    ]
+    with importing_packages(plugins):
+        return render_runs(runs, "Side by side", plugins=plugins, opened="compared", site=site)

@@ -1,0 +1,8 @@
+"""The context manager for agents of any framework: an exact window over messages that are not ours."""
+
+from __future__ import annotations
+
+from smartplay_tools.manager.fitted import FittedPrompt
+from smartplay_tools.manager.manager import ContextManager
+
+__all__ = ["ContextManager", "FittedPrompt"]

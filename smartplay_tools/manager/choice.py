@@ -1,0 +1,250 @@
+"""Choice: which units of a reading a prompt shows, and how, by rules that know the reading and the room alone.
+
+A prompt is a run of units up to the newest, and before it those that are pinned: the newest words of the user, the
+operator's newest instruction, what the caller marks, first units, and the unit of the last message. The grid decides
+where the run begins (`context.grid`), and steps decide what is too old for what.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import Any
+
+from smartplay_tools.context.grid import block_of, first_on_grid, moved_on_grid
+from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
+from smartplay_tools.manager.forms import Content, Given, MessageForm, with_text, without_pictures
+from smartplay_tools.manager.reading import Part, Reading, Unit
+
+__all__ = ["Choice", "PastRules", "Shown", "TooLongError"]
+
+
+class TooLongError(Exception):
+    """What cannot be left out is too long: `pins` and `newest` are its tokens."""
+
+    def __init__(self, pins: int, newest: int) -> None:
+        super().__init__(pins, newest)
+        self.pins, self.newest = pins, newest
+
+
+@dataclass(frozen=True, slots=True)
+class PastRules:
+    """What is shown of the past, as `ContextManager` takes it."""
+
+    history: int | None
+    slack: float
+    masks: bool
+    """Whether results older than the history are masked; otherwise their units are dropped."""
+    own_words: int | None
+    first_turns: int
+    newest_pictures: int | None
+
+
+@dataclass(slots=True)
+class Shown:
+    """A message of a prompt."""
+
+    part: Part
+    message: Given
+    shorter: int | None = None
+    """Its tokens where it is shorter than it was first shown."""
+    change: str | None = None
+    """What was changed of it: masked, trimmed, elided or cut."""
+
+    @property
+    def tokens(self) -> int:
+        """Its tokens."""
+        return self.part.cost.whole if self.shorter is None else self.shorter
+
+
+@dataclass(slots=True)
+class Choice:
+    """The units of one prompt."""
+
+    first: int
+    """The first unit of the run."""
+    pinned: Sequence[int]
+    """The units before it that stay."""
+    pins: int
+    """The tokens of these."""
+    results: int
+    """Results of units before this one are masked."""
+    words: int
+    """Replies of units before this one have their calls alone."""
+    pictures: int
+    """Pictures of units before this one are left out."""
+    late: int | None
+    """A unit whose last result has just come; it is not masked."""
+    squeezed: Mapping[int, tuple[Sequence[Any], int]] = field(default_factory=dict)
+    """By parts of the newest unit: contents of results that are shorter than their cap, and the message's tokens."""
+
+    @classmethod
+    def of(
+        cls,
+        reading: Reading,
+        rules: PastRules,
+        room: float,
+        newest: int | None,
+        form: MessageForm,
+        counter: MessageCounter,
+        *,
+        needs_user: bool,
+    ) -> Choice:
+        """Return the choice for a room in tokens.
+
+        `newest` is the number of the last message, None if it is in no unit, and `needs_user` says that no words of a
+        user stand before the units. What cannot be left out raises a `TooLongError` if it does not fit.
+        """
+        return _Decision(reading, rules, newest).choice(room, form, counter, needs_user=needs_user)
+
+    def shown(self, reading: Reading, form: MessageForm, counter: MessageCounter) -> Iterator[Shown]:
+        """Yield the messages after the head."""
+        for number in (*self.pinned, *range(self.first, len(reading.units))):
+            unit = reading.units[number]
+            has_results = any(part.cost.is_result for part in unit.parts)
+            for at, part in enumerate(unit.parts):
+                if part.cost.is_result:
+                    squeezed = self.squeezed.get(at) if number == len(reading.units) - 1 else None
+                    yield self._result(number, part, squeezed, form, counter)
+                elif unit.kind == "reply" and has_results and number < self.words:
+                    if (shorter := form.trimmed(part.message)) is not None:
+                        yield Shown(part, shorter, part.cost.trimmed, "trimmed")
+                else:
+                    yield Shown(part, part.message)
+
+    def _result(
+        self,
+        number: int,
+        part: Part,
+        squeezed: tuple[Sequence[Any], int] | None,
+        form: MessageForm,
+        counter: MessageCounter,
+    ) -> Shown:
+        contents = form.results(part.message)
+        if number < self.results and number != self.late:
+            return self._changed(part, [RESULT_LEFT] * len(contents), part.cost.masked, "masked", form)
+        if squeezed is not None:
+            return self._changed(part, squeezed[0], squeezed[1], "cut", form)
+        tokens, change = part.cost.whole, None
+        if part.cost.cut is not None:
+            contents, change = [c if text is None else with_text(c, text) for c, text in _cuts(part, contents)], "cut"
+        if part.cost.pictures and number < self.pictures:
+            contents = [without_pictures(content, PICTURE_LEFT) for content in contents]
+            tokens, change = part.cost.unpictured, "elided"
+        return Shown(part, part.message) if change is None else self._changed(part, contents, tokens, change, form)
+
+    @staticmethod
+    def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: MessageForm) -> Shown:
+        message = form.with_results(part.message, contents)
+        assert message is not None
+        return Shown(part, message, tokens, change)
+
+
+class _Decision:
+    """How a choice is made: tokens of runs and pins by running sums."""
+
+    def __init__(self, reading: Reading, rules: PastRules, newest: int | None) -> None:
+        self._reading, self._rules = reading, rules
+        self._sums, steps, self._last = reading.sums, reading.steps, len(reading.units) - 1
+        step, pictures = (steps[-1] if steps else 0), self._sums.pictures
+        self._results = self._words = self._pictures = 0
+        if rules.history is not None:
+            self._results = bisect_left(steps, moved_on_grid(step, rules.history, rules.slack))
+        if rules.own_words is not None:
+            self._words = bisect_left(steps, moved_on_grid(step, rules.own_words, rules.slack))
+        if rules.newest_pictures is not None:
+            self._pictures = bisect_left(pictures, moved_on_grid(pictures[-1], rules.newest_pictures, rules.slack))
+        self._late = self._unit_of(newest)
+        self._extra = 0
+        """The tokens by which the unit of the last message is longer because it is not masked."""
+        if self._last >= 0 and self._late < self._results:
+            one = self._late, self._late + 1
+            self._extra = self._run(*one, results=0) - self._run(*one)
+
+    def _unit_of(self, message: int | None) -> int:
+        """The unit of the last message; the newest if it is in none."""
+        units = self._reading.units
+        numbers = range(self._last, -1, -1) if message is not None else ()
+        return next((n for n in numbers if any(part.source == message for part in units[n].parts)), self._last)
+
+    def _run(self, first: int, stop: int, results: int | None = None) -> int:
+        """The tokens of the units from one to before another, as they are shown."""
+        sums, masked = self._sums, self._results if results is None else results
+
+        def words(unit: int) -> int:
+            return sums.whole[unit] - sums.results[unit]
+
+        at = min(max(self._words, first), stop)
+        tokens = sums.trimmed[at] - sums.trimmed[first] + words(stop) - words(at)
+        at = min(max(masked, first), stop)
+        then = min(max(self._pictures, at), stop)
+        tokens += sums.masked[at] - sums.masked[first] + sums.unpictured[then] - sums.unpictured[at]
+        return tokens + sums.results[stop] - sums.results[then]
+
+    def choice(self, room: float, form: MessageForm, counter: MessageCounter, *, needs_user: bool) -> Choice:
+        """Return the choice for a room."""
+        last, reading, rules = self._last, self._reading, self._rules
+        if last < 0:
+            return Choice(0, (), 0, 0, 0, 0, None)
+        always = {*reading.pinned, self._late, *reading.users[-1:], *reading.instructions[-1:]}
+        firsts = range(min(rules.first_turns, last) + 1)
+        kept = bisect_right(firsts, room, key=lambda number: self._need(last, sorted({*always, *range(number)}))) - 1
+        pinned = sorted({*always, *range(max(kept, 0))})
+        sums = [0, *accumulate(self._run(number, number + 1) for number in pinned)]
+
+        def tokens(first: int) -> int:
+            return self._extra + self._run(first, last + 1) + sums[bisect_left(pinned, first)]
+
+        lowest = 0 if rules.masks else min(self._results, last)
+        first, _ = first_on_grid(self._sums.whole, block_of(rules.slack, room), lowest, room, tokens)
+        if needs_user and not bisect_left(pinned, first) and reading.units[first].kind == "reply":
+            first = next((number for number in reading.users if number > first), first)
+        before = pinned[: bisect_left(pinned, first)]
+        choice = Choice(first, before, sums[len(before)], self._results, self._words, self._pictures, self._late)
+        if tokens(first) > room:  # not even the newest unit fits
+            newest = self._run(last, last + 1)
+            choice.squeezed = squeezed(reading.units[last], room - tokens(last) + newest, form, counter)
+            if not choice.squeezed:
+                raise TooLongError(tokens(last) - newest, newest)
+        return choice
+
+    def _need(self, first: int, pinned: Sequence[int]) -> int:
+        """The tokens of a run to the newest unit, and of pinned units before it."""
+        before = pinned[: bisect_left(pinned, first)]
+        return self._extra + self._run(first, self._last + 1) + sum(self._run(n, n + 1) for n in before)
+
+
+def squeezed(
+    unit: Unit, room: float, form: MessageForm, counter: MessageCounter
+) -> dict[int, tuple[Sequence[Any], int]]:
+    """Return, by parts, results of a unit cut to one length, the longest with which the unit fits into a room.
+
+    Without results, or if they are not enough, nothing is returned.
+    """
+    contents = {at: form.results(part.message) for at, part in enumerate(unit.parts) if part.cost.is_result}
+    shown = {
+        at: [Content.of(content).text if cut is None else cut for content, cut in _cuts(unit.parts[at], each)]
+        for at, each in contents.items()
+    }
+    sizes = [counter.text(text) for texts in shown.values() for text in texts]
+    rest = sum(part.cost.whole for part in unit.parts) - sum(sizes)
+    if not sizes or rest > room:
+        return {}
+    lengths = range(max(sizes) + 1)
+    share = bisect_right(lengths, room - rest, key=lambda length: sum(min(size, length) for size in sizes)) - 1
+    made: dict[int, tuple[Sequence[Any], int]] = {}
+    for at, each in contents.items():
+        texts = [
+            text if counter.text(text) <= share else counter.cut(Content.of(content).text, share)
+            for content, text in zip(each, shown[at], strict=True)
+        ]
+        tokens = unit.parts[at].cost.whole + sum(map(counter.text, texts)) - sum(map(counter.text, shown[at]))
+        made[at] = [with_text(content, text) for content, text in zip(each, texts, strict=True)], tokens
+    return made
+
+
+def _cuts(part: Part, contents: Sequence[Any]) -> Iterator[tuple[Any, str | None]]:
+    """The contents of a message's results, each with its text if that was cut."""
+    return zip(contents, part.cost.cut or [None] * len(contents), strict=True)

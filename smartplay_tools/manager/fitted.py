@@ -1,0 +1,134 @@
+"""FittedPrompt: what a context manager sends of a conversation, and what it does not."""
+
+from __future__ import annotations
+
+import json
+import marshal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.manager.choice import Shown
+from smartplay_tools.manager.forms import Given, MessageForm
+
+__all__ = ["Conversation", "FittedPrompt", "fitted_prompt", "plain"]
+
+
+@dataclass(frozen=True, slots=True)
+class Conversation:
+    """The messages that a manager was given."""
+
+    given: Sequence[Any]
+    """The objects."""
+    data: Sequence[Given]
+    """The same as plain data."""
+    keys: list[object]
+    """What stands for what each says."""
+    form: MessageForm
+
+
+@dataclass(frozen=True)
+class FittedPrompt:
+    """The messages of a prompt, its tokens, and what became of every message that was given.
+
+    Numbers are positions in the list that was given, from 0. A message of which nothing was changed is the object that
+    was given.
+    """
+
+    messages: list[Any]
+    """What to send, in the form of what was given."""
+    tokens: int
+    """Budget tokens of these messages, of `system`, tools and output schema, and of priming."""
+    sources: Sequence[int | None]
+    """For each message its number; None for one that was made here."""
+    dropped: Sequence[int] = ()
+    """Messages that are not shown."""
+    masked: Sequence[int] = ()
+    """Messages whose results are older than `history`, and read as a line that says so."""
+    trimmed: Sequence[int] = ()
+    """Replies that are shown with their calls alone."""
+    elided: Sequence[int] = ()
+    """Results whose pictures are left out."""
+    cut: Sequence[int] = ()
+    """Results that were longer than their cap, and end with a notice."""
+    repaired: Sequence[int] = ()
+    """Messages that were moved, changed or left out so that each call has its result."""
+    made: int = 0
+    """How many calls without a result were answered here."""
+    uncertain: Sequence[int] = ()
+    """Shown messages with encrypted parts, whose tokens are an estimate."""
+    parts: Mapping[str, int] = field(default_factory=dict)
+    """Tokens by part: `tools`, `head`, `pinned`, `turns`; priming is in `head`."""
+    costs: Sequence[int] = ()
+    """Tokens of each message of `messages`."""
+    recorded_as: tuple[str, int] | None = field(default=None, compare=False)
+    """The thread and the number of the prompt in the manager's records."""
+
+
+def fitted_prompt(
+    shown: Sequence[Shown],
+    conversation: Conversation,
+    repaired: Sequence[int],
+    made: int,
+    tokens: int,
+    parts: Mapping[str, int],
+) -> FittedPrompt:
+    """Return the prompt of messages that are shown, with the objects that were given where nothing was changed."""
+    out: list[Any] = []
+    changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
+    for each in shown:
+        source = each.part.source
+        is_given = source is not None and each.message is conversation.data[source]
+        out.append(conversation.given[source] if is_given and source is not None else each.message)
+        if each.change is not None and source is not None:
+            changed[each.change].append(source)
+    sources = [each.part.source for each in shown]
+    kept = {*sources, *repaired}
+    return FittedPrompt(
+        out,
+        tokens,
+        sources,
+        dropped=[number for number in range(len(conversation.given)) if number not in kept],
+        masked=changed["masked"],
+        trimmed=changed["trimmed"],
+        elided=changed["elided"],
+        cut=changed["cut"],
+        repaired=repaired,
+        made=made,
+        uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
+        parts=parts,
+        costs=[each.tokens for each in shown],
+    )
+
+
+def plain(message: Any, what: str) -> tuple[Given, object]:
+    """Return a message as plain data, and a key that stands for what it says; `what` names it in an error.
+
+    Objects of a client's library are read by `model_dump`. Data that is plain already is not copied.
+    """
+    if type(message) is dict:
+        try:
+            return message, marshal.dumps(message, 2)  # in this version equal data have equal bytes
+        except ValueError:
+            pass
+    data = _plain(message, what)
+    if not isinstance(data, Mapping):
+        raise InvalidArgumentError(
+            f"{what} is {type(message).__name__}; a message is a mapping, or an object of a client."
+        )
+    return data, json.dumps(data, sort_keys=True)
+
+
+def _plain(value: Any, what: str) -> Any:
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner, what) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner, what) for inner in value]
+    if callable(dump := getattr(value, "model_dump", None)):
+        return dump(mode="json", exclude_none=True)
+    raise InvalidArgumentError(
+        f"{what} holds {type(value).__name__}, which is no JSON; give mappings, or the objects of a client."
+    )

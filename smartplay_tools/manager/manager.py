@@ -1,0 +1,337 @@
+"""ContextManager: decides what each prompt of any agent shows, never more than a cap, never what a provider refuses.
+
+An agent keeps its messages as it does; before each request, `fit` returns what to send of them. It is a function of the
+messages, the tools and the settings: whatever was asked before, the same conversation gives the same prompt. Restarts,
+checkpoints, retries, branches and two threads on one manager need no care, because what a manager keeps is a cache.
+docs/any-agent.md has the definition.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from smartplay_tools.context.tokens import PRIMING
+from smartplay_tools.context.tokens.counter import shared_counter
+from smartplay_tools.context.tokens.tokenizers import Tokenizer
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
+from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt, fitted_prompt, plain
+from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
+from smartplay_tools.manager.reading import Part, Reading, kind_of
+from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
+from smartplay_tools.manager.tools import plain_tool, specs_of
+from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.types import Budget
+
+__all__ = ["ContextManager"]
+
+FormName = Literal["chat", "responses", "anthropic"]
+"""The name of a form of messages."""
+
+IN_BUDGETS = (
+    "prompt_tokens",
+    "history",
+    "slack",
+    "result_tokens",
+    "beyond_history",
+    "own_words",
+    "first_turns",
+    "newest_pictures",
+)
+"""The fields of a `Budget` that have a meaning without a game."""
+
+READINGS = 16
+"""How many conversations a manager remembers, by their heads."""
+
+
+class ContextManager:
+    """Fits the messages of an agent into a budget of tokens and history.
+
+        import smartplay_tools as sp
+
+        manager = sp.ContextManager(prompt_tokens=8_000)
+        messages = [{"role": "user", "content": "Find the fault in main.py."}]
+        prompt = manager.fit(messages)
+        assert prompt.messages == messages and prompt.tokens <= 8_000
+
+    Arguments:
+        prompt_tokens: the cap on every prompt, with its tools; None for no cap.
+        history: how many results before the newest are shown, in steps: replies with results; None for all.
+        slack: the share of the room that is freed at once when a prompt is full, so that its beginning, and with it the
+            provider's cache, stays for a while. 0 shows as much as fits.
+        result_tokens: the cap on one result; "auto" is a quarter of the room for units, at least 32; None for no cap.
+        beyond_history: "drop" drops units older than `history`, "mask" puts a line in place of their results.
+        own_words: how many steps before the newest keep the words and thoughts of their replies; None for all.
+        first_turns: the number of first units that stay when later ones leave, as far as they fit.
+        newest_pictures: how many pictures in results are shown, the newest ones; None for all.
+        head: "task" keeps everything before the first reply, "system" the system message alone.
+        pin: says of a message whether its unit stays.
+        cut: which part of a long result goes: its "end" or its "middle".
+        repair: whether lists that providers refuse are repaired; otherwise they are an `InvalidArgumentError`.
+        tokenizer: the name of a tokenizer, or an object that counts.
+        picture_tokens, sealed_tokens, extra_tokens: the tokens of pictures, of encrypted parts and of parts and tools
+            that only their provider can count: a number, or a function of the part.
+        form: "chat", "responses" or "anthropic"; None to see it from the messages.
+        record: a folder for records, a file for each thread; None for none. `manager.record` says what is in them.
+    """
+
+    def __init__(
+        self,
+        prompt_tokens: int | None,
+        *,
+        history: int | None = None,
+        slack: float = 0.5,
+        result_tokens: int | Literal["auto"] | None = "auto",
+        beyond_history: Literal["drop", "mask"] = "drop",
+        own_words: int | None = None,
+        first_turns: int | None = None,
+        newest_pictures: int | None = None,
+        head: Literal["task", "system"] = "task",
+        pin: Callable[[Given], bool] | None = None,
+        cut: Literal["end", "middle"] = "end",
+        repair: bool = True,
+        tokenizer: str | Tokenizer | None = None,
+        picture_tokens: Tokens | None = None,
+        sealed_tokens: Tokens | None = None,
+        extra_tokens: Tokens | None = None,
+        form: FormName | None = None,
+        record: str | Path | None = None,
+    ) -> None:
+        check_numbers(prompt_tokens=prompt_tokens, result_tokens=None if result_tokens == "auto" else result_tokens)
+        check_numbers(0, history=history, own_words=own_words, first_turns=first_turns, newest_pictures=newest_pictures)
+        check_choice("beyond_history", beyond_history, ("drop", "mask"))
+        check_choice("head", head, ("task", "system"))
+        check_choice("cut", cut, CUTS)
+        check_choice("form", form, (None, *FORMS))
+        if not 0 <= slack <= 1:
+            raise InvalidArgumentError(f"slack is a share from 0 to 1, not {slack!r}.")
+        if beyond_history == "mask" and history is None:
+            raise InvalidArgumentError('beyond_history="mask" masks nothing without a history; give history a number.')
+        self.prompt_tokens = prompt_tokens
+        masks = beyond_history == "mask"
+        self._rules = PastRules(history, slack, masks, own_words, first_turns or 0, newest_pictures)
+        self._result_tokens, self._head, self._repair = result_tokens, head, repair
+        self._pin = pin or (lambda _: False)
+        self._counter = shared_counter(tokenizer)
+        self._extra = extra_tokens
+        self._messages = MessageCounter(self._counter, cut, picture_tokens, sealed_tokens, extra_tokens)
+        self._form = form
+        self._folder = None if record is None else Path(record)
+        self._records: dict[str, ThreadRecord] = {}
+        self._settings = {"tokenizer": self._counter.tokenizer.name, "head": head, "cut": cut, **asdict(self._rules)}
+        self._settings |= {"prompt_tokens": prompt_tokens, "result_tokens": result_tokens, "repair": repair}
+        self._readings: dict[object, Reading] = {}
+        self._lock = threading.Lock()
+
+    @classmethod
+    def of(cls, budget: Budget, **options: Any) -> ContextManager:
+        """Return the manager of a budget; what only a game gives a meaning is an `InvalidArgumentError`.
+
+        `options` are arguments that a budget does not have, such as `tokenizer` and `head`.
+        """
+        shared = {name: getattr(budget, name) for name in IN_BUDGETS}
+        if shared["history"] == "game":
+            shared["history"] = None
+        for name, field in Budget.model_fields.items():
+            if name not in IN_BUDGETS and getattr(budget, name) != field.default:
+                raise InvalidArgumentError(
+                    f"{name} has no meaning without a game; a context manager takes {', '.join(IN_BUDGETS)}."
+                )
+        return cls(**shared, **options)
+
+    def fit(
+        self,
+        messages: Sequence[Any],
+        *,
+        tools: Iterable[Any] = (),
+        system: str | Sequence[Any] | None = None,
+        output_schema: Any = None,
+        form: FormName | None = None,
+        thread: str | None = None,
+    ) -> FittedPrompt:
+        """Return the prompt of a conversation.
+
+        Arguments:
+            messages: all of the conversation, in one of the three forms; mappings, or the objects of a client. The list
+                is not changed.
+            tools: the tools that the request has, as any of the three forms writes them.
+            system: the system prompt of a request to Anthropic, or the instructions of one to Responses, which are sent
+                beside the messages; they count.
+            output_schema: the schema of an answer's format, if the request has one; it counts.
+            form: that of the messages, where it is known better than the manager knows it.
+            thread: the name of the thread in the folder of records; by default, threads differ by their heads.
+
+        Errors: a `PromptOverflowError` if what cannot be left out does not fit; an `InvalidArgumentError` for messages
+        that are none, or that cannot be counted.
+        """
+        check_choice("form", form, (None, *FORMS))
+        with self._lock:
+            given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+            data = [each for each, _ in given]
+            name = form or self._form
+            conversation = Conversation(
+                messages, data, [key for _, key in given], form_of(data) if name is None else FORMS[name]
+            )
+            beside = {"tools": [plain_tool(tool) for tool in tools], "system": system, "output_schema": output_schema}
+            try:
+                prompt = self._fitted(conversation, beside)
+            except PromptOverflowError as error:
+                if (record := self._record(conversation, thread)) is not None:
+                    record.refusal(error.parts, self.prompt_tokens)
+                raise
+            return self._recorded(prompt, conversation, beside, thread)
+
+    def reported(self, prompt: FittedPrompt, tokens: int) -> None:
+        """Record how many tokens the provider has counted in a prompt of this manager."""
+        if prompt.recorded_as is not None:
+            thread, number = prompt.recorded_as
+            with self._lock:
+                self._records[thread].usage(number, tokens)
+
+    def _fitted(self, conversation: Conversation, beside: Mapping[str, Any]) -> FittedPrompt:
+        data, keys, form = conversation.data, conversation.keys, conversation.form
+        schema = beside["output_schema"]
+        tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
+        begin = self._first_reply(data, form)
+        head, left_out = self._head_of(data[:begin], form)
+        system_tokens = self._system_tokens(beside["system"])
+        shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in head]
+        head_tokens = PRIMING + system_tokens + sum(each.tokens for each in shown)
+        room = math.inf if self.prompt_tokens is None else self.prompt_tokens - tool_tokens - head_tokens
+        if room < 0:
+            raise PromptOverflowError.of(self.prompt_tokens or 0, {"tools": tool_tokens, "head": head_tokens})
+        reading = self._reading(form, begin, self._most(room), keys)
+        reading.read(data, keys)
+        repaired = sorted({*left_out, *reading.repaired})
+        if not self._repair and (repaired or reading.made):
+            self._refuse(repaired, reading)
+        newest = len(data) - 1 if len(data) > begin and len(data) - 1 not in repaired else None
+        needs_user = all(message.get("role") != "user" for _, message in head)
+        try:
+            choice = Choice.of(reading, self._rules, room, newest, form, self._messages, needs_user=needs_user)
+        except TooLongError as error:
+            parts = {"tools": tool_tokens, "head": head_tokens, "pinned": error.pins, "newest turn": error.newest}
+            raise PromptOverflowError.of(self.prompt_tokens or 0, parts) from None
+        shown += choice.shown(reading, form, self._messages)
+        parts = {"tools": tool_tokens, "head": head_tokens, "pinned": choice.pins}
+        tokens = tool_tokens + PRIMING + system_tokens + sum(each.tokens for each in shown)
+        parts["turns"] = tokens - sum(parts.values())
+        return fitted_prompt(shown, conversation, repaired, len(reading.made), tokens, parts)
+
+    def _recorded(
+        self, prompt: FittedPrompt, conversation: Conversation, beside: Mapping[str, Any], thread: str | None
+    ) -> FittedPrompt:
+        """Write a prompt into the record of its thread, if there are records."""
+        record = self._record(conversation, thread)
+        if record is None:
+            return prompt
+        shown = [plain(message, "A message")[0] for message in prompt.messages]
+        facts: dict[str, Any] = {name: ranges(getattr(prompt, name)) for name in CHANGES if getattr(prompt, name)}
+        facts |= {"form": conversation.form.name, "made": prompt.made, "tokens": prompt.tokens}
+        facts |= {"cap": self.prompt_tokens, "parts": dict(prompt.parts)}
+        number = record.prompt(conversation.data, shown, prompt.costs, beside, facts)
+        return replace(prompt, recorded_as=(record.path.stem, number))
+
+    def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:
+        """The record of a thread; None where nothing is recorded."""
+        if self._folder is None:
+            return None
+        if thread is None:
+            begin = self._first_reply(conversation.data, conversation.form)
+            thread = hashlib.sha256(canonical_json(conversation.data[:begin])).hexdigest()[:16]
+        elif not re.fullmatch(r"[\w.-]{1,100}", thread) or thread.startswith("."):
+            raise InvalidArgumentError(f"{thread!r} cannot name a thread: at most 100 letters, digits, dots, _ and -.")
+        if thread not in self._records:
+            self._records[thread] = ThreadRecord(self._folder / f"{thread}.jsonl", self._settings)
+        return self._records[thread]
+
+    def _first_reply(self, data: Sequence[Given], form: MessageForm) -> int:
+        """The number of the first message after the head."""
+        for number, message in enumerate(data):
+            kind = kind_of(form, number, message)
+            if kind == "reply":
+                return number
+            if self._head == "system" and (kind == "result" or message.get("role") not in ("system", "developer")):
+                return number
+        return len(data)
+
+    @staticmethod
+    def _head_of(data: Sequence[Given], form: MessageForm) -> tuple[list[tuple[int, Given]], list[int]]:
+        """The messages of the head with their numbers, and those that lost results, since no call is before them."""
+        head: list[tuple[int, Given]] = []
+        changed: list[int] = []
+        for number, message in enumerate(data):
+            if form.kind(message) != "result":
+                head.append((number, message))
+                continue
+            changed.append(number)
+            words = form.with_results(message, [None] * len(form.results(message)))
+            if words is not None:
+                head.append((number, words))
+        return head, changed
+
+    def _cost(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> Cost:
+        """The cost of a message of the head."""
+        try:
+            return self._messages.cost(message, form, None, keys[number])
+        except InvalidArgumentError as error:
+            raise InvalidArgumentError(f"Message {number} {error}.") from None
+
+    def _system_tokens(self, system: str | Sequence[Any] | None) -> int:
+        if not system:
+            return 0
+        content = system if isinstance(system, str) else [plain(part, "A part of `system`")[0] for part in system]
+        return self._messages.tokens({"role": "system", "content": content}, FORMS["chat"])
+
+    def _tool_tokens(self, tools: Iterable[Any]) -> int:
+        specs, extra = specs_of(tools, self._extra)
+        return self._counter.tools(specs) + extra
+
+    def _most(self, room: float) -> int | None:
+        """The cap on a result."""
+        if self._result_tokens == "auto":
+            return None if math.isinf(room) else max(32, int(room) // 4)
+        return self._result_tokens
+
+    def _reading(self, form: MessageForm, begin: int, most: int | None, keys: Sequence[object]) -> Reading:
+        """The reading of this conversation so far; a new one if its head is not known."""
+        known = form.name, begin, most, *keys[:begin]
+        reading = self._readings.pop(known, None) or Reading(form, self._messages, begin, most, self._pin)
+        self._readings[known] = reading
+        if len(self._readings) > READINGS:
+            del self._readings[next(iter(self._readings))]
+        return reading
+
+    def _refuse(self, repaired: Sequence[int], reading: Reading) -> None:
+        if repaired:
+            raise InvalidArgumentError(
+                f"Message {repaired[0]} does not fit its neighbours: a result without its call, or apart from it. "
+                "Mend the list, or let repair=True do it."
+            )
+        source = reading.units[reading.made[0]].parts[0].source
+        raise InvalidArgumentError(
+            f"A call of message {source} has no result. Mend the list, or let repair=True do it."
+        )
+
+
+def check_numbers(least: int = 1, **numbers: int | None) -> None:
+    """Raise an `InvalidArgumentError` for a number that is none, or too small."""
+    for name, number in numbers.items():
+        if number is not None and (isinstance(number, bool) or not isinstance(number, int) or number < least):
+            raise InvalidArgumentError(f"{name} is a whole number from {least} on, or None; it is {number!r}.")
+
+
+def check_choice(name: str, value: object, choices: Iterable[object]) -> None:
+    """Raise an `InvalidArgumentError` for a value that is none of the choices."""
+    choices = list(choices)
+    if value not in choices:
+        raise InvalidArgumentError(f"{name} is one of {', '.join(map(repr, choices))}; it is {value!r}.")

@@ -1,0 +1,223 @@
+"""Reading: a list of messages as units, in which calls and results belong together, with running sums of their tokens.
+
+Agents keep lists that providers refuse: results without calls, calls without results, a result far from its call. Here
+each such list becomes one that is whole, and what was repaired is named. The sums make it possible to choose among
+thousands of units by bisection.
+
+A reading remembers nothing that its messages do not say. When the list has grown, what it has in common with the list
+before is not read again; read from nothing, it is the same.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.manager.counting import NO_RESULT, Cost, MessageCounter
+from smartplay_tools.manager.forms import Given, Kind, MessageForm
+
+__all__ = ["Part", "Reading", "Unit"]
+
+
+@dataclass(slots=True)
+class Part:
+    """A message of a unit."""
+
+    source: int | None
+    """Its number in the list; None for one that was made here."""
+    message: Given
+    cost: Cost = field(default_factory=lambda: Cost(0))
+
+
+@dataclass(slots=True)
+class Unit:
+    """A reply with its results, or one other message: shown or dropped as a whole."""
+
+    kind: Kind
+    parts: list[Part]
+    open: list[str] = field(default_factory=list)
+    """The ids of its calls that have no result yet."""
+
+
+class Sums:
+    """Running sums over the units: the tokens before each, in every way in which they can be shown."""
+
+    def __init__(self) -> None:
+        self.whole, self.results, self.masked, self.unpictured, self.trimmed, self.pictures = ([0] for _ in range(6))
+
+    def append(self, costs: Sequence[Cost]) -> None:
+        """Add a unit by the costs of its messages."""
+        results = [cost for cost in costs if cost.is_result]
+        self.whole.append(self.whole[-1] + sum(cost.whole for cost in costs))
+        self.results.append(self.results[-1] + sum(cost.whole for cost in results))
+        self.masked.append(self.masked[-1] + sum(cost.masked for cost in results))
+        self.unpictured.append(self.unpictured[-1] + sum(cost.unpictured for cost in results))
+        has_calls = bool(results)
+        self.trimmed.append(
+            self.trimmed[-1] + sum(cost.trimmed if has_calls else cost.whole for cost in costs if not cost.is_result)
+        )
+        self.pictures.append(self.pictures[-1] + sum(cost.pictures for cost in results))
+
+    def back_to(self, unit: int) -> None:
+        """Forget the units from one on."""
+        for sums in vars(self).values():
+            del sums[unit + 1 :]
+
+
+def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
+    """Return what a message is; one that the form does not have is an `InvalidArgumentError` with its number."""
+    try:
+        return form.kind(message)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"Message {number} {error}.") from None
+
+
+class Reading:
+    """A conversation after its head, as units."""
+
+    def __init__(
+        self, form: MessageForm, counter: MessageCounter, begin: int, most: int | None, pin: Callable[[Given], bool]
+    ):
+        """`begin` is the number of the first message after the head, `most` the cap on a result."""
+        self._form, self._counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
+        self._keys: list[object] = []
+        self._firsts: list[int] = []
+        """The number of each unit's first message."""
+        self._clean: list[int] = []
+        """Units at which reading can begin: no earlier call waits there, and none is answered later."""
+        self.units: list[Unit] = []
+        self.sums = Sums()
+        self.steps: list[int] = []
+        """For each unit, how many units with results there are up to its end."""
+        self.pinned: list[int] = []
+        """Units that `pin` has marked."""
+        self.users: list[int] = []
+        self.instructions: list[int] = []
+        """Units that are words of the user, and those that are the operator's."""
+        self.repaired: list[int] = []
+        """Messages that were moved, changed or left out so that calls and results belong together."""
+        self.made: list[int] = []
+        """Units in which a call was answered here, once for each call."""
+
+    def read(self, messages: Sequence[Given], keys: list[object]) -> None:
+        """Read a list; `keys` stand for what its messages say."""
+        known, same = self._keys, len(self._keys)
+        if keys[:same] != known:
+            pairs = enumerate(zip(keys, known, strict=False))
+            same = next((number for number, (one, other) in pairs if one != other), min(len(keys), len(known)))
+        unit = next((u for u in reversed(self._clean) if u < len(self.units) and self._firsts[u] < same), None)
+        start = self._begin if unit is None else self._firsts[unit]
+        self._back_to(unit or 0, start)
+        self._keys = keys
+        self._append(self._grouped(messages, start), messages, keys, start)
+
+    def _back_to(self, unit: int, start: int) -> None:
+        self.repaired = [number for number in self.repaired if number < start]
+        for values in (self.units, self._firsts, self.steps):
+            del values[unit:]
+        for numbers in (self._clean, self.pinned, self.users, self.instructions, self.made):
+            del numbers[bisect_left(numbers, unit) :]
+        self.sums.back_to(unit)
+
+    def _grouped(self, messages: Sequence[Given], start: int) -> list[Unit]:
+        """Return the units from a message on: every result with its call, whatever stands between them."""
+        form, units, waiting = self._form, list[Unit](), dict[str, list[Unit]]()
+        for number in range(start, len(messages)):
+            message = messages[number]
+            kind = kind_of(form, number, message)
+            if kind == "result":
+                self._place(number, message, units, waiting)
+                continue
+            last = units[-1] if units else None
+            goes_on = (
+                kind == "reply"
+                and last is not None
+                and last.kind == "reply"
+                and form.kind(last.parts[-1].message) == "reply"
+                and form.continues(last.parts[-1].message, message)
+            )
+            if last is None or not goes_on:
+                units.append(last := Unit(kind, []))
+            last.parts.append(Part(number, message))
+            for call in form.calls(message) if kind == "reply" else ():
+                last.open.append(call)
+                waiting.setdefault(call, []).append(last)
+        return units
+
+    def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
+        """Put a message with results into the unit of its calls; results without a call are left out."""
+        form = self._form
+        answered = form.answers(message)
+        owners = [waiting[call].pop() if waiting.get(call) else None for call in answered]
+        owner = next((each for each in owners if each is not None), None)
+        contents = form.results(message)
+        for at, (call, each) in enumerate(zip(answered, owners, strict=True)):
+            if each is owner and each is not None:
+                each.open.remove(call)
+                continue
+            contents = [*contents[:at], None, *contents[at + 1 :]]
+            if each is not None:  # it is open again
+                waiting[call].append(each)
+        kept: Given | None = message
+        if owner is None or any(each is not owner for each in owners):
+            kept = form.with_results(message, contents)
+        if kept is not message or owner is not units[-1]:
+            self.repaired.append(number)
+        if kept is not None:
+            if owner is None:
+                units.append(Unit("word", [Part(number, kept)]))
+            else:
+                owner.parts.append(Part(number, kept))
+
+    def _append(self, units: Sequence[Unit], messages: Sequence[Given], keys: list[object], start: int) -> None:
+        newest, is_whole = start - 1, True
+        for unit in units:
+            number, first = len(self.units), unit.parts[0].source
+            assert first is not None
+            if is_whole and newest < first:
+                self._clean.append(number)
+            newest = max([newest, *(part.source for part in unit.parts if part.source is not None)])
+            is_whole = is_whole and not unit.open
+            self._complete(unit, number)
+            for part, opens in zip(unit.parts, self._openings(unit), strict=True):
+                is_given = part.source is not None and part.message is messages[part.source]
+                key = keys[part.source] if is_given and part.source is not None else repr(part.message)
+                try:
+                    part.cost = self._counter.cost(part.message, self._form, self._most, key, opens=opens)
+                except InvalidArgumentError as error:
+                    raise InvalidArgumentError(f"Message {part.source} {error}.") from None
+            self.sums.append([part.cost for part in unit.parts])
+            if unit.kind == "word":
+                is_operator = unit.parts[0].message.get("role") in ("system", "developer")
+                (self.instructions if is_operator else self.users).append(number)
+            if any(self._pin(part.message) for part in unit.parts):
+                self.pinned.append(number)
+            has_results = any(part.cost.is_result for part in unit.parts)
+            self.steps.append((self.steps[-1] if self.steps else 0) + has_results)
+            self.units.append(unit)
+            self._firsts.append(first)
+
+    def _complete(self, unit: Unit, number: int) -> None:
+        """Answer the calls that have no result, and give results the form that providers want."""
+        form = self._form
+        self.made += [number] * len(unit.open)
+        made = form.made(unit.open, NO_RESULT)
+        replies = (
+            [part for part in unit.parts if form.kind(part.message) != "result"] if unit.kind == "reply" else unit.parts
+        )
+        results = unit.parts[len(replies) :]
+        messages = [part.message for part in results] + [*made]
+        joined = form.joined(messages)
+        if joined is messages:
+            unit.parts += [Part(None, message) for message in made]
+        else:
+            self.repaired += [part.source for part in results if part.source is not None]
+            source = results[0].source if results else None
+            unit.parts[len(replies) :] = [Part(source, message) for message in joined]
+
+    def _openings(self, unit: Unit) -> list[bool]:
+        """Whether each message of a unit begins a chat message: items that continue a reply do not."""
+        kinds = [self._form.kind(part.message) for part in unit.parts]
+        return [at == 0 or kind != "reply" for at, kind in enumerate(kinds)]

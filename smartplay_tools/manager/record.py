@@ -1,0 +1,239 @@
+"""The record of a context manager: every prompt word for word, what it left out, and what a provider has counted.
+
+There is a file of JSON Lines for each thread, in the folder that the caller has named; its events are chained as those
+of an episode's record. A message, a list of tools and a system prompt are written once and then named by number, so
+that a file grows with the conversation. Nothing else of a request is in it: no key, no header, no setting of the model.
+
+    start    the version, the manager's settings
+    part     a message, or what stands beside the messages: tools, system prompt, output schema
+    prompt   by number: what was given, what was shown; what was changed and dropped; tokens, cap, sha256
+    refusal  the tokens of parts that did not fit
+    usage    the tokens that a provider has reported for a prompt
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.context.tokens import PRIMING
+from smartplay_tools.errors import TranscriptError
+from smartplay_tools.transcript.hashing import canonical_json, chained_lines
+from smartplay_tools.transcript.lines import complete_lines, parse_json
+
+__all__ = ["RecordedPrompt", "ThreadRecord", "is_thread_record", "read_thread"]
+
+FORMAT = "context-manager-1"
+
+CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "uncertain")
+"""What a prompt says of messages, by their numbers in the list that was given."""
+
+
+@dataclass(frozen=True)
+class RecordedPrompt:
+    """A prompt of a record, rebuilt."""
+
+    number: int
+    messages: Sequence[Mapping[str, Any]]
+    """As they were sent."""
+    beside: Mapping[str, Any]
+    """Tools, system prompt and output schema, as they were sent."""
+    given: Sequence[Mapping[str, Any]]
+    """The whole conversation, of which it was made."""
+    facts: Mapping[str, Any]
+    """The event."""
+    reported: int | None = None
+    """The tokens of the prompt that the provider has reported."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the provider counted more tokens than the cap."""
+        cap = self.facts["cap"]
+        return cap is not None and self.reported is not None and self.reported > cap
+
+    @property
+    def sha256(self) -> str:
+        """The digest of what it shows, computed again."""
+        return digest(self.messages, self.beside)
+
+
+@dataclass
+class ThreadRecord:
+    """The file of one thread, which is continued if it exists."""
+
+    path: Path
+    settings: Mapping[str, Any]
+    _numbers: dict[str, int] = field(default_factory=dict, init=False)
+    """The number of each part, by its digest."""
+    _prompts: int = field(default=0, init=False)
+    _latest: tuple[Any, ...] = field(default=(), init=False)
+    """What the latest prompt was made of, its parts and their tokens."""
+    _chain: str = field(default="", init=False)
+    _size: int = field(default=0, init=False)
+    """The bytes of the file."""
+
+    def __post_init__(self) -> None:
+        """Open the file; what another process has written of the thread is taken over."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o600)  # it holds what an agent has read
+            with os.fdopen(handle, "r+b") as file:
+                lines = b"".join(complete_lines(file.read()))
+                file.truncate(len(lines))
+        except OSError as error:
+            raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
+        self._size = len(lines)
+        for event in _events(self.path, lines):
+            self._chain = event["chain"]
+            if event["kind"] == "part":
+                self._numbers[event["sha256"]] = event["number"]
+            elif event["kind"] == "prompt":
+                self._prompts = event["number"] + 1
+        if not lines:
+            self._write({"kind": "start", "format": FORMAT, "settings": dict(self.settings)})
+
+    def prompt(
+        self,
+        given: Sequence[Mapping[str, Any]],
+        shown: Sequence[Mapping[str, Any]],
+        tokens: Sequence[int],
+        beside: Mapping[str, Any],
+        facts: Mapping[str, Any],
+    ) -> int:
+        """Write a prompt and return its number; the same prompt asked for again is written once.
+
+        Arguments:
+            given: the whole list, as plain data.
+            shown: the messages of the prompt.
+            tokens: the tokens of each of these.
+            beside: what is sent beside the messages.
+            facts: what became of the messages that were given, and the sum of tokens by part.
+        """
+        events: list[dict[str, Any]] = []
+        numbers = [self._part(message, events) for message in given]
+        sent = [self._part(message, events) for message in shown]
+        stored = {name: self._part(value, events) for name, value in beside.items() if value}
+        now = numbers, sent, stored
+        if self._latest[:3] == now:
+            return self._prompts - 1
+        prefix = 0
+        if self._latest and self._latest[2] == stored:
+            prefix = facts["tokens"] - sum(tokens) - PRIMING  # what is beside the messages comes first
+            pairs = zip(sent, self._latest[1], tokens, strict=False)
+            for one, other, size in pairs:
+                if one != other:
+                    break
+                prefix += size
+        event = {"kind": "prompt", "number": self._prompts, "given": ranges(numbers), "shown": ranges(sent)}
+        self._write(
+            *events, {**event, "beside": stored, **facts, "prefix_tokens": prefix, "sha256": digest(shown, beside)}
+        )
+        self._latest = now
+        self._prompts += 1
+        return self._prompts - 1
+
+    def refusal(self, parts: Mapping[str, int], cap: int | None) -> None:
+        """Write that what cannot be left out did not fit."""
+        self._write({"kind": "refusal", "parts": dict(parts), "cap": cap})
+
+    def usage(self, number: int, tokens: int) -> None:
+        """Write how many tokens a provider has counted in a prompt."""
+        self._write({"kind": "usage", "prompt": number, "tokens": tokens})
+
+    def _part(self, value: Any, events: list[dict[str, Any]]) -> int:
+        sha256 = hashlib.sha256(canonical_json(value)).hexdigest()
+        if sha256 not in self._numbers:
+            self._numbers[sha256] = len(self._numbers)
+            events.append({"kind": "part", "number": self._numbers[sha256], "sha256": sha256, "part": value})
+        return self._numbers[sha256]
+
+    def _write(self, *events: Mapping[str, Any]) -> None:
+        lines, self._chain = chained_lines(events, self._chain)
+        try:
+            with self.path.open("ab") as file:
+                if file.tell() != self._size:
+                    raise TranscriptError(f"{self.path} is written by another program, too; name another thread.")
+                file.write(lines)
+        except OSError as error:
+            raise TranscriptError(f"{self.path} can no longer be written: {error.strerror}.") from error
+        self._size += len(lines)
+
+
+def digest(messages: Sequence[Mapping[str, Any]], beside: Mapping[str, Any]) -> str:
+    """Return the sha256 of a prompt: its messages and what is beside them, in canonical JSON, as hex."""
+    sent = {"messages": list(messages), **{name: value for name, value in beside.items() if value}}
+    return hashlib.sha256(canonical_json(sent)).hexdigest()
+
+
+def ranges(numbers: Sequence[int]) -> list[list[int]]:
+    """Return numbers in their order as ranges of consecutive ones, first and last included."""
+    found: list[list[int]] = []
+    for number in numbers:
+        if found and found[-1][1] == number - 1:
+            found[-1][1] = number
+        else:
+            found.append([number, number])
+    return found
+
+
+def is_thread_record(path: Path) -> bool:
+    """Whether a file begins as the record of a context manager."""
+    try:
+        with path.open("rb") as file:
+            return b'"format": "%b"' % FORMAT.encode() in file.readline(1_000)
+    except OSError:
+        return False
+
+
+def read_thread(path: str | Path) -> list[RecordedPrompt]:
+    """Return the prompts of a record, rebuilt; a file that is none, or was changed, is a `TranscriptError`."""
+    path = Path(path)
+    try:
+        lines = b"".join(complete_lines(path.read_bytes()))
+    except OSError as error:
+        raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
+    parts: dict[int, Any] = {}
+    prompts: list[RecordedPrompt] = []
+    try:
+        for event in _events(path, lines):
+            if event["kind"] == "part":
+                parts[event["number"]] = event["part"]
+            elif event["kind"] == "prompt":
+                beside = {name: parts[number] for name, number in event["beside"].items()}
+                messages, given = ([parts[n] for n in numbers_in(event[name])] for name in ("shown", "given"))
+                prompts.append(RecordedPrompt(len(prompts), messages, beside, given, event))
+                if prompts[-1].sha256 != event["sha256"]:
+                    raise TranscriptError(f"{path}: prompt {event['number']} is not what its digest says.")
+            elif event["kind"] == "usage":
+                known = prompts[event["prompt"]]
+                facts = {**vars(known), "reported": event["tokens"]}
+                prompts[event["prompt"]] = RecordedPrompt(**facts)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        if isinstance(error, TranscriptError):
+            raise
+        raise TranscriptError(f"{path} is not the record of a context manager: {error!r}.") from None
+    return prompts
+
+
+def numbers_in(found: Sequence[Sequence[int]]) -> Iterator[int]:
+    """Yield the numbers of ranges."""
+    return (number for first, last in found for number in range(first, last + 1))
+
+
+def _events(path: Path, lines: bytes) -> Iterator[dict[str, Any]]:
+    """The events of a file, each checked against its chain."""
+    chain = ""
+    for at, line in enumerate(lines.splitlines(keepends=True)):
+        try:
+            event = parse_json(line)
+            own = {name: value for name, value in event.items() if name != "chain"}
+            expected, chain = chained_lines([own], chain)
+        except (ValueError, AttributeError):
+            expected = b""
+        if expected != line or (at == 0 and event.get("format") != FORMAT):
+            raise TranscriptError(f"{path}, line {at + 1}: not the record of a context manager, or changed since.")
+        yield event

@@ -1,0 +1,1 @@
+"""Means with intervals, and the distributions from which they follow: pure functions over numbers."""

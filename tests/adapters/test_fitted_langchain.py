@@ -1,0 +1,195 @@
+"""Agents of LangChain and LangGraph that play no game, held to a budget by the context manager."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pytest
+from langchain.agents import create_agent
+from langchain.agents.middleware import AgentMiddleware, ModelRequest
+from langchain_core.language_models import BaseChatModel
+from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+from langchain_core.tools import tool
+from langgraph.checkpoint.memory import InMemorySaver
+from pydantic import BaseModel
+from smartplay_langchain import ContextManagerMiddleware, FittedModel
+
+import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
+
+CAP = 1_000
+SYSTEM = "You read a book page by page."
+TASK = {"messages": [{"role": "user", "content": "Read all pages."}]}
+
+
+@tool
+def read(page: int) -> str:
+    """Read a page."""
+    rng = random.Random(page)
+    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
+
+
+class Reader(BaseChatModel):
+    """Reads page after page, several at once now and then, and keeps what it is sent."""
+
+    pages: int = 40
+    sent: list[list[BaseMessage]] = []  # noqa: RUF012  # pydantic copies it
+    tools: list[Any] = []  # noqa: RUF012
+
+    @property
+    def _llm_type(self) -> str:
+        return "reader"
+
+    def bind_tools(self, tools: Sequence[Any], **settings: Any) -> Any:
+        self.tools[:] = tools
+        return self.bind(**settings)
+
+    def _reply(self, messages: list[BaseMessage]) -> AIMessage:
+        self.sent.append(messages)
+        turn = len(self.sent)
+        pages = [] if turn > self.pages else [turn, *([100 + turn, 200 + turn] if turn % 7 == 0 else [])]
+        calls = [{"name": "read", "args": {"page": page}, "id": f"c{page}"} for page in pages]
+        return AIMessage("Next." if calls else "Done.", tool_calls=calls)
+
+    def _generate(self, messages: list[BaseMessage], stop: Any = None, run_manager: Any = None, **_: Any) -> ChatResult:
+        return ChatResult(generations=[ChatGeneration(message=self._reply(messages))])
+
+    def _stream(self, messages: list[BaseMessage], *_: Any, **__: Any) -> Iterator[ChatGenerationChunk]:
+        reply = self._reply(messages)
+        pieces = [
+            {"name": c["name"], "args": str(c["args"]).replace("'", '"'), "id": c["id"], "index": i}
+            for i, c in enumerate(reply.tool_calls)
+        ]
+        yield ChatGenerationChunk(message=AIMessageChunk(reply.content, tool_call_chunks=pieces, chunk_position="last"))
+
+
+def tokens(messages: Sequence[BaseMessage], tools: Sequence[Any] = (read,)) -> int:
+    """A prompt's tokens by the counter for games, from messages converted by LangChain."""
+    from langchain_core.messages import convert_to_openai_messages
+
+    specs = [sp.ToolSpec(each.name, each.description, each.args_schema.model_json_schema()) for each in tools]
+    return TokenCounter().prompt(convert_to_openai_messages(list(messages)), specs)
+
+
+def is_whole(messages: Sequence[BaseMessage]) -> bool:
+    """Whether every result follows the reply with its call, and every call has one."""
+    waiting: list[str] = []
+    for message in messages:
+        if isinstance(message, ToolMessage):
+            if message.tool_call_id not in waiting:
+                return False
+            waiting.remove(message.tool_call_id)
+        elif waiting:
+            return False
+        elif isinstance(message, AIMessage):
+            waiting = [str(call["id"]) for call in message.tool_calls]
+    return not waiting
+
+
+def check(model: Reader, *, stored: Sequence[BaseMessage]) -> None:
+    """Every prompt is under its cap, whole and with its task, and the state has everything."""
+    assert len(model.sent) == model.pages + 1
+    for messages in model.sent:
+        assert tokens(messages) <= CAP
+        assert is_whole(messages)
+        assert [message.content for message in messages[:2]] == [SYSTEM, "Read all pages."]
+    assert len(model.sent[-1]) < len(stored)
+    results = [message for message in stored if isinstance(message, ToolMessage)]
+    assert [message.content for message in results] == [
+        read.invoke({"page": int(message.tool_call_id[1:])}) for message in results
+    ]
+    given = {id(message) for message in stored}
+    whole = [message for message in model.sent[-1][1:] if not str(message.content).endswith("tokens cut]")]
+    assert all(id(message) in given for message in whole)
+
+
+def agent(model: Reader, *, slack: float = 0.5, middlewares: Sequence[Any] = (), **options: Any) -> Any:
+    middleware = ContextManagerMiddleware(sp.ContextManager(CAP, slack=slack))
+    return create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware, *middlewares], **options)
+
+
+@pytest.mark.parametrize("slack", [0, 0.5])
+def test_an_agent_stays_under_its_cap(slack: float):
+    model = Reader(sent=[], tools=[])
+    state = agent(model, slack=slack).invoke(TASK, {"recursion_limit": 1_000})
+    check(model, stored=state["messages"])
+
+
+async def test_an_asynchronous_and_streamed_agent_stays_under_its_cap():
+    model = Reader(sent=[], tools=[])
+    pieces, state = 0, {}
+    async for mode, piece in agent(model).astream(TASK, {"recursion_limit": 1_000}, stream_mode=["messages", "values"]):
+        pieces += mode == "messages"
+        state = piece if mode == "values" else state
+    assert pieces > model.pages
+    check(model, stored=state["messages"])
+
+
+def test_a_thread_goes_on_from_its_checkpoint_with_another_manager():
+    """Two processes with one checkpointer show what one shows."""
+    sent = []
+    for is_interrupted in (False, True):
+        model, saver = Reader(sent=[], tools=[]), InMemorySaver()
+        config = {"configurable": {"thread_id": "1"}, "recursion_limit": 1_000}
+        if is_interrupted:
+            first = agent(model, checkpointer=saver)
+            for _ in zip(first.stream(TASK, config), range(31), strict=False):
+                pass
+            agent(model, checkpointer=saver).invoke(None, config)
+        else:
+            agent(model, checkpointer=saver).invoke(TASK, config)
+        sent.append([[message.content for message in messages] for messages in model.sent])
+    assert sent[0] == sent[1]
+
+
+def test_what_later_middlewares_add_is_under_the_cap():
+    class Reminds(AgentMiddleware[Any, Any, Any]):
+        def wrap_model_call(self, request: ModelRequest[Any], handler: Any) -> Any:
+            return handler(request.override(messages=[*request.messages, HumanMessage("Remember the page. " * 20)]))
+
+    model = Reader(sent=[], tools=[])
+    agent(model, middlewares=[Reminds()]).invoke(TASK, {"recursion_limit": 1_000})
+    assert all(messages[-1].content.startswith("Remember") and tokens(messages) <= CAP for messages in model.sent)
+
+
+def test_tools_and_the_output_schema_count():
+    class Answer(BaseModel):
+        """What the book says, in the words of its author, with the number of the page where it says so."""
+
+        words: str
+        page: int
+
+    model = Reader(sent=[], tools=[], pages=0)
+    manager = sp.ContextManager(90)
+    with pytest.raises(sp.PromptOverflowError):
+        create_agent(model, [read], response_format=Answer, middleware=[ContextManagerMiddleware(manager)]).invoke(TASK)
+    create_agent(model, [read], middleware=[ContextManagerMiddleware(manager)]).invoke(TASK)
+
+
+def test_a_model_in_a_graph_built_by_hand_is_held_to_the_cap_too():
+    model = Reader(sent=[], tools=[])
+    fitted = FittedModel(model, sp.ContextManager(CAP)).bind_tools([read])
+    messages: list[BaseMessage] = [SystemMessage(SYSTEM), HumanMessage("Read all pages.")]
+    while calls := (reply := fitted.invoke(messages)).tool_calls:
+        messages += [reply, *(read.invoke(call) for call in calls)]
+    check(model, stored=messages)
+
+
+def test_thoughts_and_extra_fields_count_and_stay():
+    thought = AIMessage(
+        [{"type": "thinking", "thinking": "hm " * 50, "signature": "s"}, {"type": "text", "text": "Yes."}]
+    )
+    bare = AIMessage("Yes.")
+    model = Reader(sent=[], tools=[], pages=0)
+    seen = []
+    for reply in (thought, bare):
+        manager = sp.ContextManager(CAP)
+        FittedModel(model, manager).invoke([HumanMessage("Well?"), reply, HumanMessage("So?")])
+        seen.append(model.sent[-1][1])
+    assert seen[0] is thought
+    with pytest.raises(sp.PromptOverflowError):
+        FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), thought])
+    FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), bare])

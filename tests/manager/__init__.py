@@ -1,0 +1,1 @@
+"""Tests of the context manager for agents of any framework."""

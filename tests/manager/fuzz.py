@@ -1,0 +1,121 @@
+"""Fits random conversations under random settings, and has every prompt judged.
+
+    python -m tests.manager.fuzz --prompts 1000000 --seed 1 [--processes 2]
+
+A conversation is fitted by a fresh manager, and by one that has been asked many others before: grown, changed in place,
+cut at both ends. Prints how many prompts there were, and every fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import random
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import smartplay_tools as sp
+from smartplay_tools.errors import PromptOverflowError
+from tests.manager.histories import FORMS, KINDS, Messages, history
+from tests.manager.judge import Letters, chosen, faults
+
+CAPS = (400, 1_000, 2_000, 4_000, 8_000)
+
+
+def settings(rng: random.Random) -> dict[str, Any]:
+    """Options of a manager."""
+    past = rng.choice([None, None, 3, 8])
+    return {
+        "slack": rng.choice([0, 0.25, 0.5, 0.75]),
+        "history": past,
+        "beyond_history": "drop" if past is None else rng.choice(["drop", "mask"]),
+        "head": rng.choice(["task", "task", "system"]),
+        "result_tokens": rng.choice(["auto", "auto", None]),
+    }
+
+
+def fitted(manager: sp.ContextManager, messages: Messages) -> sp.FittedPrompt | str:
+    """A prompt, or the sentence of its refusal."""
+    try:
+        return manager.fit(messages)
+    except PromptOverflowError as error:
+        return str(error)
+
+
+def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[Counter[str], list[str]]:
+    """Counts and faults of one conversation. `used` keeps the managers that have been asked before."""
+    rng, row, found = random.Random(f"{seed}:{number}"), Counter[str](), list[str]()
+    kind, form, cap, options = KINDS[number % 5], rng.choice([*FORMS]), rng.choice(CAPS), settings(rng)
+    given = history(rng, kind, form)
+    before = json.dumps(given)
+
+    def fresh() -> sp.ContextManager:
+        return sp.ContextManager(cap, form=form, tokenizer=Letters(), **options)  # type: ignore[arg-type]
+
+    manager = used.setdefault((form, cap, *options.values()), fresh())
+    if number % 4 == 0:
+        changed = copy.deepcopy(given)
+        at = rng.randrange(len(changed))
+        if isinstance(changed[at].get("content"), str):
+            changed[at]["content"] = "changed"
+        ends = sorted(rng.choices(range(1, len(given) + 1), k=3))
+        others = [*(given[:end] for end in ends), changed, given[:2] + given[rng.randrange(2, len(given) + 1) :]]
+        for other in others:
+            row["asked before"] += 1
+            if fitted(manager, other) != fitted(fresh(), other):
+                found.append("another prompt from a manager that was asked before")
+    prompt = fitted(fresh(), given)
+    if prompt != fitted(manager, given):
+        found.append("another prompt from a manager that was asked before")
+    row["prompts"] += 1
+    if isinstance(prompt, str):
+        row[f"refused at {cap}"] += 1
+    else:
+        found += faults(form, given, before, prompt, cap, options)
+        row["with cuts"] += bool(prompt.cut)
+        row["repaired"] += bool(prompt.repaired or prompt.made)
+        if kind != "broken" and options["result_tokens"] is None and not prompt.cut:
+            row["compared with the definition"] += 1
+            wanted = chosen(form, given, cap, options)
+            if wanted != {source for source in prompt.sources if source is not None}:
+                found.append(f"shows {prompt.sources}, and should show {sorted(wanted or ())}")
+    return row, [f"{seed}:{number} {kind} {form} {cap} {options}: {fault}" for fault in found]
+
+
+def some(first: int, stop: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Counts and faults of consecutive conversations."""
+    rows, found, used = Counter[str](), list[str](), dict[Any, sp.ContextManager]()
+    for number in range(first, stop):
+        row, faulty = judged(number, seed, used)
+        rows += row
+        found += faulty
+    return rows, found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--prompts", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    share = min(2_000, -(-options.prompts // options.processes))
+    firsts = range(0, options.prompts, share)
+    rows, found = Counter[str](), list[str]()
+    with ProcessPoolExecutor(options.processes) as pool:
+        tasks = [pool.submit(some, first, min(first + share, options.prompts), options.seed) for first in firsts]
+        for task in tasks:
+            row, faulty = task.result()
+            rows += row
+            found += faulty
+    for name, count in sorted(rows.items()):
+        print(f"{name:32}{count:>12,}")
+    print(f"{'faults':32}{len(found):>12,}")
+    for fault in found[:20]:
+        print(fault)
+    raise SystemExit(bool(found))
+
+
+if __name__ == "__main__":
+    main()
