@@ -2,8 +2,8 @@
 
     python examples/02_openai_chat_completions.py
 
-Without a key it talks to a local endpoint in which the rule player answers. For a model, set OPENAI_API_KEY and MODEL,
-and OPENAI_BASE_URL if it is not OpenAI's.
+Without MODEL it talks to a local endpoint in which the rule player answers. For a model, set MODEL, OPENAI_API_KEY and,
+if it is not OpenAI's, OPENAI_BASE_URL.
 """
 
 import os
@@ -15,7 +15,7 @@ import smartplay_openai
 import smartplay_tools as sp
 
 with ExitStack() as stack:
-    if os.environ.get("OPENAI_API_KEY"):
+    if os.environ.get("MODEL"):
         client, model = stack.enter_context(openai.OpenAI()), os.environ["MODEL"]
     else:
         endpoint = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule")))

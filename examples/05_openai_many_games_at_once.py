@@ -2,8 +2,8 @@
 
     python examples/05_openai_many_games_at_once.py
 
-Without a key it talks to a local endpoint in which the rule player answers. For a model, set OPENAI_API_KEY and MODEL,
-and OPENAI_BASE_URL if it is not OpenAI's.
+Without MODEL it talks to a local endpoint in which the rule player answers. For a model, set MODEL, OPENAI_API_KEY and,
+if it is not OpenAI's, OPENAI_BASE_URL.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ async def play_all(model: str, base_url: str | None) -> list[sp.EpisodeResult]:
 
 with ExitStack() as stack:
     model, base_url = os.environ.get("MODEL", ""), None
-    if not os.environ.get("OPENAI_API_KEY"):
+    if not os.environ.get("MODEL"):
         model = "rule"
         base_url = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule"))).base_url
     results = asyncio.run(play_all(model, base_url))

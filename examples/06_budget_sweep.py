@@ -2,8 +2,8 @@
 
     python examples/06_budget_sweep.py
 
-Without a key the rule player plays: it knows only what its prompt says, so it scores less with a smaller window. For a
-model, set OPENAI_API_KEY and MODEL, and OPENAI_BASE_URL if it is not OpenAI's.
+Without MODEL the rule player plays: it knows only what its prompt says, so it scores less with a smaller window. For a
+model, set MODEL, OPENAI_API_KEY and, if it is not OpenAI's, OPENAI_BASE_URL.
 Every cell has the same seeds; if OUT names a folder, the same command continues a sweep that was stopped.
 """
 
@@ -14,7 +14,7 @@ import smartplay_tools as sp
 
 swept = sp.sweep(
     ["BanditTwoArmedHighLowFixed-v0"],
-    [f"openai:{os.environ['MODEL']}" if os.environ.get("OPENAI_API_KEY") else "rule"],
+    [f"openai:{os.environ['MODEL']}" if os.environ.get("MODEL") else "rule"],
     vary={"history": [1, 5, 50], "slack": [0, 0.5]},
     budget=sp.Budget(reply_tokens=500),
     trials=4,

@@ -27,6 +27,8 @@ import errno
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
+from smartplay_tools.visible import visible
+
 __all__ = [
     "ContextOverflowError",
     "DiskFullError",
@@ -50,6 +52,9 @@ __all__ = [
 class SmartPlayError(Exception):
     """Base class of all errors that smartplay-tools raises deliberately."""
 
+    def __str__(self) -> str:
+        return visible(super().__str__())
+
 
 class InvalidArgumentError(SmartPlayError, ValueError):
     """An argument is invalid; the message says what is valid."""
@@ -61,6 +66,9 @@ class DamageError(InvalidArgumentError):
 
 class SmartPlayWarning(UserWarning):
     """What a user should know of and what is no error; the command line says it as a sentence."""
+
+    def __str__(self) -> str:
+        return visible(super().__str__())
 
 
 class DamageWarning(SmartPlayWarning):
@@ -80,7 +88,7 @@ class UnknownNameError(SmartPlayError, KeyError):
 
     def __str__(self) -> str:
         # KeyError prints the repr of its argument, which would quote the sentence.
-        return self.message
+        return visible(self.message)
 
 
 class ResetNeededError(SmartPlayError, RuntimeError):

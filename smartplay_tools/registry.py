@@ -17,6 +17,7 @@ called.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -189,7 +190,8 @@ def _module(path: Path, source: bytes, digest: str) -> ModuleType:
     from importlib.util import module_from_spec, spec_from_file_location
 
     whole = path.resolve()
-    name = f"smartplay_file_{sha256(f'{whole} {digest}'.encode()).hexdigest()[:16]}"
+    place = sha256(os.fsencode(f"{whole} {digest}")).hexdigest()[:16]
+    name = f"smartplay_file_{place}"
     if name in sys.modules:
         return sys.modules[name]
     spec = spec_from_file_location(name, whole)

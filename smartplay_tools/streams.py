@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Literal, TextIO
 
+from smartplay_tools.visible import written_as
+
 __all__ = ["keep_streams", "own_input", "own_output"]
 
 _own: list[TextIO] = []
@@ -80,7 +82,7 @@ def _moved(stream: TextIO | None, number: Literal[0, 1]) -> Iterator[TextIO]:
     else:
         os.dup2(2, 1)
     try:
-        yield moved
+        yield written_as(stream, moved) if number == 1 else moved
         moved.flush()
     finally:
         with suppress(OSError):

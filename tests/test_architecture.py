@@ -24,9 +24,11 @@ PACKAGE = Path(sp.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
+    "visible",
     "errors",
     "streams",
     "registry",
+    "terminal",
     "types",
     "statistics",
     "providers",
@@ -177,7 +179,13 @@ def test_modules_import_in_no_circle():
         )
 
 
-SERVERS = ("smartplay_mcp", "smartplay_openai.server", "smartplay_openai.window", "smartplay_openenv")
+SERVERS = (
+    "smartplay_gateway",
+    "smartplay_mcp",
+    "smartplay_openai.server",
+    "smartplay_openai.window",
+    "smartplay_openenv",
+)
 """The adapters that are servers, which share what `web` has."""
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from inspect_ai import Task, task
 from inspect_ai.dataset import MemoryDataset, Sample
-from pydantic import ValidationError
 
 from smartplay_inspect.scorer import metrics_for, smartplay_scorer
 from smartplay_inspect.solver import smartplay_agent
@@ -19,7 +18,6 @@ from smartplay_tools import GAMES, Budget, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.episode import cell_config
 from smartplay_tools.episode.seeds import trial_seed
-from smartplay_tools.errors import in_one_line
 from smartplay_tools.games import PAPER_RESULTS
 
 VERSION = "1"
@@ -91,7 +89,4 @@ def _sample(trial: int, config: EpisodeConfig) -> Sample:
 
 def _budget(limits: dict[str, Any]) -> Budget:
     """The budget of a task's arguments, where None is "not given" and the word "none" means no limit."""
-    try:
-        return Budget.of(**limits)
-    except ValidationError as error:
-        raise InvalidArgumentError(f"The task's budget is invalid: {in_one_line(error)}.") from None
+    return Budget.of(**limits)

@@ -15,8 +15,6 @@ import asyncio
 import json
 from collections.abc import Sequence
 
-from pydantic import ValidationError
-
 from smartplay_tools.errors import extra_named
 
 with extra_named("smartplay_mcp.http", "mcp"):
@@ -134,10 +132,6 @@ def _opened(store: EpisodeStore, body: bytes) -> str:
         if reserved := wanted.keys() & {"transcript", "context", "self"}:
             raise InvalidArgumentError(f"These fields cannot be set: {', '.join(sorted(reserved))}.")
         return store.open(game, seed=seed, budget=Budget(**budget), **wanted)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InvalidArgumentError(f"The budget cannot be read: {where}: {first['msg']}.") from error
     except SmartPlayError:
         raise
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from smartplay_tools import SmartPlayError
 from smartplay_tools.streams import keep_streams, own_input, own_output
 from smartplay_tools.web import HostedEpisode
-from smartplay_tools.web.mcp import BATCHES, PARSE_ERROR, ProtocolError, respond
+from smartplay_tools.web.mcp import BATCHES, INTERNAL_ERROR, PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
     from smartplay_tools import Episode
@@ -85,7 +86,10 @@ async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) ->
         message = json.loads(line)
     except (ValueError, RecursionError):
         return ProtocolError(PARSE_ERROR, "Each line is one JSON object.").body(None)
-    return await respond(hosted, message, takes_batches=takes_batches)
+    try:
+        return await respond(hosted, message, takes_batches=takes_batches)
+    except SmartPlayError as error:  # the episode cannot be made, which also ends the server
+        return ProtocolError(INTERNAL_ERROR, str(error)).body(message.get("id") if isinstance(message, dict) else None)
 
 
 def _standard_input() -> BinaryIO:

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import verifiers.v1 as vf
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.episode.seeds import trial_seed
-from smartplay_tools.errors import TranscriptError, in_one_line
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.games import get_spec
 from smartplay_tools.transcript import Event, write_records
 
@@ -123,10 +123,7 @@ class BudgetConfig(_Fields):  # type: ignore[misc]
 
     def budget(self) -> Budget:
         """Return the budget."""
-        try:
-            return Budget.of(**self.model_dump())
-        except ValidationError as error:
-            raise InvalidArgumentError(f"The taskset's budget is invalid: {in_one_line(error)}.") from None
+        return Budget.of(**self.model_dump())
 
 
 class SmartPlayConfig(vf.TasksetConfig):

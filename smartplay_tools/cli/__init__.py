@@ -27,6 +27,7 @@ from typer.main import get_command, get_group
 
 from smartplay_tools.errors import FULL, DamageWarning, InvalidArgumentError, SmartPlayError, SmartPlayWarning
 from smartplay_tools.registry import resolve
+from smartplay_tools.terminal import make_streams_visible, say
 
 TOO_MANY_OPEN = (errno.EMFILE, errno.ENFILE)
 ANYWHERE = (*FULL, *TOO_MANY_OPEN)
@@ -156,15 +157,24 @@ class _Commands(TyperGroup):
         self.commands: Any = _LateCommands()
 
     def main(self, *arguments: Any, **settings: Any) -> Any:
-        """Run the command line; what a terminal or a file cannot encode (Windows writes cp1252) is escaped."""
+        """Run the command line; what no terminal should get, or cannot encode (Windows writes cp1252), is escaped."""
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="smartplay_escape")
+        make_streams_visible()
         return super().main(*arguments, **settings)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in their order."""
         return list(COMMANDS)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is called; what is an option of others is named."""
+        if args[0] == "estimate":
+            raise InvalidArgumentError(
+                "eval and sweep say what a run would take, before it is paid for, with --dry-run."
+            )
+        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help from the summaries, which imports none of the commands."""
@@ -185,7 +195,7 @@ class _Commands(TyperGroup):
                 usual(message, category, *where, **more)
             elif str(message) not in told:
                 told[str(message)] = category
-                typer.echo(f"smartplay-tools: {message}", err=True)
+                say(f"smartplay-tools: {message}", err=True)
 
         try:
             if ("--out", "") in pairwise(ctx.args):  # it would be this folder
@@ -198,17 +208,17 @@ class _Commands(TyperGroup):
                 raise typer.Exit(1)
             return result
         except SmartPlayError as error:
-            typer.echo(f"smartplay-tools: {error}", err=True)
+            say(f"smartplay-tools: {error}", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
             if error.errno not in (OF_FILES if error.filename else ANYWHERE):
                 raise
             named = error.filename or "A file"
             remedy = "; raise the limit (ulimit -n), or use fewer --workers" if error.errno in TOO_MANY_OPEN else ""
-            typer.echo(f"smartplay-tools: {named} cannot be read or written: {error.strerror}{remedy}.", err=True)
+            say(f"smartplay-tools: {named} cannot be read or written: {error.strerror}{remedy}.", err=True)
             raise typer.Exit(2) from error
         except KeyboardInterrupt:  # outside of the code that handles it
-            typer.echo("Stopped by SIGINT.", err=True)
+            say("Stopped by SIGINT.", err=True)
             raise typer.Exit(INTERRUPTED) from None
 
 

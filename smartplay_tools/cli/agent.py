@@ -25,6 +25,7 @@ from smartplay_tools.cli.serve_window import (
     plan_of,
     server,
 )
+from smartplay_tools.terminal import say
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.agents import Held
@@ -146,7 +147,7 @@ class _Programs:
         """Print the end of an episode."""
         if progress.episode is not None:
             name = f"{progress.finished} of {progress.planned}  seed {progress.episode.seed}"
-            typer.echo(f"{name}  {progress.error}" if progress.row is None else ended(name, progress.row))
+            say(f"{name}  {progress.error}" if progress.row is None else ended(name, progress.row))
 
 
 def _filled(part: str, places: dict[str, str]) -> str:

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table, print_json
@@ -16,6 +14,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
+from smartplay_tools.terminal import Console, Text, say
 
 
 def check(
@@ -61,19 +60,19 @@ def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     )
     for config, answer in answers:
         if answer is None:
-            table.add_row(escape(config.name), "no model", *[""] * 7)
+            table.add_row(config.name, "no model", *[""] * 7)
             continue
         words = map(_word, (answer.reachable, answer.tools, answer.played, answer.ids, answer.parallel, answer.usage))
         reasoning = "" if answer.reasoning is None else str(answer.reasoning)
-        table.add_row(escape(answer.player), *words, reasoning, "known" if answer.price else "unknown")
+        table.add_row(answer.player, *words, reasoning, "known" if answer.price else "unknown")
     console.print(table)
     for _, answer in answers:
         for line in answer.advice if answer is not None else []:
-            typer.echo(line)
+            say(line)
     costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
     if costs:
-        typer.echo(f"These calls have cost ${sum(costs):.4f}.")
+        say(f"These calls have cost ${sum(costs):.4f}.")
 
 
-def _word(answer: bool | None) -> str:
-    return "" if answer is None else "yes" if answer else "[red]no[/]"
+def _word(answer: bool | None) -> str | Text:
+    return "" if answer is None else "yes" if answer else Text("no", style="red")

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import program
 from smartplay_tools.cli.show import compact_table, print_turn
@@ -26,6 +25,7 @@ from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.players.player_registry import get_player
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.replays import replay
+from smartplay_tools.terminal import Console, say
 from smartplay_tools.transcript.file import comparable, read_transcript
 from smartplay_tools.types import Budget, EpisodeResult, Player
 
@@ -86,13 +86,14 @@ def demo(
             if not _equal(_record(folder, game, players[0]), _record(folder, game, player))
         ]
     console.rule("results", align="left")
-    console.print("[dim]prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out[/]")
+    note = "prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out"
+    console.print(note, style="dim")
     for table in tables:
         console.print(table)
     if len(players) > 1 and not failures:
         console.print("Both players' records are equal: the client and the server in between changed nothing.")
     for failure in failures:
-        console.print(f"[red]{failure}[/]")
+        console.print(failure, style="red")
     if failures:
         raise typer.Exit(1)
     _conclude(folder, watches[: len(GAMES)], name or "the rule player")
@@ -103,7 +104,7 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     dropped = max(watch.dropped for watch in watches)
     most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
 
-    typer.echo(
+    say(
         f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
         f"{most:.0%} of it), and {player} played on from what it could still see."
     )
@@ -111,13 +112,13 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
         from smartplay_tools.evaluation.pages.report.page import write_report
 
         page = write_report(folder, folder / "demo.html", title="The demo").resolve().as_uri()
-        typer.echo(f"Every turn as a picture, and what was in sight: {page}")
-        typer.echo(f"Play yourself in the browser: {program()} view --play any")
+        say(f"Every turn as a picture, and what was in sight: {page}")
+        say(f"Play yourself in the browser: {program()} view --play any")
     except MissingExtraError as error:
-        typer.echo(f"The records are in {folder}.")
-        typer.echo(str(error))
-    typer.echo(f"Your model: {program()} play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
-    typer.echo("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
+        say(f"The records are in {folder}.")
+        say(str(error))
+    say(f"Your model: {program()} play Hanoi3Disk-v0 --player openai:MODEL --prompt-tokens 600")
+    say("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
 
 
 def _record(folder: Path, game: str, player: Player) -> Path:
@@ -137,7 +138,7 @@ def _players(console: Console) -> Iterator[list[Player]]:
         adapter = importlib.import_module("smartplay_openai")
         client, served = adapter.OpenAIPlayer, adapter.LocalEndpoint(rule)
     except MissingExtraError as error:
-        console.print(f"[dim]{error}[/]", highlight=False, soft_wrap=True)
+        console.print(str(error), style="dim", highlight=False, soft_wrap=True)
         yield [rule]
         return
     with served as endpoint, client("rule", base_url=endpoint.base_url) as model:
@@ -170,7 +171,7 @@ class _Watch:
         if number < SHOWN_TURNS or conversation.result is not None:
             print_turn(self._console, conversation)
         elif number == SHOWN_TURNS:
-            self._console.print("[dim]...[/]")
+            self._console.print("...", style="dim")
 
 
 def _row(result: EpisodeResult, cap: int, watch: _Watch) -> list[str]:

@@ -27,8 +27,6 @@ from typing import Annotated, Literal
 
 import typer
 from packaging.requirements import Requirement
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, models_folder
 
@@ -40,6 +38,7 @@ from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
 from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.terminal import Console, Text, say
 from smartplay_tools.types.quantities import megabytes
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
@@ -284,8 +283,8 @@ def _table(findings: list[PartCheck]) -> Table:
         table.add_column(heading, overflow="fold")
     kind = ""
     for finding in findings:
-        works = "[green]yes[/]" if finding.works else "[red]no[/]"
-        table.add_row("" if finding.kind == kind else finding.kind, finding.name, works, escape(finding.detail))
+        works = Text("yes", style="green") if finding.works else Text("no", style="red")
+        table.add_row("" if finding.kind == kind else finding.kind, finding.name, works, finding.detail)
         kind = finding.kind
     return table
 
@@ -304,7 +303,7 @@ def get(
 
     Example: smartplay-tools model get
     """
-    path = fetch(name, lambda step: typer.echo(step, err=True))
+    path = fetch(name, lambda step: say(step, err=True))
     print(path)
 
 
@@ -323,8 +322,8 @@ def show(as_json: options.Json = False) -> None:
     for model in models:
         table.add_row(model.name, megabytes(model.bytes), "yes" if model.is_here else "no", model.about)
     Console().print(table)
-    typer.echo(f"They are kept in {models_folder()}.")
-    typer.echo("Any other GGUF file is played by its path: --player local:FILE.gguf")
+    say(f"They are kept in {models_folder()}.")
+    say("Any other GGUF file is played by its path: --player local:FILE.gguf")
 
 
 minedojo_app = typer.Typer(no_args_is_help=True)
@@ -344,5 +343,5 @@ def install(
 
     Example: smartplay-tools minedojo install --venv ~/minedojo
     """
-    interpreter = make_environment(venv.expanduser(), python, say=lambda step: typer.echo(f"{step} ...", err=True))
+    interpreter = make_environment(venv.expanduser(), python, say=lambda step: say(f"{step} ...", err=True))
     print(f"export {INTERPRETER}={shlex.quote(str(interpreter))}")

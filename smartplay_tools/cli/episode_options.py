@@ -165,7 +165,7 @@ def _values(name: str, text: str) -> list[Any]:
 def read_budget(**fields: Any) -> Budget:
     """Return the budget of these options; raise `InvalidArgumentError` for an invalid value."""
     try:
-        return Budget(**fields)
+        return Budget.model_validate(fields)
     except ValidationError as error:
         first = error.errors()[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")

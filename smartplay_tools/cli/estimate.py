@@ -9,9 +9,6 @@ from functools import reduce
 from operator import add, attrgetter
 from typing import Any
 
-import typer
-from rich.console import Console
-
 from smartplay_tools.cli.show import compact_table, print_json, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
@@ -29,6 +26,7 @@ from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, pri
 from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import Run
+from smartplay_tools.terminal import Console, say
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import duration, short
 
@@ -56,7 +54,7 @@ def print_estimate(
         return
     print_table(table_console(), _table(estimates))
     for line in _sentences(estimates, options.caps, hours):
-        typer.echo(line)
+        say(line)
 
 
 def _table(estimates: Sequence[Estimate]) -> TextTable:
@@ -178,7 +176,7 @@ def print_pilot(console: Console, run: Run, plan: Plan, players: Sequence[Player
     console.print(table)
     tokens = _span(_sum([each.prompt_tokens + each.reply_tokens for each in estimates]), _short)
     cost, (hours, at_once) = _total_cost(estimates), _hours(estimates, players, options.workers)
-    typer.echo(
+    say(
         f"The whole run: {tokens} tokens, {'cost unknown' if cost is None else _span(cost, '${:,.2f}'.format)}, "
         f"about {duration(3600 * hours.expected)} with {at_once} episodes at a time. Ranges are from what it would "
         "take if all episodes were as the smallest of their cell in the pilot to the same for the largest. "

@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.records.rows import unplayed
+from smartplay_tools.terminal import say
 from smartplay_tools.types import Budget
 
 
@@ -166,6 +167,6 @@ def print_run(run: Run, gates: Sequence[Gate] = (), *, as_json: bool) -> None:
     runs.conclude(run, quiet=as_json)
     for gate in gates:
         if not gate.passed:
-            typer.echo(f"Failed: {gate.game}, {gate.name}: {gate.message}", err=True)
+            say(f"Failed: {gate.game}, {gate.name}: {gate.message}", err=True)
     if not all(gate.passed for gate in gates):
         raise typer.Exit(1)

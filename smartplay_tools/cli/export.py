@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from smartplay_tools.cli import options
+from smartplay_tools.terminal import say
 
 
 def export(
@@ -56,6 +57,6 @@ def export(
         best=best,
     )
     counted = ", ".join(f"{number:,} {name}" for name, number in exported.counts.items())
-    typer.echo(f"{exported.folder}: {counted}")
+    say(f"{exported.folder}: {counted}")
     for reason, number in sorted(exported.left_out.items()):
-        typer.echo(f"left out: {number:,} ({reason})")
+        say(f"left out: {number:,} ({reason})")

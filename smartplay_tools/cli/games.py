@@ -6,13 +6,13 @@ import json
 from typing import Annotated, Any, cast, get_args
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.streams import keep_streams, own_output
+from smartplay_tools.terminal import Console
 
 
 def games(as_json: options.Json = False) -> None:
@@ -56,7 +56,7 @@ def schema(
         raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
     with keep_streams(), Episode(game, seed=0) as episode:
         schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
-        print(json.dumps(schemas, indent=2, ensure_ascii=False), file=own_output())
+        print(json.dumps(schemas, indent=2), file=own_output())
 
 
 def _facts(name: str) -> dict[str, Any]:

@@ -5,6 +5,7 @@ The page of `--watch` is the site over the episode's record, served by the same 
 
 from __future__ import annotations
 
+import json
 import tempfile
 import threading
 import time
@@ -17,7 +18,6 @@ from typing import Annotated, Any
 from urllib.parse import quote
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
@@ -34,6 +34,7 @@ from smartplay_tools.players.player_registry import second_player, without_secon
 from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.streams import own_output
+from smartplay_tools.terminal import Console, say
 from smartplay_tools.types import EpisodeResult, Usage
 from smartplay_tools.types.messages import text_of
 
@@ -93,7 +94,7 @@ def play(
         with new_episode as played:
             if page is not None:
                 played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
-                typer.echo(f"The episode is shown at {page}", err=True)
+                say(f"The episode is shown at {page}", err=True)
                 if open_browser:
                     webbrowser.open(page)
             interrupted = _run(played, who, protocol, second, console, pace, first)
@@ -102,7 +103,7 @@ def play(
     has_failed = played.result.end_reason in FAILED  # the result says why
     if not has_failed:
         for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: "".join(first)):
-            typer.echo(warning, err=True)
+            say(warning, err=True)
     if interrupted or has_failed:
         raise typer.Exit(INTERRUPTED if interrupted else 1)
 
@@ -122,7 +123,7 @@ def _player_options(
 
 def _print(result: EpisodeResult, price: Price | None, *, as_json: bool) -> None:
     if as_json:
-        print(result.model_dump_json(indent=2), file=own_output())
+        print(json.dumps(result.model_dump(mode="json"), indent=2), file=own_output())
     else:
         print_result(Console(), result, None if price is None else price.cost(_charged(result)))
 
@@ -173,6 +174,6 @@ def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
         path = transcript or Path(folder) / "episode.jsonl"
         with ViewServer(RunList(always=[SiteRecord(path)])) as server:
             yield path, f"{server.url}episode/{quote(path.name)}/{PLAYING}"
-            typer.echo("The page stays until Ctrl-C.", err=True)
+            say("The page stays until Ctrl-C.", err=True)
             with suppress(KeyboardInterrupt):
                 threading.Event().wait()

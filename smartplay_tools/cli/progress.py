@@ -14,18 +14,17 @@ from functools import reduce
 from itertools import groupby
 from operator import add
 
-import typer
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
-from rich.text import Text
 
 from smartplay_tools.cli.show import print_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.run_folder.follower import CellSnapshot, RunSnapshot, Spending
 from smartplay_tools.evaluation.runs.run_progress import OnSnapshot
 from smartplay_tools.records.record import Record
+from smartplay_tools.terminal import Console, Text, say
 from smartplay_tools.types.quantities import short
 
 LOG_SECONDS = 60.0
@@ -61,9 +60,9 @@ def _screen(snapshot: RunSnapshot) -> RenderableType:
     table.add_column(no_wrap=True)
     for game in games:
         words = f"score {game.score / game.finished:.2f}" if game.finished else ""
-        words += f"  [red]{game.failed_attempts} failed[/]" if game.failed_attempts else ""
+        failed = f"  {game.failed_attempts} failed" if game.failed_attempts else ""
         bar = ProgressBar(total=game.planned, completed=game.finished, width=12)
-        table.add_row(game.game, bar, f"{game.finished}/{game.planned}", words)
+        table.add_row(game.game, bar, f"{game.finished}/{game.planned}", Text(words).append(failed, "red"))
     lines = [Text(snapshot.describe())]
     if warning := snapshot.warning:
         lines.append(Text(warning, style="yellow", no_wrap=True, overflow="ellipsis"))
@@ -103,7 +102,7 @@ class _Log:
                     self._say(f"failed: {row['key']} ({name}): {row['error'] or row['end_reason']}")
 
     def _say(self, words: str) -> None:
-        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, markup=False, soft_wrap=True)
+        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, soft_wrap=True)
 
 
 def status_table(snapshot: RunSnapshot) -> TextTable:
@@ -140,7 +139,7 @@ def print_running(console: Console, snapshot: RunSnapshot) -> None:
     """Print the progress of an incomplete run."""
     print_table(console, status_table(snapshot))
     if snapshot.is_live:
-        typer.echo(f"Now: {snapshot.describe()}.\n")
+        say(f"Now: {snapshot.describe()}.\n")
     if snapshot.playing:
         print_table(console, live_table(snapshot.playing))
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import track
 
 from smartplay_tools.cli import options
@@ -20,6 +19,7 @@ from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
+from smartplay_tools.terminal import Console, Text
 
 DIFFERS, NOT_REPLAYED = 1, 3
 """The exit codes; the first is that of a run in which some episodes differ and some were not replayed, too."""
@@ -73,18 +73,18 @@ def _replay_file(path: Path, strategies: Sequence[str], *, as_json: bool) -> int
     except TranscriptError:
         raise
     except SmartPlayError as error:
-        _say(f"not replayed: {error}", stderr=True, markup=False)
+        _say(f"not replayed: {error}", stderr=True)
         return NOT_REPLAYED
     if as_json:
         print_json({**asdict(replayed), "result": replayed.result and replayed.result.model_dump()})
     elif replayed.identical:
         resumed = f", resumed at event {', '.join(map(str, replayed.resumed))}" if replayed.resumed else ""
-        _say(f"[green]identical[/]: {replayed.events} events of {path}{resumed}")
+        _say("identical", "green", f": {replayed.events} events of {path}{resumed}")
     elif not replayed.differences:
         what = f"the {replayed.events} events of {path} are identical, but its end is missing"
-        _say(f"[yellow]incomplete[/]: {what}", stderr=True)
+        _say("incomplete", "yellow", f": {what}", stderr=True)
     else:
-        _say(f"[red]differs[/]: {replayed.differences[0]}", stderr=True)
+        _say("differs", "red", f": {replayed.differences[0]}", stderr=True)
     if not as_json and replayed.not_compared is not None:
         _say(replayed.not_compared)
     return 0 if replayed.identical else DIFFERS
@@ -118,7 +118,7 @@ def _print_unfinished(folder: RunFolder) -> None:
     for cell in run_snapshot(folder).cells:
         if cell.paused or cell.running:
             what = f"{cell.paused} paused, {cell.running} running; not replayed"
-            _say(f"{cell.game}, {cell.player}: {what}", markup=False)
+            _say(f"{cell.game}, {cell.player}: {what}")
 
 
 def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
@@ -127,20 +127,20 @@ def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
     left = [finding for finding in findings if finding.not_replayed is not None]
     total, same = len(findings), len(findings) - len(differing) - len(missing) - len(left)
     if same == total:
-        _say(f"[green]identical[/]: all {total} episodes of {path}")
+        _say("identical", "green", f": all {total} episodes of {path}")
     if differing:
-        _say(f"[red]{len(differing)} of {total} episodes differ[/]", stderr=True)
+        _say(f"{len(differing)} of {total} episodes differ", "red", stderr=True)
     if left:
-        _say(f"[yellow]{len(left)} of {total} episodes were not replayed[/], {same} are identical", stderr=True)
+        _say(f"{len(left)} of {total} episodes were not replayed", "yellow", f", {same} are identical", stderr=True)
         for sentence in sorted({f"{finding.game}: {finding.not_replayed}" for finding in left}):
-            _say(sentence, stderr=True, markup=False)
+            _say(sentence, stderr=True)
     if missing:
-        _say(f"[red]{same} of {total} planned episodes are identical; {len(missing)} have no row[/]", stderr=True)
+        _say(f"{same} of {total} planned episodes are identical; {len(missing)} have no row", "red", stderr=True)
     for finding in (*differing, *(finding for finding in missing if finding.has_record)):
         for difference in finding.differences[:SHOWN_DIFFERENCES]:
-            _say(f"{finding.key} ({finding.game}): {difference}", stderr=True, markup=False)
+            _say(f"{finding.key} ({finding.game}): {difference}", stderr=True)
 
 
-def _say(sentence: str, *, stderr: bool = False, markup: bool = True) -> None:
-    """Print a sentence on one line, however long it is."""
-    Console(stderr=stderr).print(sentence, highlight=False, soft_wrap=True, markup=markup)
+def _say(verdict: str, style: str = "", further: str = "", *, stderr: bool = False) -> None:
+    """Print a sentence on one line, however long it is, with its beginning in a style."""
+    Console(stderr=stderr).print(Text(verdict, style=style), Text(further), sep="", soft_wrap=True)

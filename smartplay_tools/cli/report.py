@@ -10,6 +10,7 @@ import typer
 
 from smartplay_tools.cli import options
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.terminal import say
 
 
 def report(
@@ -55,7 +56,7 @@ def report(
     tariffs = tariffs_of(cache, caches=caches) if cache else ()
     path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
     size = path.stat().st_size / 1e6
-    typer.echo(f"{path} ({size:.1f} MB): open it in a browser.")
+    say(f"{path} ({size:.1f} MB): open it in a browser.")
 
 
 def share(
@@ -90,7 +91,7 @@ def share(
     else:
         path = write_card(record, out, turn=None if span is None else span[1])
     size = path.stat().st_size / 1e3
-    typer.echo(f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.")
+    say(f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.")
 
 
 def _range(text: str) -> tuple[int, int]:

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from smartplay_tools.cli import options, program
 from smartplay_tools.cli.cost import check_columns, cost_columns
@@ -33,6 +31,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.statistics.intervals import Method
+from smartplay_tools.terminal import Console, Text, say
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ def print_next(console: Console, folders: Sequence[Path], *, everything: bool = 
         commands.append(f"{program()} report {words} --out {shlex.quote(f'{folders[0].resolve().name}.html')}")
     console.print(Text(f"In {', '.join(map(str, folders))}. Next:", style="dim"), soft_wrap=True)
     for command in commands:
-        typer.echo(f"  {command}")
+        say(f"  {command}")
 
 
 def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
@@ -162,10 +161,10 @@ def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds
     now = run.snapshot
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
-    typer.echo(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
+    say(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
     if now.finished < now.planned:
         print_running(console, now)
     for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
-        typer.echo(line)
+        say(line)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
-from rich.console import Console
 
 from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
@@ -24,6 +23,7 @@ from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import unplayed
+from smartplay_tools.terminal import Console, say
 
 _option = partial(typer.Option, rich_help_panel="The run")
 
@@ -171,29 +171,29 @@ def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..
 
 def conclude(run: Run, *, quiet: bool = False) -> None:
     """Print what a run has used and what is unfinished; exit with 1 unless every episode is finished and was played."""
-    say = partial(typer.echo, err=True)
+    tell = partial(say, err=True)
     left = f"{run.planned - len(run.rows)} of {run.planned} episodes are not finished"
     for sentence in () if quiet else spending_sentences(run.spending):
-        say(sentence)
+        tell(sentence)
     if run.refused is not None:
-        say(f"{run.refused}. Once that is corrected, the same command continues the run.")
+        tell(f"{run.refused}. Once that is corrected, the same command continues the run.")
     elif run.stopped is not None:
-        say(f"Stopped by {run.stopped}. The same command continues the run.")
+        tell(f"Stopped by {run.stopped}. The same command continues the run.")
     elif run.cap_reached:
         paused = f", {run.status.paused} of them paused" if run.status.paused else ""
-        say(f"A cap of the run is reached: {left}{paused}. The same command with a higher cap continues the run.")
+        tell(f"A cap of the run is reached: {left}{paused}. The same command with a higher cap continues the run.")
     elif not run.complete:
-        say(f"{left}; {run.folder.path / 'attempts'} has their records. The same command retries them.")
+        tell(f"{left}; {run.folder.path / 'attempts'} has their records. The same command retries them.")
     if beginnings := run.folder.beginnings():
         count = beginnings.total()
         episodes = "1 episode began" if count == 1 else f"{count} episodes began"
         reasons = "; ".join(f"{reason} ({count})" for reason, count in beginnings.items())
-        say(f"{episodes} again instead of going on, and what was spent before is counted: {reasons}.")
+        tell(f"{episodes} again instead of going on, and what was spent before is counted: {reasons}.")
     if run.waiting:
-        say(f"{run.waiting} of them wait for the trial before them in their chain, which has no result yet.")
+        tell(f"{run.waiting} of them wait for the trial before them in their chain, which has no result yet.")
     warnings = unplayed(run.rows, run.folder.first_reply)
     for warning in warnings:
-        say(warning)
+        tell(warning)
     if warnings or not run.complete:
         raise typer.Exit(INTERRUPTED if run.stopped == "SIGINT" else 1)
 

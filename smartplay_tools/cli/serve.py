@@ -9,6 +9,7 @@ import typer
 
 from smartplay_tools.cli import options, serve_mcp, serve_window
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.terminal import say
 
 ENDPOINT = "smartplay_openai"
 """The adapter that serves players; imported at first use."""
@@ -95,8 +96,8 @@ def _serve(
     adapter = importlib.import_module(ENDPOINT)
     endpoint = adapter.LocalEndpoint(*players, limits=adapter.SimulatedLimits(**limits), **where)
     models = ", ".join(player.name for player in players)
-    typer.echo(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.")
+    say(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.")
     try:
         endpoint.run()
     except KeyboardInterrupt:
-        typer.echo("stopped")
+        say("stopped")

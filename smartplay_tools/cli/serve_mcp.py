@@ -15,6 +15,7 @@ from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_ep
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.streams import keep_streams
+from smartplay_tools.terminal import say
 from smartplay_tools.types import STRATEGIES
 
 if TYPE_CHECKING:
@@ -85,8 +86,8 @@ def mcp(
     server = adapter.HttpServer(store, host=host, port=port, token=token, operator_token=operator_token, **names)
     for number in range(episodes):
         handle = store.open(game, seed=seed + number, **settings)
-        typer.echo(f"{server.url}/mcp/{handle}  seed {seed + number}")
-    typer.echo("Stop with Ctrl-C.")
+        say(f"{server.url}/mcp/{handle}  seed {seed + number}")
+    say("Stop with Ctrl-C.")
     server.run()
 
 

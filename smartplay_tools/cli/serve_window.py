@@ -17,6 +17,7 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import OF_RUNS, EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.terminal import say
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
@@ -116,7 +117,7 @@ def window(
         hosts=allow_host or (),
         origins=allow_origin or (),
     )
-    typer.echo(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
+    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  ({player} plays; stop with Ctrl-C)")
     if out is not None:
         from smartplay_tools.evaluation.runs.players import PlayerConfig
 
@@ -137,13 +138,13 @@ def _serve_upstream(
         left = {"dropped": prompt.dropped, "masked": prompt.masked, "cut": prompt.cut, "repaired": prompt.repaired}
         words = ", ".join(f"{len(numbers)} {what}" for what, numbers in left.items() if numbers)
         if words:
-            typer.echo(f"{path}  {prompt.tokens:,} tokens; messages: {words}")
+            say(f"{path}  {prompt.tokens:,} tokens; messages: {words}")
 
     tokenizer = episode.conditions.get("tokenizer")
     manager = ContextManager.of(episode.budget, tokenizer=tokenizer, **tokens)
     gateway = importlib.import_module("smartplay_gateway")
     endpoint = gateway.ContextEndpoint(upstream, manager, host=host, port=port, hosts=hosts, told=tell)
-    typer.echo(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {upstream}; stop with Ctrl-C)")
+    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {upstream}; stop with Ctrl-C)")
     with suppress(KeyboardInterrupt):
         endpoint.run()
 
@@ -200,17 +201,17 @@ def _serve_episodes(endpoint: Any, game: str, seeds: range, episode: EpisodeOpti
     def tell(opened: Episode, event: Mapping[str, Any]) -> None:
         if "result" in event:
             scores.append(event["result"]["score"])
-            typer.echo(ended(handles[opened.config.seed], event["result"]))
+            say(ended(handles[opened.config.seed], event["result"]))
 
     with ExitStack() as opening:
         opening.callback(add_listener(lambda opened: partial(tell, opened)))
         for seed in seeds:
             handles[seed] = endpoint.open(game, seed=seed, **episode.conditions, **episode.options)
-            typer.echo(_where(endpoint, handles[seed], seed))
+            say(_where(endpoint, handles[seed], seed))
     with suppress(KeyboardInterrupt):
         endpoint.run()
     mean = f", mean score {sum(scores) / len(scores):.4g}" if scores else ""
-    typer.echo(f"{len(scores)} of {len(seeds)} episodes are over{mean}.")
+    say(f"{len(scores)} of {len(seeds)} episodes are over{mean}.")
 
 
 def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offered, out: Path) -> None:
@@ -224,7 +225,7 @@ def _serve_run(endpoint: Any, plan: Plan, player: PlayerConfig, offered: _Offere
         print_run(run, as_json=False)
         if run.stopped is not None:
             return
-        typer.echo("All episodes are over; agents that still ask are told so until you press Ctrl-C.")
+        say("All episodes are over; agents that still ask are told so until you press Ctrl-C.")
         with suppress(KeyboardInterrupt):
             while True:
                 time.sleep(1)
@@ -246,11 +247,11 @@ class _Offered:
         self._handles[held.key] = handle
         self._file.touch(mode=0o600)  # the handles let anybody who reads them play
         self._file.write_text(json.dumps(self._handles, indent=1) + "\n", encoding="ascii", newline="\n")
-        typer.echo(_where(self._endpoint, handle, held.episode.config.seed))
+        say(_where(self._endpoint, handle, held.episode.config.seed))
         await held.wait()
 
     def tell(self, progress: RunProgress) -> None:
         """Print the end of an episode."""
         if progress.episode is not None:
             handle = self._handles.get(progress.episode.key, progress.episode.key)
-            typer.echo(f"{handle}  {progress.error}" if progress.row is None else ended(handle, progress.row))
+            say(f"{handle}  {progress.error}" if progress.row is None else ended(handle, progress.row))

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.cells import cell_len
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
-from rich.text import Text
 
 from smartplay_tools.streams import own_output
+from smartplay_tools.terminal import Console, Text
 from smartplay_tools.types.messages import calls_of, text_of
 
 if TYPE_CHECKING:
@@ -44,16 +44,17 @@ def print_turn(console: Console, conversation: BaseConversation) -> None:
     dropped = f", {view.dropped_turns} turns dropped" if view.dropped_turns else ""
     marked = f", {len(view.masked_results)} results marked" if view.masked_results else ""
     facts = f"prompt {view.tokens}{limit} tokens, {view.shown_steps} steps shown{dropped}{marked}"
-    console.print(f"[bold]turn {turn.number}[/]  step {conversation.episode.stats.steps}  [dim]{facts}[/]")
+    console.print(f"[bold]turn {turn.number}[/]  step {conversation.episode.stats.steps}  [dim]{facts}[/]", markup=True)
     if words := text_of(turn.assistant):
-        console.print(f"  [italic]{escape(words)}[/]")
+        console.print(f"  [italic]{escape(words)}[/]", markup=True)
     for call in calls_of(turn.assistant):
         function = call["function"]
-        console.print(f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}", soft_wrap=True)
+        called = f"  [cyan]{escape(function['name'])}[/] {escape(function['arguments'])}"
+        console.print(called, soft_wrap=True, markup=True)
     for item in turn.items:
         bar = "|" if console.options.ascii_only else "│"
         for line in text_of(item.message).splitlines():
-            console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True)
+            console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True, markup=True)
 
 
 def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:

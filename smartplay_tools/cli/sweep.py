@@ -22,6 +22,7 @@ from smartplay_tools.evaluation.analysis.windows import latencies
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
+from smartplay_tools.terminal import say
 
 
 def _listed(name: str, text: str) -> Any:
@@ -53,7 +54,7 @@ def sweep(
     form = Format.JSON if run.as_json else form
     check_columns(cache, caches, form)
     for reason in cells.left_out:
-        typer.echo(f"Left out: {reason}", err=True)
+        say(f"Left out: {reason}", err=True)
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
     if done is None:
         return
@@ -69,10 +70,12 @@ def sweep(
 
 def _print_files(folder: Path, written: Sequence[Path]) -> None:
     """Print what was written, and what to do next."""
-    names = ", ".join(sorted({str(path.relative_to(folder).with_suffix("")) for path in written}))
-    typer.echo(f"In {folder}: {names}.")
+    names: dict[str, list[str]] = {}
+    for path in sorted(written):
+        names.setdefault(str(path.relative_to(folder).with_suffix("")), []).append(path.suffix)
+    say(f"In {folder}: {', '.join(name + ', '.join(endings) for name, endings in names.items())}.")
     if not any(path.suffix == ".parquet" for path in written):
-        typer.echo(f"For Parquet and figures: {install_command('evaluation')}")
+        say(f"For Parquet and figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
 
 
@@ -88,6 +91,6 @@ def merge(
     """
     whole = merge_parts(parts, out)
     finished, planned = len(whole.rows()), len(whole.manifest().episodes)
-    typer.echo(f"{out}: {finished} of {planned} episodes are finished.")
+    say(f"{out}: {finished} of {planned} episodes are finished.")
     if finished < planned:
         raise typer.Exit(1)

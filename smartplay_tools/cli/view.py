@@ -14,6 +14,7 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.episode_options import BUDGET, OTHERS, RULES, EpisodeOptions, with_episode_options
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.terminal import say
 
 if TYPE_CHECKING:
     from smartplay_tools.web.site import BrowserGames
@@ -86,7 +87,7 @@ def view(
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"
     # The first address has the token; its page passes it on.
     entry = f"{server.url}{begin}" if server.entry == server.url else server.entry
-    typer.echo(f"{served} at {entry} - Ctrl-C stops.", err=True)
+    say(f"{served} at {entry} - Ctrl-C stops.", err=True)
     with playing or nullcontext():
         if open_browser:
             webbrowser.open(entry)

@@ -10,7 +10,6 @@ model sees, but a summary may cost the host a model call that no budget counts, 
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence, Set
 from types import MappingProxyType
@@ -23,8 +22,9 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolResult, ToolSpec
 from smartplay_tools.types.messages import Message, text_of, words_of
+from smartplay_tools.visible import logger
 
-log = logging.getLogger("smartplay_tools.conversation")
+log = logger("smartplay_tools.conversation")
 
 
 class HostChat:

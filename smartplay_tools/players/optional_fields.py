@@ -12,14 +12,14 @@ Servers of one interface accept different fields, and word their refusals differ
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Container, Mapping
 from typing import Any
 
 from smartplay_tools.players.attempts import status_of
+from smartplay_tools.visible import logger
 
-log = logging.getLogger("smartplay_tools.players")
+log = logger("smartplay_tools.players")
 
 OPTIONAL = ("include", "parallel_tool_calls", "prompt_cache_key", "store", "stream_options")
 """Fields of a request that it may do without."""

@@ -13,9 +13,19 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
+
+from smartplay_tools.errors import InvalidArgumentError, similar
 
 NEWER = "newer than the first records, in which it is 0"
 
@@ -56,7 +66,7 @@ class Recorded(BaseModel):
     @classmethod
     def from_record(cls, data: Mapping[str, Any]) -> Self:
         """Return the data of a record, in which newer fields may be missing."""
-        return cls(**{**cls.later, **data})
+        return cls.model_validate({**cls.later, **data})
 
 
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -160,6 +170,16 @@ class Budget(Recorded):
     """The strategy that chooses the turns of a prompt, or rewrites them: FILE.py:CLASS, or the name of one that an
     installed package declares, with options as in NAME:KEY=VALUE; None: the window chooses them."""
 
+    if not TYPE_CHECKING:  # type checkers know the fields from their annotations
+
+        def __init__(self, **fields: Any) -> None:
+            try:
+                super().__init__(**fields)
+            except ValidationError as error:
+                raise InvalidArgumentError(_fault(error)) from error
+
+        __init__.__pydantic_base_init__ = True  # records are validated without it
+
     @property
     def strategies(self) -> tuple[str, ...]:
         """The names of the fields that keep some of the past, instead of dropping it."""
@@ -183,6 +203,15 @@ class Budget(Recorded):
         """Return a budget from options, where None means "not given", as in forms, and the word "none" no limit."""
         limits = {name: value for name, value in given.items() if value is not None}
         return cls(**limits | {name: None for name, value in limits.items() if value == "none"})
+
+
+def _fault(error: ValidationError) -> str:
+    """Return the first fault of a budget as a sentence."""
+    first = error.errors()[0]
+    name = first["loc"][0]
+    if first["type"] == "extra_forbidden":
+        return f"A budget has no field {name!r}; {similar(name, Budget.model_fields)}"
+    return f"{name}={first['input']!r} is no limit of a budget: {first['msg'][:1].lower()}{first['msg'][1:]}."
 
 
 def _reading(name: str) -> Reads:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from smartplay_tools.visible import visible
+
 __all__ = ["duration", "figure", "megabytes", "short", "typeset"]
 
 
@@ -35,8 +37,8 @@ def figure(value: float | None, digits: int = 2) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a text that is written for terminals, with the signs of print: at most, plus or minus, and minus."""
-    return re.sub(r"<=|\+-|(?<![\w-])-(?=\d)", lambda sign: _SIGNS[sign[0]], text)
+    """Return a visible text with the signs of print, where a terminal has others: at most, plus or minus, and minus."""
+    return re.sub(r"<=|\+-|(?<![\w-])-(?=\d)", lambda sign: _SIGNS[sign[0]], visible(text))
 
 
 _SIGNS = {"<=": "\N{LESS-THAN OR EQUAL TO}", "+-": "\N{PLUS-MINUS SIGN}", "-": "\N{MINUS SIGN}"}

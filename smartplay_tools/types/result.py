@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
@@ -11,6 +10,7 @@ from pydantic import Field, model_validator
 
 from smartplay_tools.types.budget import Count, NewerCount, Recorded
 from smartplay_tools.types.pictures import Picture
+from smartplay_tools.visible import as_html
 
 TOOL_NAMES = ("observe", "act", "read_manual")
 """The tools that every agent has. There is no tool to reset, to seed or to read the score."""
@@ -309,5 +309,5 @@ those."""
 
 def facts_as_html(title: str, facts: Mapping[str, str]) -> str:
     """Return a title and facts as a small table, as a notebook shows objects."""
-    rows = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in facts.items())
-    return f"<div><b>{html.escape(title)}</b><table>{rows}</table></div>"
+    rows = "".join(f"<tr><th>{as_html(name)}</th><td>{as_html(text)}</td></tr>" for name, text in facts.items())
+    return f"<div><b>{as_html(title)}</b><table>{rows}</table></div>"

@@ -26,6 +26,7 @@ __all__ = [
     "BATCHES",
     "CALL_KEY",
     "INSTRUCTIONS",
+    "INTERNAL_ERROR",
     "MANUAL",
     "PARSE_ERROR",
     "SERVER_INFO",
@@ -58,7 +59,7 @@ VERSION_KEY = "io.modelcontextprotocol/protocolVersion"
 CAPABILITIES_KEY = "io.modelcontextprotocol/clientCapabilities"
 SERVER_KEY = "io.modelcontextprotocol/serverInfo"
 
-PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS = -32700, -32600, -32601, -32602
+PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR = -32700, -32600, -32601, -32602, -32603
 HEADER_MISMATCH, UNSUPPORTED_VERSION = -32020, -32022
 
 SERVER_INFO = {"name": "smartplay", "title": "SmartPlay", "version": version("smartplay-tools")}

@@ -26,21 +26,13 @@ __all__ = ["bind_episode", "mcp_route"]
 HOSTED = "smartplay_hosted_episode"
 """The key of the episode in a request's scope."""
 
-APPENDED = (
-    "No such episode: an address ends with the handle, /mcp/HANDLE. A client that appends /mcp by itself, as the first "
-    "versions of the MCP Inspector do, takes /mcp?episode=HANDLE."
-)
-"""The refusal of an address with the old path of clients behind the handle."""
-
 STATUS = {mcp.METHOD_NOT_FOUND: 404}
 """Since 2026-07-28 errors also have a status: 404 for unknown methods, 400 for everything else."""
 
 
 async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     """Bind a request to the episode that it names, for the route; return a refusal if there is none."""
-    handle = request.url.path.lstrip("/").partition("/")[2]
-    if handle.endswith("/mcp"):
-        return PlainTextResponse(APPENDED, 404)
+    handle = request.url.path.lstrip("/").partition("/")[2].removesuffix("/mcp")  # some clients append it
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
     hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
     if isinstance(hosted, Response):

@@ -30,7 +30,9 @@ def listening(host: str, port: int, backlog: int = 128) -> socket.socket:
         made.bind((host, port))
     except OSError as error:
         made.close()
-        raise InvalidArgumentError(f"Nothing can listen on {host}:{port}: {error.strerror}.") from error
+        raise InvalidArgumentError(
+            f"Nothing can listen on {host}:{port}: {error.strerror}; name another --port, or 0 for a free one."
+        ) from error
     made.listen(backlog)
     return made
 

@@ -242,13 +242,12 @@ class TestTheDoor:
         with HttpServer(EpisodeStore(), port=0) as server:
             assert post(f"{server.url}/episodes", json={"game": GAME, "seed": 1}).status_code == 404
 
-    def test_the_old_path_of_clients_behind_the_handle_is_named(self):
+    def test_the_path_that_some_clients_append_is_the_same_address(self):
         with HttpServer(episodes := EpisodeStore(), port=0) as server:
             handle = episodes.open(GAME, seed=1)
-            refused = post(f"{server.url}/mcp/{handle}/mcp", json=CALL)
-            assert refused.status_code == 404
-            assert "an address ends with the handle" in refused.text
-            assert post(f"{server.url}/mcp?episode={handle}", json=CALL).status_code == 200
+            for address in (f"mcp/{handle}/mcp", f"mcp/{handle}", f"mcp?episode={handle}"):
+                assert post(f"{server.url}/{address}", json=CALL).status_code == 200
+            assert post(f"{server.url}/mcp/mcp", json=CALL).status_code == 404
 
 
 ACT = {**CALL, "id": 2, "params": {"name": "act", "arguments": {"action": "1"}}}

@@ -156,6 +156,21 @@ class TestStdio:
             assert server.stderr.read() == "smartplay-tools: manual must be one of tool, pinned, none, not 'hidden'.\n"
 
     @pytest.mark.slow
+    def test_the_second_host_of_a_record_is_told_why_its_call_is_not_played(self, tmp_path):
+        command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--seed", "7", "--transcript", "one"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "cwd": tmp_path}
+        with subprocess.Popen(command, **pipes) as first, subprocess.Popen(command, **pipes) as second:
+            answers = []
+            for server in (first, second):
+                print(json.dumps(request("tools/call", 1, name="observe", arguments={})), file=server.stdin, flush=True)
+                answers.append(json.loads(server.stdout.readline()))
+            assert "result" in answers[0]
+            assert answers[1]["error"]["code"] == -32603
+            assert "Another server plays the episode of one" in answers[1]["error"]["message"]
+            assert second.wait(60) == 2
+            first.stdin.close()
+
+    @pytest.mark.slow
     def test_answers_come_in_the_order_of_the_requests(self):
         calls = [request("tools/call", number, name="observe", _meta={CALL_KEY: str(number)}) for number in range(20)]
         assert [answer["id"] for answer in talk(*calls)] == list(range(20))
@@ -194,8 +209,8 @@ class TestHttp:
     @pytest.mark.parametrize(
         ("asked", "words"),
         [
-            ({"budget": {"historry": 5}}, "The budget cannot be read: historry"),
-            ({"budget": {"history": -1}}, "The budget cannot be read: history"),
+            ({"budget": {"historry": 5}}, "A budget has no field 'historry'; did you mean history"),
+            ({"budget": {"history": -1}}, "history=-1 is no limit of a budget"),
             ({"budget": {"prompt_tokens": 700, "slack": 0.5}}, "the budget cannot have prompt_tokens, slack"),
             ({"rollout": 3}, "has no option rollout"),
         ],

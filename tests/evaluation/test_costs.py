@@ -164,6 +164,12 @@ def test_the_area_is_the_mean_score_while_money_is_spent(swept: str) -> None:
         assert row["area"] == pytest.approx((spent + scores[-1] * (dearest - sum(costs))) / dearest)
 
 
+def test_tokens_that_are_written_for_an_hour_are_charged_once() -> None:
+    price = Price(((0, 4.0),), ((0, 20.0),), ((0, 0.4),), "given", ((0, 5.0),), ((0, 8.0),))
+    usage = sp.Usage(prompt=1_000_000, written=300_000, written_1h=100_000)
+    assert price.cost(usage) == pytest.approx(0.7 * 4 + 0.2 * 5 + 0.1 * 8)
+
+
 def test_no_call_costs_more_than_the_most() -> None:
     price = Price(((0, 4.0), (1_000, 8.0)), ((0, 20.0),), ((0, 0.4),), "given", ((0, 5.0), (1_000, 10.0)))
     for prompt in (999, 1_000):

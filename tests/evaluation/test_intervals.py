@@ -141,6 +141,11 @@ def test_an_interval_of_many_episodes():
     assert estimate.high - estimate.low == pytest.approx(2 * 1.96 * np.std(values) / 3_000**0.5, rel=0.05)
 
 
+def test_the_sign_test_of_equal_differences_has_two_sides():
+    assert [mean_estimate([2.0] * pairs).sign_p for pairs in (2, 6)] == [1 / 2, 1 / 32]
+    assert mean_estimate([0.0] * 6).sign_p is mean_estimate([1.0, 2.0]).sign_p is None
+
+
 def test_samples_are_drawn_apart():
     """Two samples, each constant, have no spread together, however far apart they are."""
     estimate = weighted([[1.0, 1.0], [5.0, 5.0]], [0.25, 0.75])

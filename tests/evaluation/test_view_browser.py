@@ -322,6 +322,37 @@ def test_the_picture_of_a_turn_is_copied_or_saved(show, site, tmp_path):
         assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 100, "text and colours, not an empty sheet"
 
 
+def test_a_tap_without_network_says_so_and_the_focus_stays_where_it_was(browser, tmp_path):
+    playing = BrowserGames([HANOI], tmp_path / "human")
+    with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:
+        page, wrong = browser.new_context(viewport={"width": 390, "height": 844}).new_page(), []
+        page.on("pageerror", lambda error: wrong.append(error))
+        page.goto(f"{server.url}play/{HANOI}")
+        second = page.locator("#actions button").nth(1)
+        second.wait_for()
+        first_screen = page.locator("#actions button").nth(0).bounding_box()
+        assert first_screen["y"] < 844 - 2 * first_screen["height"], "an action can be chosen without scrolling"
+        second.focus()
+        page.keyboard.press("Enter")
+        page.wait_for_selector("body[data-number='2']")
+        sync_api.expect(second).to_be_focused()
+        page.route("**/reply", lambda route: route.abort())
+        page.locator("#observe").click()
+        sync_api.expect(page.locator("#problem")).to_contain_text("cannot be reached")
+        page.unroute("**/reply")
+        page.locator("#observe").click()
+        page.wait_for_selector("body[data-number='3']")
+        sync_api.expect(page.locator("#problem")).to_be_empty()
+        assert wrong == []
+        page.context.close()
+
+
+def test_without_scripts_a_page_says_that_it_needs_them(browser, site):
+    page = browser.new_context(java_script_enabled=False).new_page()
+    page.goto(site)
+    assert "scripts are switched off" in page.inner_text("body")
+
+
 def test_arrows_and_letters_play_the_actions_that_show_them(show, tmp_path):
     playing = BrowserGames(["Crafter-v0"], tmp_path / "human", budget=sp.Budget(tool_calls=2))
     with playing as games, view.ViewServer(view.RunList(own=[games.folder]), play=games) as server:

@@ -10,7 +10,6 @@ once an episode.
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,6 +18,7 @@ from smartplay_openai.tool_choice import plainest_value
 from smartplay_openai.window.formats import CompletionRequest
 from smartplay_tools import ToolSpec
 from smartplay_tools.types.messages import MessageToolCall
+from smartplay_tools.visible import logger
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _is_described(tool: ToolSpec, own: ToolSpec) -> bool:
     return has_name and own.description[:40] in tool.description
 
 
-log = logging.getLogger("smartplay_openai.window")
+log = logger("smartplay_openai.window")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ episode for each kind, and counted. Where a host hides the game's tools behind a
 from __future__ import annotations
 
 import json
-import logging
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from smartplay_openai.window.formats import CompletionRequest
 from smartplay_openai.window.names import HostTools, filled
 from smartplay_openai.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage
+from smartplay_tools.visible import logger
 
 NO_TOOLS = (
     "This endpoint plays a game: it answers requests that offer the game's tools, which its MCP server has. An "
@@ -37,7 +37,7 @@ SEARCHES = ("ToolSearch", "tool_search")
 
 HIDDEN_NAME = re.compile(r"mcp__\w+__(?:act|observe|read_manual)\b")
 
-log = logging.getLogger("smartplay_openai.window")
+log = logger("smartplay_openai.window")
 
 
 class SideRequests:

@@ -6,7 +6,6 @@ The same table can be shown in a terminal, in a notebook and in a paper; only th
 from __future__ import annotations
 
 import csv
-import html
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.visible import as_html, visible
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,11 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        # Every format has the same text, and measures what it shows.
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, _visible(value))
+
     def of_run(self, name: str) -> TextTable:
         """Return the table with the name of its run, for those that stand beside tables of others."""
         return replace(self, title=", ".join(filter(None, (name, self.title))))
@@ -46,6 +51,12 @@ class TextTable:
             else:
                 rows.append((f"{group}, {row[0].strip()}" if group else row[0], *row[1:]))
         return rows
+
+
+def _visible(part: Any) -> Any:
+    if isinstance(part, Column):
+        return replace(part, heading=visible(part.heading))
+    return visible(part) if isinstance(part, str) else tuple(map(_visible, part))
 
 
 def columns(words: str, *numbers: str) -> tuple[Column, ...]:
@@ -134,18 +145,16 @@ def to_html(tables: Sequence[TextTable]) -> str:
 
 
 def _html_table(table: TextTable) -> str:
-    head = "".join(f"<th{_side(column)}>{html.escape(column.heading)}</th>" for column in table.columns)
+    head = "".join(f"<th{_side(column)}>{as_html(column.heading)}</th>" for column in table.columns)
     body = []
     for row in table.rows:
         if len(row) == 1:
-            body.append(
-                f'<tr><th colspan="{len(table.columns)}" style="text-align: left">{html.escape(row[0])}</th></tr>'
-            )
+            body.append(f'<tr><th colspan="{len(table.columns)}" style="text-align: left">{as_html(row[0])}</th></tr>')
         else:
             cells = zip(table.columns, row, strict=True)
-            body.append("<tr>" + "".join(f"<td{_side(c)}>{html.escape(cell)}</td>" for c, cell in cells) + "</tr>")
-    notes = "".join(f"<br><small>{html.escape(note)}</small>" for note in table.notes)
-    caption = f"<b>{html.escape(table.title)}</b>" if table.title else ""
+            body.append("<tr>" + "".join(f"<td{_side(c)}>{as_html(cell)}</td>" for c, cell in cells) + "</tr>")
+    notes = "".join(f"<br><small>{as_html(note)}</small>" for note in table.notes)
+    caption = f"<b>{as_html(table.title)}</b>" if table.title else ""
     rows = "".join(body)
     return f"<div>{caption}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{notes}</div>"
 

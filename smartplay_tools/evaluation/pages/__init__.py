@@ -12,6 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import extra_named
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -29,5 +30,10 @@ def environment(package: str, what: str) -> Environment:
     with extra_named(what, "evaluation"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
     return Environment(
-        loader=PackageLoader(package), undefined=StrictUndefined, autoescape=True, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader(package),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: type(value)(visible(value)) if isinstance(value, str) else value,
     )

@@ -8,7 +8,6 @@ The replay page of one transcript in a frame, for notebooks.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.records.rows import Row
+from smartplay_tools.visible import as_html, visible
 
 if TYPE_CHECKING:
     import pandas
@@ -96,13 +96,13 @@ class _Progress:
 
     def __repr__(self) -> str:
         error = self._snapshot.latest_error
-        return self._snapshot.describe() + (f"\nlatest failure: {error}" if error else "")
+        return visible(self._snapshot.describe() + (f"\nlatest failure: {error}" if error else ""))
 
     def _repr_html_(self) -> str:
         now = self._snapshot
         bar = f'<progress value="{now.finished}" max="{now.planned}" style="width: 20em"></progress>'
-        latest = f"<br>latest failure: {html.escape(now.latest_error)}" if now.latest_error else ""
-        return f"<div>{bar} {html.escape(now.describe())}{latest}</div>"
+        latest = f"<br>latest failure: {as_html(now.latest_error)}" if now.latest_error else ""
+        return f"<div>{bar} {as_html(now.describe())}{latest}</div>"
 
 
 class ReplayWidget:
@@ -115,6 +115,6 @@ class ReplayWidget:
     def _repr_html_(self) -> str:
         # The frame has its own origin, so that it cannot access the notebook.
         return (
-            f'<iframe srcdoc="{html.escape(self.html)}" sandbox="allow-scripts" width="100%" height="{self.height}" '
+            f'<iframe srcdoc="{as_html(self.html)}" sandbox="allow-scripts" width="100%" height="{self.height}" '
             'style="border: 1px solid #8886" title="Replay of an episode"></iframe>'
         )

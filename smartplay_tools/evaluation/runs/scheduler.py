@@ -13,7 +13,6 @@ episode instead of a hundred.
 
 from __future__ import annotations
 
-import logging
 import re
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -37,11 +36,12 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.records.spent import Spent
+from smartplay_tools.visible import logger
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
 
-log = logging.getLogger("smartplay_tools.evaluation")
+log = logger("smartplay_tools.evaluation")
 
 RETRIES = 3
 """How often a failed episode is retried in one run."""

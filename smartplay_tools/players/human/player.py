@@ -13,14 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal, TextIO
 
-from rich.console import Console
-
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.paper import CHOICE
 from smartplay_tools.errors import PlayerLeftError
 from smartplay_tools.players.human.screen import Screen
 from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.streams import own_input
+from smartplay_tools.terminal import Console
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, text_of
 

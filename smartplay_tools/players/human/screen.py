@@ -17,14 +17,14 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 from rich.columns import Columns
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.rule import Rule
 from rich.segment import Segment, Segments
-from rich.text import Text
 
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.conversation.base import BaseConversation
+from smartplay_tools.terminal import Console, Text
 from smartplay_tools.types import Prompt
 from smartplay_tools.types.messages import Message, calls_of, text_of
 

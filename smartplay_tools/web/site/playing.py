@@ -38,7 +38,7 @@ LOOK_SECONDS = 0.05
 FAMILIES: Mapping[str, tuple[str, str]] = {
     "bandit": ("Two-armed bandit", "Find the machine that pays."),
     "rock_paper_scissors": ("Rock Paper Scissors", "Exploit an opponent who has a habit."),
-    "hanoi": ("Tower of Hanoi", "Plan seven or fifteen moves ahead."),
+    "hanoi": ("Tower of Hanoi", "Move the whole tower to rod C."),
     "messenger": ("MESSENGER", "Read the manual, meet the right one, flee the others."),
     "crafter": ("Crafter", "Survive, and unlock 22 achievements."),
     "minecraft": ("Minecraft", "Find a biome in a 3D world."),

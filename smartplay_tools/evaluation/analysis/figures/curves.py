@@ -16,6 +16,7 @@ from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
 from smartplay_tools.types import Budget
 from smartplay_tools.types.groups import grouped
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,7 +88,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
                 cut = [(x, c.means["score"].mean) for x, c in zip(positions, line, strict=True) if is_cut(c)]
                 style.mark_cut(panel, cut)
         _draw_human(panel, members)
-        panel.set(title=game, xlabel=label, ylabel="mean score (points)")
+        panel.set(title=visible(game), xlabel=label, ylabel="mean score (points)")
         panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
         panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
         style.from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])

@@ -13,6 +13,7 @@ from smartplay_tools.evaluation.analysis.window_tables import is_cut
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import typeset
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +53,7 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
             _draw_player(panel, own, price, style.Series.number(index), player)
-        panel.set(title=game, xlabel=LABELS[price], ylabel="mean score (points)")
+        panel.set(title=visible(game), xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
         panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)
@@ -124,6 +125,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
     points = [axes.transData.transform(_point(c, price)) for c in members]
     marks = [text for text in axes.texts if text.get_text() == CUT]
     taken: list[Bbox] = [mark.get_window_extent() for mark in marks]
+    taken += [bar for c in members for bar in _bars(axes, c, price)]
     inside, named = axes.get_window_extent(), set()
     for comparison, window in front:
         if (point := _point(comparison, price)) in named:
@@ -131,7 +133,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
         named.add(point)
         for right, up, side in PLACES:
             label = axes.annotate(
-                typeset(window) if len(set(windows)) > 1 else comparison.cell.player,
+                typeset(window) if len(set(windows)) > 1 else visible(comparison.cell.player),
                 point,
                 (right, up),
                 textcoords="offset points",
@@ -147,6 +149,16 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
                 taken.append(box)
                 break
             label.remove()
+
+
+def _bars(axes: Axes, comparison: WindowComparison, price: Price) -> list[Bbox]:
+    """The places of a cell's two error bars, a point where it has no interval."""
+    from matplotlib.transforms import Bbox
+
+    (x, y), across, up = _point(comparison, price), comparison.means[price], comparison.means["score"]
+    below, above = style.bars([across, up])
+    ends = [[(x - below[0], y), (x + above[0], y)], [(x, y - below[1]), (x, y + above[1])]]
+    return [Bbox(axes.transData.transform(pair)) for pair in ends]
 
 
 def _point(comparison: WindowComparison, price: Price) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.records.accounts import PARTS, Accounts, ShownAs, shown_turns
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import ViewEvent, concerns_summary
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +63,7 @@ def prompt_rows(rows: Sequence[tuple[str, Record, int]]) -> Figure:
         limit = "" if cap is None else f" of {cap:,}"
         axes.text(first + most + 0.4, y, f"{view['tokens']:,}{limit} tokens", va="center_baseline", color=style.GREY)
     axes.set(xlim=(0, first + most + 6), ylim=(len(rows) - 0.5, -0.5), xticks=[])
-    axes.set_yticks(range(len(rows)), [name for name, _, _ in rows])
+    axes.set_yticks(range(len(rows)), [visible(name) for name, _, _ in rows])
     axes.tick_params(length=0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
@@ -98,7 +99,7 @@ def tokens_by_part(records: Mapping[str, Record]) -> Figure:
         total = sum(map(sum, prompts))
         result = records[name].result_data
         score = "" if result is None else f", score {result['score']:g}"
-        panel.set(title=f"{name}: {total / 1000:,.0f}k tokens{score}", xlabel="prompt", ylabel="tokens")
+        panel.set(title=f"{visible(name)}: {total / 1000:,.0f}k tokens{score}", xlabel="prompt", ylabel="tokens")
         panel.set(xlim=(0, max(1, len(prompts) - 1)), ylim=(0, 1.08 * highest))
     style.legend_below(drawn)
     return drawn

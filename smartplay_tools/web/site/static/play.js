@@ -2,7 +2,7 @@
 // A person plays under the window of an agent: the prompt's messages, the tools as buttons, and what the budget has left.
 // The server decides what is a valid answer; an answer to a prompt that has passed is refused.
 
-const play = { number: 0, asked: null, busy: false };
+const play = { number: 0, asked: null, busy: false, focus: null, live: "connecting" };
 
 const PLAYED = `/api/play/${encodeURIComponent(document.body.dataset.game)}`;
 
@@ -123,10 +123,9 @@ function lost({ gone, turns, first }) {
 
 // The score beside those of the paper's people and models, and of players of ours in the same world.
 async function showBeside(over) {
-  const found = await fetch(`${PLAYED}/beside`);
-  if (!found.ok) return;
-  const beside = await found.json();
   $("links").replaceChildren(linkToCopy("A link that replays it", location.origin + over.replay));
+  const { answer: beside, problem } = await request(`${PLAYED}/beside`);
+  if (!beside) return $("beside").replaceChildren(problem);
   $("gone").textContent = lost(beside);
   const isShare = over.normalized_score !== null;
   const all = [...Object.entries(beside.scores), ["you", isShare ? over.normalized_score : over.score]].sort(([, a], [, b]) => b - a);
@@ -146,10 +145,25 @@ function linkToCopy(name, text) {
   return element("p", { class: "link" }, field, element("button", { type: "button", onclick: ({ target }) => copy(target, text) }, "copy"));
 }
 
+// The control that had the focus keeps it: actions are made anew, and a form that waits is hidden. It is given by its
+// place among the actions, or by its id.
+function keepFocus() {
+  const place = [...$("actions").children].indexOf(document.activeElement);
+  if ($("answer").contains(document.activeElement)) play.focus = place < 0 ? document.activeElement.id : place;
+}
+
+function focusAgain() {
+  if (document.activeElement !== document.body || play.focus === null) return;
+  const control = typeof play.focus === "number" ? $("actions").children[play.focus] : $(play.focus);
+  control?.focus({ preventScroll: true });
+}
+
+const LIVE = { asking: "your turn", over: "over", failed: "stopped", waiting: "the game is busy" };
+
 function show(state) {
+  keepFocus();
   [play.number, play.asked, play.busy] = [state.number, state.asked, false];
   document.body.dataset.number = state.number;
-  $("live").textContent = { asking: "your turn", over: "over", failed: "stopped", waiting: "the game is busy" }[state.state];
   $("asking").hidden = state.state !== "asking";
   $("over").hidden = state.state !== "over";
   $("step").hidden = state.state !== "asking";
@@ -157,7 +171,7 @@ function show(state) {
   $("budget-bars").replaceChildren(...(state.asked?.budget_bars ?? []).map(budgetBar));
   if (state.asked) showPrompt(state.asked);
   if (state.over) showEnd(state.over);
-  if (state.error) $("live").textContent = state.error;
+  focusAgain();
 }
 
 // --- What is answered ------------------------------------------------------------------------------------------------
@@ -214,6 +228,7 @@ async function follow() {
       if (!response.ok) throw new Error(await response.text());
       const state = await response.json();
       if (state.number !== play.number) show(state);
+      $("live").textContent = play.live = state.error ?? LIVE[state.state];
     } catch {
       $("live").textContent = "the server does not answer";
       await new Promise((resolve) => setTimeout(resolve, 1000));
@@ -223,6 +238,8 @@ async function follow() {
 }
 
 connectKeys(KEYS);
+window.addEventListener("offline", () => ($("live").textContent = "no network"));
+window.addEventListener("online", () => ($("live").textContent = play.live));
 $("answer").addEventListener("submit", (event) => {
   event.preventDefault();
   if (play.asked?.asks === "words") answer({ text: $("text").value });

@@ -1,6 +1,8 @@
 "use strict";
 // What the site’s pages share: the list of keys, and requests that change something.
 
+$("live").textContent = "connecting"; // without scripts it says so
+
 // Keys do what a table says, unless a field is being typed in or the list of keys is open.
 function connectKeys(keys) {
   const press = (event) => {
@@ -23,7 +25,7 @@ function connectKeys(keys) {
 // Only a page with the key may change something; a refusal is shown where the page has a place for it.
 async function send(path, body = {}) {
   const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": document.body.dataset.key };
-  const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body) });
-  $("problem").textContent = answer.ok ? "" : await answer.text();
-  return answer.ok ? answer.json() : null;
+  const { answer, problem } = await request(path, { method: "POST", headers, body: JSON.stringify(body) });
+  $("problem").textContent = problem ?? "";
+  return answer ?? null;
 }

@@ -8,6 +8,16 @@ function $(id) {
   return document.getElementById(id);
 }
 
+// Ask the server: its answer, or in words what went wrong, with it or on the way to it.
+async function request(path, options) {
+  try {
+    const answer = await fetch(path, options);
+    return answer.ok ? { answer: await answer.json() } : { problem: await answer.text() };
+  } catch {
+    return { problem: "The server cannot be reached. Try again once there is a connection." };
+  }
+}
+
 // Within another page the focus stays where it is: moving it would scroll that page.
 function takeFocus(target) {
   if (window.parent === window) target?.focus();

@@ -31,12 +31,10 @@ function openNote() {
 async function saveNote() {
   const headers = { "Content-Type": "application/json", "X-SmartPlay-Key": served.key };
   const body = JSON.stringify({ turn: shown.turn, note: $("note-text").value });
-  const answer = await fetch(served.notes, { method: "POST", headers, body });
-  if (!answer.ok) {
-    $("note-problem").textContent = await answer.text();
-    return;
-  }
-  shown.episode.notes = await answer.json();
+  const { answer, problem } = await request(served.notes, { method: "POST", headers, body });
+  $("note-problem").textContent = problem ?? "";
+  if (!answer) return;
+  shown.episode.notes = answer;
   $("note-dialog").close();
   renderNote();
 }
