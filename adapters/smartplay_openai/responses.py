@@ -14,13 +14,22 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_openai.problems import RequestError, bad, check_calls, objects, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage
+from smartplay_openai.thinking_parts import part_of, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
-from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    UnreadableAnswerError,
+    error_in,
+    plain_answer,
+    unreadable,
+    with_end,
+)
 from smartplay_tools.players.conversion import halves, sendable, shown
+from smartplay_tools.types.arguments import read as arguments_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
 
@@ -28,6 +37,9 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 ROLES = ("system", "developer", "user", "assistant")
+ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
+"""The last events of a stream; some servers have the last one. Calls that are all whole need none, as in chat."""
+
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
 
@@ -59,31 +71,42 @@ class Responses(Interface):
         """Return the reply in a response."""
         sent = plain_answer(answer)
         usage = read_usage(sent.get("usage"), "input", "output")
-        output = sent.get("output")
-        if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
-            raise BrokenAnswerError(
-                error_in(sent, "The response has failed, or has no output"), usage, sent.get("error")
-            )
+        output, why = sent.get("output"), sent.get("incomplete_details")
+        reason = why.get("reason") if isinstance(why, Mapping) else None
+        if output is None and reason:
+            output = []  # as a choice without a message
+        if sent.get("status") in ("failed", "cancelled"):
+            raise BrokenAnswerError(error_in(sent, "The response has failed"), usage, sent.get("error"))
+        if not isinstance(output, list):
+            raise unreadable(sent, "The response has no output", usage)
         try:
             message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
-            raise BrokenAnswerError(str(error), usage) from error
-        why = sent.get("incomplete_details")
-        return Reply(message, with_end(usage, why.get("reason") if isinstance(why, Mapping) else None, *_parts(output)))
+            raise UnreadableAnswerError(str(error), usage) from error
+        return Reply(message, with_end(usage, reason, *_parts(output)))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
+        begun: dict[int, Any] = {}
         done: dict[int, Any] = {}
         for event in map(plain_answer, parts):
-            if event.get("type") == "response.output_item.done":
-                at = event.get("output_index")
-                done[at if isinstance(at, int) else len(done)] = event.get("item")
-            if event.get("type") in ("response.completed", "response.incomplete", "response.failed"):
+            kind, at = event.get("type"), event.get("output_index")
+            at = at if isinstance(at, int) else len(done)
+            if kind == "response.output_item.done":
+                done[at] = event.get("item")
+            elif kind == "response.output_item.added":
+                begun[at] = event.get("item")
+            elif kind == "response.function_call_arguments.done" and isinstance(begun.get(at), Mapping):
+                begun[at] = {**begun[at], "arguments": event.get("arguments")}
+            elif kind in ENDS:
                 answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
-                return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
-            if event.get("type") == "error":
+                return answer if answer.get("output") else {**answer, "output": in_order({**begun, **done})}
+            elif kind == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.get('message')}.", body=event)
-        raise BrokenAnswerError("The stream ended before the reply did.")
+        calls = [item for item in objects(in_order(done)) if item.get("type") == "function_call"]
+        if begun.keys() - done or not calls or not all(map(_is_whole, calls)):
+            raise BrokenAnswerError("The stream ended before the reply did.")
+        return {"output": in_order(done)}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
         """Return the prompt in a request, which contains the whole input, since nothing is stored."""
@@ -159,8 +182,9 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     for item in items:
         match item.get("type", "message"):
             case "message":
-                texts.append(_text_of(item.get("content")))
-                item = {**item, "type": "message", "content": []}
+                words, others = taken_apart(item.get("content"))
+                texts.append(_text_of(words))
+                item = {**item, "type": "message", "content": [*others]}
             case "function_call":
                 function = {"name": item.get("name"), "arguments": item.get("arguments")}
                 calls.append({"id": item.get("call_id"), "type": "function", "function": function})
@@ -168,6 +192,16 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     return assistant_message(
         {"role": "assistant", "content": _content(texts), "tool_calls": calls, "provider_items": kept}
     )
+
+
+def in_order(items: Mapping[int, Any]) -> list[Any]:
+    """Return items by their places in the output."""
+    return [items[at] for at in sorted(items)]
+
+
+def _is_whole(call: Mapping[str, Any]) -> bool:
+    """Whether a call of a stream has its name and arguments that are an object."""
+    return bool(call.get("name")) and arguments_in(call.get("arguments")).problem is None
 
 
 def _parts(output: Iterable[Any]) -> Iterator[Any]:
@@ -230,7 +264,8 @@ def output_items(message: Message) -> Iterator[dict[str, Any]]:
     for item in items:
         match item["type"]:
             case "message":
-                yield {**item, "content": _output_text(next(words, ""))}
+                others = [part_of(other) for other in item.get("content") or ()]
+                yield {**item, "content": [*others, *_output_text(next(words, ""))]}
             case "function_call":
                 yield {**item, **_call(next(calls))}
             case kind if is_own or kind == "reasoning":

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
         BrokenAnswerError as BrokenAnswerError,
         ModelCallError as ModelCallError,
         ModelPromptError as ModelPromptError,
+        UnreadableAnswerError as UnreadableAnswerError,
         count_in as count_in,
         error_in as error_in,
         given_up as given_up,
         plain_answer as plain_answer,
         reported_in as reported_in,
+        unreadable as unreadable,
         with_end as with_end,
     )
     from smartplay_tools.players.environment import (

@@ -233,17 +233,13 @@ def test_what_a_server_says_went_wrong_is_told(player, body, tmp_path):
     [
         (
             "openai:rule",
-            {
-                "choices": [
-                    {"message": {"role": "assistant", "content": [{"type": "image"}]}, "finish_reason": "length"}
-                ]
-            },
+            {"choices": [{"message": {"role": "assistant", "content": [7]}, "finish_reason": "length"}]},
         ),
         ("openai:rule", {"choices": [{"message": {"role": "assistant", "tool_calls": ["act"]}}]}),
         ("openai:rule", {"choices": []}),
         (
             "openai-responses:rule",
-            {"status": "completed", "output": [{"type": "message", "content": [{"type": "output_audio"}]}]},
+            {"status": "completed", "output": [{"type": "message", "content": [7]}]},
         ),
     ],
 )
@@ -263,7 +259,7 @@ def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path)
     [
         pytest.param(problem(429, retry_after="0"), "3 attempts", "RateLimitError", id="429"),
         pytest.param(problem(500, retry_after="0"), "3 attempts", "InternalServerError", id="500"),
-        pytest.param(answer({"choices": []}), "3 attempts", "no choice with a message", id="empty choices"),
+        pytest.param(answer({"choices": []}), "2 attempts", "no choice with a message", id="empty choices"),
         pytest.param(problem(429, "insufficient_quota"), "1 attempt", "RateLimitError", id="no quota"),
         pytest.param(problem(429, retry_after="3600"), "1 attempt", "RateLimitError", id="an hour"),
         pytest.param(problem(503, x_should_retry="false"), "1 attempt", "InternalServerError", id="not wanted"),
