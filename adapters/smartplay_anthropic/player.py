@@ -137,9 +137,7 @@ class AnthropicPlayer(ModelPlayer):
         return self._read(await client.messages.create(**request))
 
     def _read(self, answer: Any) -> Reply:
-        reply = codec.reply(answer)
-        self._optional.has_worked = True
-        return reply
+        return codec.reply(answer)
 
 
 class _RunnerTool:

@@ -33,7 +33,7 @@ from smartplay_tools.players import (
     unreadable,
     with_end,
 )
-from smartplay_tools.players.conversion import halves, kept_item, sendable
+from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     assistant_message,
@@ -69,7 +69,7 @@ class ChatCompletions(Interface):
     def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
         """Return the messages."""
         prompt = with_pictures_below(prompt)
-        messages = [_sent(sendable(message), prompt.pictures) for message in prompt.messages]
+        messages = [_sent(sendable(message), prompt.pictures) for message in taken_back(prompt.messages)]
         if mark and (at := stable_end(prompt)) is not None:
             marked = {"type": "text", "text": text_of(messages[at]), **BREAKPOINT}
             messages[at] = {**messages[at], "content": [marked]}
@@ -226,7 +226,7 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
 def _calls(message: Message) -> list[Mapping[str, Any]]:
     """The calls of a message with what a server has added to them."""
     kept, calls = kept_item(message, CALL_FIELDS), calls_of(message)
-    return [*calls] if kept is None else [{**own, **call} for own, call in zip(kept["calls"], calls, strict=True)]
+    return [*calls] if kept is None else [{**own, **call} for own, call in zip(kept["calls"], calls, strict=False)]
 
 
 def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:

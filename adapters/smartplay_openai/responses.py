@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any, TypeVar
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
@@ -28,7 +29,7 @@ from smartplay_tools.players import (
     unreadable,
     with_end,
 )
-from smartplay_tools.players.conversion import halves, sendable, shown
+from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
 from smartplay_tools.types.arguments import read as arguments_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
@@ -57,7 +58,7 @@ class Responses(Interface):
         at = stable_end(prompt) if mark else None
         items = [
             _marked(item) if number == at else item
-            for number, message in enumerate(map(sendable, prompt.messages))
+            for number, message in enumerate(map(sendable, taken_back(prompt.messages)))
             for item in _items(message, prompt.pictures)
         ]
         return {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
@@ -230,12 +231,26 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
     elif message["role"] == "assistant":
         kind = None
         for item in output_items(message):
-            kind = item["type"]
-            yield item
+            if (sent := _sent_back(item)) is not None:
+                kind = sent["type"]
+                yield sent
         if kind == "reasoning":  # is refused without an item that follows it
             yield {"type": "message", "role": "assistant", "content": _output_text("")}
     else:
         yield {"role": message["role"], "content": _content_sent(message, pictures)}
+
+
+def _sent_back(item: Mapping[str, Any]) -> dict[str, Any] | None:
+    """An output item as an input item: without what is null, and a thought without the state of its making.
+
+    A thought of which nothing but a summary is there can be read by no model, and its id is unknown to a server that
+    stores nothing.
+    """
+    sent = {name: value for name, value in item.items() if value is not None}
+    if item["type"] != "reasoning":
+        return sent
+    sent.pop("status", None)
+    return sent if sent.get("encrypted_content") or sent.get("content") else None
 
 
 def _content_sent(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
@@ -267,7 +282,7 @@ def output_items(message: Message) -> Iterator[dict[str, Any]]:
                 others = [part_of(other) for other in item.get("content") or ()]
                 yield {**item, "content": [*others, *_output_text(next(words, ""))]}
             case "function_call":
-                yield {**item, **_call(next(calls))}
+                yield from ({**item, **_call(call)} for call in islice(calls, 1))  # none if it does not go back
             case kind if is_own or kind == "reasoning":
                 yield dict(item)
     for text in words:
