@@ -116,14 +116,11 @@ def _blocks(content: Any, *, is_over: bool) -> list[Mapping[str, Any]] | None:
     """The blocks of an answer, which gateways give as a text or as one block, or not at all if it is over."""
     if content is None and is_over:
         return []
-    blocks = [content] if isinstance(content, str | Mapping) else content
-    blocks = (
-        [_text_block(block) if isinstance(block, str) else block for block in blocks or ()]
-        if isinstance(blocks, list)
-        else None
-    )
-    is_readable = blocks is not None and all(isinstance(block, Mapping) and "type" in block for block in blocks)
-    return blocks if is_readable else None
+    listed = [content] if isinstance(content, str | Mapping) else content
+    if not isinstance(listed, list):
+        return None
+    blocks = [_text_block(block) if isinstance(block, str) else block for block in listed]
+    return blocks if all(isinstance(block, Mapping) and "type" in block for block in blocks) else None
 
 
 def _call(block: Mapping[str, Any]) -> MessageToolCall:

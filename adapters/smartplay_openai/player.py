@@ -29,7 +29,14 @@ from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    ModelPlayer,
+    OptionalFields,
+    check_key,
+    check_url,
+    readable_proxies,
+)
 from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
 from smartplay_tools.types.arguments import object_in
 
@@ -125,7 +132,9 @@ class OpenAIPlayer(ModelPlayer):
         self.observations = ("text", "picture", "both") if pictures else ("text",)
         check_parser(parse_calls)
         self._parser = parse_calls
+        given = "--base-url" if base_url else "OPENAI_BASE_URL"
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
+        check_url(base_url, given)
         self._host, self._http = urlsplit(base_url).hostname or "", self.http_options(base_url)
         self._settings: dict[str, Any] = {
             "base_url": base_url,
