@@ -19,6 +19,9 @@ from smartplay_tools.types.reply_fields import OTHER_PART, THOUGHTS
 ITEM = "chat_thinking"
 """The type of the provider item that is one part with thoughts, with these as its `content`."""
 
+PLACE = "content_place"
+"""The field of a provider item with the place of its part in the content, unless nothing but such parts precede it."""
+
 
 def taken_apart(content: Any) -> tuple[Any, Sequence[Mapping[str, Any]]]:
     """Return the words in the content of an answer, and the provider items of its other parts."""
@@ -26,7 +29,7 @@ def taken_apart(content: Any) -> tuple[Any, Sequence[Mapping[str, Any]]]:
     others = [(at, part) for at, part in enumerate(parts) if _is_other(part)]
     if not others and not isinstance(content, Mapping):
         return content, ()
-    items = [_item(part) if at == number else {**_item(part), "at": at} for number, (at, part) in enumerate(others)]
+    items = [_item(part) if at == number else {**_item(part), PLACE: at} for number, (at, part) in enumerate(others)]
     return [part for part in parts if not _is_other(part)] or None, items
 
 
@@ -38,7 +41,7 @@ def put_together(message: Message) -> Any:
         return content
     parts = [*_listed(content)]
     for number, item in enumerate(items):
-        parts.insert(item.get("at", number), part_of(item))
+        parts.insert(item.get(PLACE, number), part_of(item))
     return parts
 
 
@@ -70,7 +73,7 @@ def _item(part: Mapping[str, Any]) -> dict[str, Any]:
 
 def part_of(item: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a content that a provider item holds."""
-    kept = {key: value for key, value in item.items() if key not in ("type", "at", "part_kind")}
+    kept = {key: value for key, value in item.items() if key not in ("type", PLACE, "part_kind")}
     if item["type"] == OTHER_PART:
         return kept if item["part_kind"] is None else {"type": item["part_kind"], **kept}
     return {"type": "thinking", "thinking": kept.pop("content"), **kept}

@@ -49,8 +49,8 @@ class Price:
         for name in ("input", "output", "cached", *LATER):
             if not _are_rates(getattr(self, name), may_be_empty=name in LATER):
                 raise InvalidArgumentError(
-                    f"A price has an {name} rate that cannot be: rates are finite, not negative, and begin at 0 tokens, "
-                    "as in ((0, 2.5),); Price.per_million(2.5, 10) makes a price of numbers."
+                    f"A price has an {name} rate that cannot be: rates are finite, not negative, and begin at 0 "
+                    "tokens, as in ((0, 2.5),); Price.per_million(2.5, 10) makes a price of numbers."
                 )
 
     @classmethod

@@ -251,6 +251,89 @@ def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path)
     assert result.tokens.provider.cut == 0
 
 
+def as_stream(body):
+    """A completion as the chunks of a stream, and as the text of an answer."""
+    (choice,) = body["choices"]
+    calls = [{**call, "index": at} for at, call in enumerate(choice["message"].get("tool_calls", ()))]
+    delta = {**choice["message"], **({"tool_calls": calls} if calls else {})}
+    chunks = [
+        {"choices": [{"index": 0, "delta": delta, "finish_reason": choice["finish_reason"]}]},
+        {"choices": [], "usage": body["usage"]},
+    ]
+    return "".join(f"data: {json.dumps(chunk)}\n\n" for chunk in chunks) + "data: [DONE]\n\n"
+
+
+class Deaf(Faulty):
+    """The endpoint of the rule player behind a server that does not look at `stream`."""
+
+    def __init__(self, streams, kind):
+        super().__init__()
+        self.streams, self.kind = streams, kind
+
+    async def __call__(self, scope, receive, send):
+        asked, sent = json.loads((await receive())["body"]), []
+
+        async def whole():
+            return {"type": "http.request", "body": json.dumps({**asked, "stream": False}).encode()}
+
+        async def keep(event):
+            sent.append(event)
+
+        await super().__call__(scope, whole, keep)
+        body = json.loads(b"".join(event.get("body", b"") for event in sent))
+        await answer(as_stream(body) if self.streams else body, kind=self.kind)(send, asked)
+
+
+@pytest.mark.parametrize(
+    ("player", "stream", "streams", "kind"),
+    [
+        ("openai:rule", False, True, "text/event-stream"),
+        ("openai:rule", False, True, "application/json"),
+        ("openai:rule", True, False, "application/json"),
+        ("openai-responses:rule", True, False, "application/json"),
+    ],
+)
+def test_a_stream_that_was_not_asked_for_is_read_and_so_is_the_reverse(player, stream, streams, kind, tmp_path):
+    result, _ = play(Deaf(streams, kind), tmp_path, player, stream=stream)
+    assert_as_if_nothing_had_happened(result, extra_requests=0)
+
+
+def test_a_server_that_cuts_prompts_is_said_once(caplog):
+    class Cutting(Faulty):
+        async def __call__(self, scope, receive, send):
+            sent = []
+
+            async def keep(event):
+                sent.append(event)
+
+            await super().__call__(scope, receive, keep)
+            body = json.loads(b"".join(event.get("body", b"") for event in sent))
+            body["usage"]["prompt_tokens"] = min(300, body["usage"]["prompt_tokens"])
+            body["usage"]["total_tokens"] = 0
+            await answer(body)(send, None)
+
+    with so.LocalEndpoint(app=Cutting()) as endpoint, sp.get_player("openai:rule", base_url=endpoint.base_url) as model:
+        for seed in (7, 8):
+            with sp.Episode(GAME, seed=seed) as episode:
+                sp.play(episode, model)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "300 tokens" in caplog.text
+    assert "num_ctx" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "url", ["localhost:11434/v1", "gpu7/v1", "ftp://x/v1", "http:/x", "http://[x/v1", "http://x:y/v1"]
+)
+@pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", "anthropic:m"])
+def test_an_address_that_is_none_is_said(player, url, monkeypatch):
+    with pytest.raises(sp.InvalidArgumentError, match=r"^--base-url .* begin with http:// or https://, as in http"):
+        sp.get_player(player, base_url=url, api_key="k")
+    name = "ANTHROPIC_BASE_URL" if player == "anthropic:m" else "OPENAI_BASE_URL"
+    monkeypatch.setenv(name, url)
+    with pytest.raises(sp.InvalidArgumentError, match=f"^{name} "):
+        sp.get_player(player, api_key="k")
+
+
 # Permanent faults.
 
 
