@@ -46,7 +46,7 @@ REMEDIES = {
     "quota": "The account behind the key has nothing left to spend",
     "key": "Check the key, which is read from a variable such as OPENAI_API_KEY",
     "model": "Check the model's name and --base-url, which ends in /v1 as a rule",
-    "interface": "Play it as openai-responses:MODEL, or without reasoning: parameters={'reasoning_effort': 'none'}",
+    "interface": "Play it as openai-responses:MODEL, or without reasoning: parameters={{'reasoning_effort': 'none'}}",
     "cap": "The cap on replies, reply_tokens (--reply-tokens), is larger than this model takes: lower it",
     "moderation": "A filter of the provider refuses this prompt",
     "context": "The model's context{tokens} is full; --prompt-tokens keeps prompts and replies within it",
