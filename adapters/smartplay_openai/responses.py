@@ -240,17 +240,18 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
         yield {"role": message["role"], "content": _content_sent(message, pictures)}
 
 
-def _sent_back(item: Mapping[str, Any]) -> dict[str, Any] | None:
+def _sent_back(item: dict[str, Any]) -> dict[str, Any] | None:
     """An output item as an input item: without what is null, and a thought without the state of its making.
 
     A thought of which nothing but a summary is there can be read by no model, and its id is unknown to a server that
     stores nothing.
     """
-    sent = {name: value for name, value in item.items() if value is not None}
+    if None in item.values():
+        item = {name: value for name, value in item.items() if value is not None}
     if item["type"] != "reasoning":
-        return sent
-    sent.pop("status", None)
-    return sent if sent.get("encrypted_content") or sent.get("content") else None
+        return item
+    is_readable = item.get("encrypted_content") or item.get("content")
+    return {name: value for name, value in item.items() if name != "status"} if is_readable else None
 
 
 def _content_sent(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:

@@ -139,7 +139,7 @@ def sendable(message: Message) -> Message:
 
 def taken_back(messages: Sequence[Message]) -> Sequence[Message]:
     """Return messages of a prompt without what no provider takes back: surplus calls, and the end of endless words."""
-    if not any(len(calls_of(message)) > NEVER_TOO_MANY or _is_endless(message) for message in messages):
+    if all(len(message.get("tool_calls", ())) <= NEVER_TOO_MANY and not _is_endless(message) for message in messages):
         return messages
     from smartplay_tools.types.request_limits import most, shortened
 
