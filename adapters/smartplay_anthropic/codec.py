@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, Usage, schema
 from smartplay_tools.context.prompts import CacheMarks
-from smartplay_tools.players import BrokenAnswerError, count_in, error_in, plain_answer, reported_in, with_end
+from smartplay_tools.players import count_in, plain_answer, reported_in, unreadable, with_end
 from smartplay_tools.players.conversion import (
     SYSTEM,
     accepted_name,
@@ -97,12 +97,12 @@ def _mark(messages: Sequence[dict[str, Any]], stable: int) -> None:
 
 
 def reply(answer: Any) -> Reply:
-    """Return the reply in an answer of the client; raise `BrokenAnswerError` if it has no content."""
+    """Return the reply in an answer of the client; raise `BrokenAnswerError` if it cannot be read."""
     sent = plain_answer(answer)
     usage = _usage(sent.get("usage"))
-    blocks = sent.get("content")
-    if not isinstance(blocks, list) or not all(isinstance(block, Mapping) and "type" in block for block in blocks):
-        raise BrokenAnswerError(error_in(sent, "The answer has no content blocks"), usage, sent.get("error"))
+    blocks = _blocks(sent.get("content"), is_over=bool(sent.get("stop_reason")) and not sent.get("error"))
+    if blocks is None:
+        raise unreadable(sent, "The answer has no content blocks", usage)
     usage = with_end(usage, sent.get("stop_reason"))
     calls = [_call(block) for block in blocks if block["type"] == "tool_use"]
     text = _joined(blocks, "text")
@@ -112,9 +112,21 @@ def reply(answer: Any) -> Reply:
     return Reply(reply_message(text, calls, item, _joined(blocks, "thinking")), usage)
 
 
+def _blocks(content: Any, *, is_over: bool) -> list[Mapping[str, Any]] | None:
+    """The blocks of an answer, which gateways give as a text or as one block, or not at all if it is over."""
+    if content is None and is_over:
+        return []
+    listed = [content] if isinstance(content, str | Mapping) else content
+    if not isinstance(listed, list):
+        return None
+    blocks = [_text_block(block) if isinstance(block, str) else block for block in listed]
+    return blocks if all(isinstance(block, Mapping) and "type" in block for block in blocks) else None
+
+
 def _call(block: Mapping[str, Any]) -> MessageToolCall:
     """The call in a block; compatible servers leave out what the client does not miss."""
-    arguments = json.dumps(block["input"], ensure_ascii=False) if "input" in block else ""
+    given = block.get("input", "")  # gateways leave the JSON text that another interface has
+    arguments = given if isinstance(given, str) else json.dumps(given, ensure_ascii=False)
     return function_call(block.get("id") or "", block.get("name") or "", arguments)
 
 

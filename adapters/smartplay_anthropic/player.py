@@ -29,7 +29,14 @@ with extra_named("smartplay_anthropic", "anthropic"):
 from smartplay_anthropic import codec
 from smartplay_tools import Episode, InvalidArgumentError, Prompt, Reply, ToolResult, ToolSpec, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
-from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    ModelPlayer,
+    OptionalFields,
+    check_key,
+    check_url,
+    readable_proxies,
+)
 
 _transport = importlib.import_module(anthropic.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client, whose default client uses the environment's proxies whatever it is told."""
@@ -75,6 +82,8 @@ class AnthropicPlayer(ModelPlayer):
             raise InvalidArgumentError("This player needs a model: anthropic:MODEL.")
         super().__init__(f"anthropic:{model}", **options)
         server = base_url or os.environ.get("ANTHROPIC_BASE_URL") or ""
+        if server:
+            check_url(server, "--base-url" if base_url else "ANTHROPIC_BASE_URL")
         self._http = self.http_options(server)
         if self.is_local(server) and not (
             os.environ.get("ANTHROPIC_API_KEY") or os.environ.get("ANTHROPIC_AUTH_TOKEN")
@@ -137,9 +146,7 @@ class AnthropicPlayer(ModelPlayer):
         return self._read(await client.messages.create(**request))
 
     def _read(self, answer: Any) -> Reply:
-        reply = codec.reply(answer)
-        self._optional.has_worked = True
-        return reply
+        return codec.reply(answer)
 
 
 class _RunnerTool:

@@ -145,7 +145,7 @@ def read_usage(usage: ModelUsage | None) -> Usage | None:
         cached=cached,
         written=written,
         reasoning=usage.reasoning_tokens or 0,
-    )
+    ).checked(usage.total_tokens)
 
 
 def tool_infos(tools: Iterable[ToolSpec]) -> list[ToolInfo]:

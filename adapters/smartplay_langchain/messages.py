@@ -127,7 +127,7 @@ def usage_of(message: AIMessage) -> Usage | None:
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
     )
-    return with_end(read, *_reasons(message))
+    return with_end(read.checked(usage["total_tokens"]), *_reasons(message))
 
 
 def usage_metadata_of(usage: Usage) -> UsageMetadata:

@@ -132,7 +132,7 @@ def usage_of(usage: AgentsUsage) -> Usage | None:
         written=getattr(usage.input_tokens_details, "cache_write_tokens", None) or 0,
         reasoning=usage.output_tokens_details.reasoning_tokens or 0,
         requests=usage.requests,
-    )
+    ).checked(usage.total_tokens)
 
 
 def calls_in(response: ModelResponse) -> list[ResponseFunctionToolCall]:

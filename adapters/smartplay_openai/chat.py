@@ -25,8 +25,15 @@ from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
-from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
-from smartplay_tools.players.conversion import halves, kept_item, sendable
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    UnreadableAnswerError,
+    error_in,
+    plain_answer,
+    unreadable,
+    with_end,
+)
+from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     assistant_message,
@@ -62,7 +69,7 @@ class ChatCompletions(Interface):
     def conversation(self, prompt: Prompt, *, mark: bool) -> dict[str, Any]:
         """Return the messages."""
         prompt = with_pictures_below(prompt)
-        messages = [_sent(sendable(message), prompt.pictures) for message in prompt.messages]
+        messages = [_sent(sendable(message), prompt.pictures) for message in taken_back(prompt.messages)]
         if mark and (at := stable_end(prompt)) is not None:
             marked = {"type": "text", "text": text_of(messages[at]), **BREAKPOINT}
             messages[at] = {**messages[at], "content": [marked]}
@@ -81,16 +88,16 @@ class ChatCompletions(Interface):
         choice = choices[0] if isinstance(choices, list) and choices else None
         choice = choice if isinstance(choice, Mapping) else {}
         message, ended = choice.get("message"), choice.get("finish_reason")
-        if not isinstance(message, Mapping):
-            raise BrokenAnswerError(
-                error_in(sent, "The completion has no choice with a message"), usage, sent.get("error")
-            )
         if ended == "error":
             raise BrokenAnswerError(error_in(choice, "The completion ended in an error"), usage, choice.get("error"))
+        if message is None and ended and not sent.get("error"):
+            message = {}  # of Gemini, where thoughts have used up the cap or a filter has taken the reply
+        if not isinstance(message, Mapping):
+            raise unreadable(sent, "The completion has no choice with a message", usage)
         try:
             reply = assistant_message(_received(message))
         except InvalidArgumentError as error:
-            raise BrokenAnswerError(str(error), usage) from error
+            raise UnreadableAnswerError(str(error), usage) from error
         usage = with_end(usage, ended, "refusal" if message.get("refusal") else None)
         return Reply(reply, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
 
@@ -101,8 +108,8 @@ class ChatCompletions(Interface):
         usage, finished, is_over = None, None, False
         for chunk in map(plain_answer, parts):
             usage = chunk.get("usage") or usage
-            # The chunk with the usage has no choices, and comes after the reply.
-            is_over = is_over or bool(chunk.get("usage") and not chunk.get("choices"))
+            # The chunk with the usage has no choices, and comes after the reply; one before it ends nothing.
+            is_over = not chunk.get("choices") and (is_over or bool(chunk.get("usage")))
             for choice in objects(chunk.get("choices")):
                 if choice.get("index"):
                     continue  # of several choices the first is the reply
@@ -219,7 +226,7 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
 def _calls(message: Message) -> list[Mapping[str, Any]]:
     """The calls of a message with what a server has added to them."""
     kept, calls = kept_item(message, CALL_FIELDS), calls_of(message)
-    return [*calls] if kept is None else [{**own, **call} for own, call in zip(kept["calls"], calls, strict=True)]
+    return [*calls] if kept is None else [{**own, **call} for own, call in zip(kept["calls"], calls, strict=False)]
 
 
 def _sent_part(part: Any, pictures: Mapping[str, Picture]) -> Mapping[str, Any]:

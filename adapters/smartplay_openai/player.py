@@ -11,6 +11,7 @@ import importlib
 import inspect
 import json
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -28,8 +29,16 @@ from smartplay_openai.interface import Interface
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.players import BrokenAnswerError, ModelPlayer, OptionalFields, check_key, readable_proxies
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    ModelPlayer,
+    OptionalFields,
+    check_key,
+    check_url,
+    readable_proxies,
+)
 from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
+from smartplay_tools.types.arguments import object_in
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
@@ -51,6 +60,14 @@ def arguments_of(method: Callable[..., Any]) -> frozenset[str]:
     """Return the names of the arguments that a client's method has for fields of a request."""
     names = inspect.signature(method).parameters
     return frozenset(name for name in names if not name.startswith("extra_") and name not in ("self", "timeout"))
+
+
+_DATA = re.compile("^data:(.*)$", re.MULTILINE)
+
+
+def _is_whole(stream: Any) -> bool:
+    """Whether a server has answered as a whole although a stream was asked for."""
+    return "json" in stream.response.headers.get("content-type", "")
 
 
 def chat_limit_field(base_url: str) -> str:
@@ -115,7 +132,9 @@ class OpenAIPlayer(ModelPlayer):
         self.observations = ("text", "picture", "both") if pictures else ("text",)
         check_parser(parse_calls)
         self._parser = parse_calls
+        given = "--base-url" if base_url else "OPENAI_BASE_URL"
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
+        check_url(base_url, given)
         self._host, self._http = urlsplit(base_url).hostname or "", self.http_options(base_url)
         self._settings: dict[str, Any] = {
             "base_url": base_url,
@@ -164,9 +183,10 @@ class OpenAIPlayer(ModelPlayer):
             answer = self._interface.create(client)(**self._arguments(request))
             if self._stream:
                 with answer:
-                    answer = self._interface.assemble(list(answer))
+                    is_whole = _is_whole(answer)
+                    answer = answer.response.read().decode() if is_whole else self._interface.assemble(list(answer))
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise self._no_json() from error
+            answer = getattr(error, "doc", "")
         return self._read(answer)
 
     async def asend(self, client: openai.AsyncOpenAI, request: dict[str, Any]) -> Reply:
@@ -175,22 +195,30 @@ class OpenAIPlayer(ModelPlayer):
             answer = await self._interface.create(client)(**self._arguments(request))
             if self._stream:
                 async with answer:
-                    answer = self._interface.assemble([part async for part in answer])
+                    is_whole = _is_whole(answer)
+                    parts = [] if is_whole else [part async for part in answer]
+                    whole = await answer.response.aread() if is_whole else b""
+                    answer = whole.decode() if is_whole else self._interface.assemble(parts)
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise self._no_json() from error
+            answer = getattr(error, "doc", "")
         return self._read(answer)
 
     def _read(self, answer: Any) -> Reply:
         if isinstance(answer, str):
-            raise self._no_json(answer)
+            answer = self._read_text(answer)
         reply = self._interface.reply(answer)
-        self._optional.has_worked = True
         return reply if self._parser is None else replace(reply, message=with_calls(reply.message, self._parser))
 
-    def _no_json(self, text: str = "") -> BrokenAnswerError:
-        """The error of an address that is not the interface's, such as that of a web page."""
+    def _read_text(self, text: str) -> dict[str, Any]:
+        """The answer in a text that the client did not read: a stream that was not asked for, or the reverse."""
+        events = [data.strip() for data in _DATA.findall(text) if data.strip() != "[DONE]"]
+        parts = [object_in(data) for data in events]
+        if parts and None not in parts:
+            return self._interface.assemble(parts)
+        if (answer := object_in(text)) is not None:
+            return answer
         what = "HTML" if text.lstrip()[:1] == "<" else "something that is not JSON"
-        return BrokenAnswerError(f"{self._settings['base_url']} answered with {what}; {self.address_hint}")
+        raise BrokenAnswerError(f"{self._settings['base_url']} answered with {what}; {self.address_hint}")
 
     @property
     def address_hint(self) -> str:

@@ -11,16 +11,26 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
 from typing import Any, TypeVar
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_openai.problems import RequestError, bad, check_calls, objects, read_limit, read_tools
 from smartplay_openai.text_calls import read_usage
+from smartplay_openai.thinking_parts import part_of, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
-from smartplay_tools.players import BrokenAnswerError, error_in, plain_answer, with_end
-from smartplay_tools.players.conversion import halves, sendable, shown
+from smartplay_tools.players import (
+    BrokenAnswerError,
+    UnreadableAnswerError,
+    error_in,
+    plain_answer,
+    unreadable,
+    with_end,
+)
+from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
+from smartplay_tools.types.arguments import read as arguments_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
 
@@ -28,6 +38,9 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 ROLES = ("system", "developer", "user", "assistant")
+ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
+"""The last events of a stream; some servers have the last one. Calls that are all whole need none, as in chat."""
+
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
 
@@ -45,7 +58,7 @@ class Responses(Interface):
         at = stable_end(prompt) if mark else None
         items = [
             _marked(item) if number == at else item
-            for number, message in enumerate(map(sendable, prompt.messages))
+            for number, message in enumerate(map(sendable, taken_back(prompt.messages)))
             for item in _items(message, prompt.pictures)
         ]
         return {"input": items, "store": False, "include": ["reasoning.encrypted_content"]}
@@ -59,31 +72,42 @@ class Responses(Interface):
         """Return the reply in a response."""
         sent = plain_answer(answer)
         usage = read_usage(sent.get("usage"), "input", "output")
-        output = sent.get("output")
-        if sent.get("status") in ("failed", "cancelled") or not isinstance(output, list):
-            raise BrokenAnswerError(
-                error_in(sent, "The response has failed, or has no output"), usage, sent.get("error")
-            )
+        output, why = sent.get("output"), sent.get("incomplete_details")
+        reason = why.get("reason") if isinstance(why, Mapping) else None
+        if output is None and reason:
+            output = []  # as a choice without a message
+        if sent.get("status") in ("failed", "cancelled"):
+            raise BrokenAnswerError(error_in(sent, "The response has failed"), usage, sent.get("error"))
+        if not isinstance(output, list):
+            raise unreadable(sent, "The response has no output", usage)
         try:
             message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
-            raise BrokenAnswerError(str(error), usage) from error
-        why = sent.get("incomplete_details")
-        return Reply(message, with_end(usage, why.get("reason") if isinstance(why, Mapping) else None, *_parts(output)))
+            raise UnreadableAnswerError(str(error), usage) from error
+        return Reply(message, with_end(usage, reason, *_parts(output)))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events."""
+        begun: dict[int, Any] = {}
         done: dict[int, Any] = {}
         for event in map(plain_answer, parts):
-            if event.get("type") == "response.output_item.done":
-                at = event.get("output_index")
-                done[at if isinstance(at, int) else len(done)] = event.get("item")
-            if event.get("type") in ("response.completed", "response.incomplete", "response.failed"):
+            kind, at = event.get("type"), event.get("output_index")
+            at = at if isinstance(at, int) else len(done)
+            if kind == "response.output_item.done":
+                done[at] = event.get("item")
+            elif kind == "response.output_item.added":
+                begun[at] = event.get("item")
+            elif kind == "response.function_call_arguments.done" and isinstance(begun.get(at), Mapping):
+                begun[at] = {**begun[at], "arguments": event.get("arguments")}
+            elif kind in ENDS:
                 answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
-                return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
-            if event.get("type") == "error":
+                return answer if answer.get("output") else {**answer, "output": in_order({**begun, **done})}
+            elif kind == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.get('message')}.", body=event)
-        raise BrokenAnswerError("The stream ended before the reply did.")
+        calls = [item for item in objects(in_order(done)) if item.get("type") == "function_call"]
+        if begun.keys() - done or not calls or not all(map(_is_whole, calls)):
+            raise BrokenAnswerError("The stream ended before the reply did.")
+        return {"output": in_order(done)}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
         """Return the prompt in a request, which contains the whole input, since nothing is stored."""
@@ -159,8 +183,9 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     for item in items:
         match item.get("type", "message"):
             case "message":
-                texts.append(_text_of(item.get("content")))
-                item = {**item, "type": "message", "content": []}
+                words, others = taken_apart(item.get("content"))
+                texts.append(_text_of(words))
+                item = {**item, "type": "message", "content": [*others]}
             case "function_call":
                 function = {"name": item.get("name"), "arguments": item.get("arguments")}
                 calls.append({"id": item.get("call_id"), "type": "function", "function": function})
@@ -168,6 +193,16 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     return assistant_message(
         {"role": "assistant", "content": _content(texts), "tool_calls": calls, "provider_items": kept}
     )
+
+
+def in_order(items: Mapping[int, Any]) -> list[Any]:
+    """Return items by their places in the output."""
+    return [items[at] for at in sorted(items)]
+
+
+def _is_whole(call: Mapping[str, Any]) -> bool:
+    """Whether a call of a stream has its name and arguments that are an object."""
+    return bool(call.get("name")) and arguments_in(call.get("arguments")).problem is None
 
 
 def _parts(output: Iterable[Any]) -> Iterator[Any]:
@@ -196,12 +231,27 @@ def _items(message: Message, pictures: Mapping[str, Picture]) -> Iterator[dict[s
     elif message["role"] == "assistant":
         kind = None
         for item in output_items(message):
-            kind = item["type"]
-            yield item
+            if (sent := _sent_back(item)) is not None:
+                kind = sent["type"]
+                yield sent
         if kind == "reasoning":  # is refused without an item that follows it
             yield {"type": "message", "role": "assistant", "content": _output_text("")}
     else:
         yield {"role": message["role"], "content": _content_sent(message, pictures)}
+
+
+def _sent_back(item: dict[str, Any]) -> dict[str, Any] | None:
+    """An output item as an input item: without what is null, and a thought without the state of its making.
+
+    A thought of which nothing but a summary is there can be read by no model, and its id is unknown to a server that
+    stores nothing.
+    """
+    if None in item.values():
+        item = {name: value for name, value in item.items() if value is not None}
+    if item["type"] != "reasoning":
+        return item
+    is_readable = item.get("encrypted_content") or item.get("content")
+    return {name: value for name, value in item.items() if name != "status"} if is_readable else None
 
 
 def _content_sent(message: Message, pictures: Mapping[str, Picture]) -> str | list[dict[str, Any]]:
@@ -230,9 +280,10 @@ def output_items(message: Message) -> Iterator[dict[str, Any]]:
     for item in items:
         match item["type"]:
             case "message":
-                yield {**item, "content": _output_text(next(words, ""))}
+                others = [part_of(other) for other in item.get("content") or ()]
+                yield {**item, "content": [*others, *_output_text(next(words, ""))]}
             case "function_call":
-                yield {**item, **_call(next(calls))}
+                yield from ({**item, **_call(call)} for call in islice(calls, 1))  # none if it does not go back
             case kind if is_own or kind == "reasoning":
                 yield dict(item)
     for text in words:

@@ -119,13 +119,14 @@ def read_usage(usage: Any, prompt: str, reply: str) -> Usage | None:
         return None
     parts, drawn = usage.get(f"{prompt}_tokens_details"), usage.get(f"{reply}_tokens_details")
     cached = [count for count in (reported_in(parts, *READ), reported_in(usage, *READ)) if count is not None]
-    return Usage(
+    read = Usage(
         prompt=count_in(usage, f"{prompt}_tokens"),
         reply=count_in(usage, f"{reply}_tokens"),
         cached=max(cached, default=None),
         written=max(reported_in(parts, *WRITTEN) or 0, reported_in(usage, *WRITTEN) or 0),
         reasoning=max(count_in(drawn, "reasoning_tokens"), count_in(usage, "reasoning_tokens")),
     )
+    return read.checked(reported_in(usage, "total_tokens"))
 
 
 def sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | None:

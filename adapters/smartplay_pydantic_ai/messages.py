@@ -169,7 +169,7 @@ def read_usage(usage: RequestUsage) -> Usage | None:
         cached=usage.cache_read_tokens,
         written=usage.cache_write_tokens,
         reasoning=usage.details.get("reasoning_tokens", 0),
-    )
+    ).checked(usage.total_tokens)
 
 
 def with_calls(response: ModelResponse, message: Message) -> ModelResponse:

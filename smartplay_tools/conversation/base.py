@@ -306,6 +306,7 @@ class BaseConversation(ABC):
             cache_key=self._cache_key,
             pictures=self._shown_pictures(view),
             version=self.episode.words.version,
+            tokens=view.tokens,
         )
         return Pending(view, max_tokens, prompt)
 

@@ -4,6 +4,7 @@ player_registry  names of players, and players in a file: `FILE.py:CLASS`; `get_
 prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
 environment      keys and proxies, checked before anything is asked
+cut_prompts      servers that cut prompts without a word, noticed by their count
 optional_fields  what a server that refuses a part of a request is asked without
 server_errors    whose error it is that a server reports: the model's, the prompt's, the player's, or only this moment's
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
@@ -20,15 +21,18 @@ if TYPE_CHECKING:
         BrokenAnswerError as BrokenAnswerError,
         ModelCallError as ModelCallError,
         ModelPromptError as ModelPromptError,
+        UnreadableAnswerError as UnreadableAnswerError,
         count_in as count_in,
         error_in as error_in,
         given_up as given_up,
         plain_answer as plain_answer,
         reported_in as reported_in,
+        unreadable as unreadable,
         with_end as with_end,
     )
     from smartplay_tools.players.environment import (
         check_key as check_key,
+        check_url as check_url,
         readable_proxies as readable_proxies,
     )
     from smartplay_tools.players.model import ModelPlayer as ModelPlayer

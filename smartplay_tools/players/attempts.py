@@ -46,6 +46,8 @@ REMEDIES = {
     "quota": "The account behind the key has nothing left to spend",
     "key": "Check the key, which is read from a variable such as OPENAI_API_KEY",
     "model": "Check the model's name and --base-url, which ends in /v1 as a rule",
+    "interface": "Play it as openai-responses:MODEL, or without reasoning: parameters={{'reasoning_effort': 'none'}}",
+    "cap": "The cap on replies, reply_tokens (--reply-tokens), is larger than this model takes: lower it",
     "moderation": "A filter of the provider refuses this prompt",
     "context": "The model's context{tokens} is full; --prompt-tokens keeps prompts and replies within it",
 }
@@ -96,6 +98,10 @@ class BrokenAnswerError(Exception):
         """The error that the answer holds in place of a reply, if it does."""
 
 
+class UnreadableAnswerError(BrokenAnswerError):
+    """A whole answer whose shape is not that of a reply: the same would come again, so it is asked for once more."""
+
+
 def plain_answer(answer: Any) -> dict[str, Any]:
     """Return a client's object as a dictionary of only the fields that were sent, whatever a server has put into them.
 
@@ -116,6 +122,12 @@ def error_in(answer: Mapping[str, Any], problem: str) -> str:
     error = answer.get("error")
     reason = error.get("message") if isinstance(error, Mapping) else error
     return f"{problem}: {reason.rstrip('.')}." if reason and isinstance(reason, str) else f"{problem}."
+
+
+def unreadable(answer: Mapping[str, Any], problem: str, usage: Usage | None) -> BrokenAnswerError:
+    """Return the error of an answer that is not a reply: its own, if it says what went wrong, or that of its shape."""
+    kind = BrokenAnswerError if answer.get("error") else UnreadableAnswerError
+    return kind(error_in(answer, problem), usage, answer.get("error"))
 
 
 def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
@@ -150,7 +162,7 @@ class Attempts:
 
     def __init__(self, retries: int, first_pause: float, jitter: random.Random) -> None:
         self._retries, self._first_pause, self._jitter = retries, first_pause, jitter
-        self._made = 0
+        self._made = self._unreadable = 0
         self._spent = Usage(requests=0)
 
     def begin(self) -> None:
@@ -183,7 +195,9 @@ class Attempts:
             raise PROMPT_ERRORS[said.about](self.usage(None), error) from error
         advice = _headers(error).get("x-should-retry")
         may_pass = advice == "true" or (advice != "false" and said.whose == "moment")
-        if self._made > self._retries or not may_pass or (wish or 0) > LONGEST_WISH:
+        self._unreadable += isinstance(error, UnreadableAnswerError)
+        is_spent = self._made > self._retries or self._unreadable > 1
+        if is_spent or not may_pass or (wish or 0) > LONGEST_WISH:
             raise ModelCallError(self.usage(None), error) from error
         pause = min(self._first_pause * 2 ** (self._made - 1), LONGEST_PAUSE) * (1 - self._jitter.random() / 4)
         return pause if wish is None else max(wish, 0.0)

@@ -17,7 +17,14 @@ from typing import Any, TypeVar, cast
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import ToolSpec
 from smartplay_tools.types.arguments import well_formed
-from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, pictures_of, text_of
+from smartplay_tools.types.messages import (
+    NEVER_TOO_MANY,
+    Message,
+    MessageToolCall,
+    calls_of,
+    pictures_of,
+    text_of,
+)
 from smartplay_tools.types.pictures import Picture, is_picture
 
 __all__ = [
@@ -33,10 +40,14 @@ __all__ = [
     "sendable",
     "shown",
     "system_text",
+    "taken_back",
 ]
 
 SYSTEM = ("system", "developer")
 """The roles of a message that gives instructions."""
+
+NEVER_ENDLESS = 10_000_000
+"""Every provider takes back as many characters of words."""
 
 P = TypeVar("P")
 
@@ -124,6 +135,30 @@ def sendable(message: Message) -> Message:
     if calls := calls_of(copy):
         copy["tool_calls"] = [_sendable_call(call) for call in calls]
     return copy
+
+
+def taken_back(messages: Sequence[Message]) -> Sequence[Message]:
+    """Return messages of a prompt without what no provider takes back: surplus calls, and the end of endless words."""
+    if all(len(message.get("tool_calls", ())) <= NEVER_TOO_MANY and not _is_endless(message) for message in messages):
+        return messages
+    from smartplay_tools.types.request_limits import most, shortened
+
+    surplus: set[str] = set()
+    kept: list[Message] = []
+    for message in messages:
+        if calls := calls_of(message):
+            surplus = {call["id"] for call in calls[most("calls") :]}
+            message = {**message, "tool_calls": [*calls[: most("calls")]]}
+        if _is_endless(message):
+            message = {**message, "content": shortened(text_of(message), most("words"))}
+        if message["role"] != "tool" or message.get("tool_call_id") not in surplus:
+            kept.append(message)
+    return kept
+
+
+def _is_endless(message: Message) -> bool:
+    content = message["content"]
+    return isinstance(content, str) and len(content) > NEVER_ENDLESS
 
 
 def _sendable_call(call: MessageToolCall) -> MessageToolCall:

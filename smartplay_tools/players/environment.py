@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
+from urllib.parse import urlsplit
 
 from smartplay_tools.errors import InvalidArgumentError
 
@@ -32,6 +33,21 @@ def check_key(key: str | None, player: str) -> None:
     raise InvalidArgumentError(
         f"The key of {player} cannot be sent: it has {what}, which no header of a request can hold. Copy the key again."
     )
+
+
+def check_url(url: str, given: str) -> None:
+    """Raise an `InvalidArgumentError` if a server cannot be at an address; `given` says where that comes from."""
+    try:
+        parts = urlsplit(url)
+        is_address = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # brackets or a port that are none
+        is_address = False
+    if not is_address:
+        scheme = "http" if is_loopback(url.partition("/")[0].partition(":")[0]) else "https"
+        example = f"{scheme}://{url}" if re.fullmatch(r"[\w.-]+(?::\d+)?(?:/.*)?", url) else "http://localhost:11434/v1"
+        raise InvalidArgumentError(
+            f"{given} {url!r} is not the address of a server: begin with http:// or https://, as in {example}."
+        )
 
 
 def is_loopback(host: str) -> bool:

@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.players.attempts import Attempts
+from smartplay_tools.players.cut_prompts import CutPrompts
 from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.types import Prompt, Reply
 
@@ -77,6 +78,7 @@ class ModelPlayer(ABC):
             raise InvalidArgumentError(f"at_once must be at least 1, or None for no limit, not {at_once}.")
         self.name = name
         self._retries, self._pause, self._at_once = retries, pause, at_once
+        self._cut_prompts = CutPrompts(name)
         self._jitter = random.Random(f"{name} {seed}")
         self._begin_anew()
         _PLAYERS.add(self)
@@ -138,6 +140,7 @@ class ModelPlayer(ABC):
                 with line.room:
                     attempts.begin()
                     reply = self.send(line.client, request)
+                self._cut_prompts.note(prompt.tokens, reply.usage)
                 return replace(reply, usage=attempts.usage(reply.usage))
             except Exception as error:
                 if not self.failed(error):
@@ -155,6 +158,7 @@ class ModelPlayer(ABC):
                 async with line.room:
                     attempts.begin()
                     reply = await self.asend(line.client, request)
+                self._cut_prompts.note(prompt.tokens, reply.usage)
                 return replace(reply, usage=attempts.usage(reply.usage))
             except Exception as error:
                 if not self.failed(error):

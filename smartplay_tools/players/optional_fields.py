@@ -1,42 +1,44 @@
-"""Optional fields of requests: a server that refuses one is asked once more without it.
+"""Optional fields of requests: a server that refuses one by its name is asked again without it, from then on.
 
-Servers of one interface accept different fields, and word their refusals differently. Reports of such refusals, read on
-26 November 2026:
-
-- `prompt_cache_key`: github.com/zed-industries/zed/issues/52000, github.com/MoonshotAI/kimi-code/issues/2611
-- `stream_options`: github.com/FlowiseAI/Flowise/issues/2866, github.com/modelscope/ms-agent/issues/489
-- `cache_control`: github.com/earendil-works/pi/issues/7938
-- `include`: github.com/NousResearch/hermes-agent/issues/23450, github.com/pydantic/pydantic-ai/issues/2867
-- `max_tokens`: github.com/autohandai/code-cli/issues/77
+Servers of one interface accept different fields, and word their refusals differently. Whether a refusal is about a
+field is decided by the table of errors (`server_errors`). Which fields are optional is in `request_fields.toml`, with
+the reports: some that requests add, and all that a server has added to a reply, which goes back to it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any
 
-from smartplay_tools.players.attempts import status_of
+from smartplay_tools.players.server_errors import server_error
+from smartplay_tools.types.tables import read_table
 from smartplay_tools.visible import logger
 
 log = logger("smartplay_tools.players")
 
-OPTIONAL = ("include", "parallel_tool_calls", "prompt_cache_key", "store", "stream_options")
+_TABLE = read_table(__package__, "request_fields.toml")
+
+OPTIONAL = tuple(row["name"] for row in _TABLE["optional"] if not row.get("inside"))
 """Fields of a request that it may do without."""
 
-OPTIONAL_INSIDE = ("cache_control", "prompt_cache_breakpoint")
+OPTIONAL_INSIDE = tuple(row["name"] for row in _TABLE["optional"] if row.get("inside"))
 """The same inside of its messages and tools."""
 
-LIMITS = {"max_tokens": "max_completion_tokens", "max_completion_tokens": "max_tokens"}
-"""The names of the cap on a reply of chat completions. It is not optional: the other name is tried."""
+CAPS: Mapping[str, str] = {row["name"]: row["other"] for row in _TABLE["cap"]}
+"""The names of the cap on a reply, and the name to try instead."""
+
+WANTED: Mapping[str, str] = {row["name"]: row["words"] for row in _TABLE["wanted"]}
+"""Fields of replies that a server may want back where a strategy has left them out, and the words that say so."""
+
+DEFINED = frozenset(_TABLE["defined"]["names"])
+"""The fields of replies that an interface defines."""
 
 SCHEMAS = ("parameters", "input_schema")
 """The fields of a tool that hold a JSON schema, in which any name may stand."""
 
-_WRONG_NAME = re.compile(
-    r"un(?:supported|recogni[sz]ed|known|expected)|not (?:supported|permitted|allowed)|extra|instead"
-)
-"""Words about the name of a field. Words about its value, such as "too large", are no reason to try another name."""
+CONVERSATION = ("messages", "input")
+"""The fields of a request that hold its messages."""
 
 
 class OptionalFields:
@@ -50,57 +52,63 @@ class OptionalFields:
     def __init__(self, player: str, own: Container[str]) -> None:
         self._player, self._own = player, own
         self._left_out: frozenset[str] = frozenset()
+        self._kept_back: frozenset[str] = frozenset()
+        """Fields of replies that do not go back."""
+        self._wanted: frozenset[str] = frozenset()
         self._renamed: Mapping[str, str] = {}
-        self._has_guessed = False
-        self.has_worked = False
-        """Whether the server has answered a request; from then on, no field is left out that it does not name."""
 
     def fit(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return a request as the server takes it."""
-        if not self._left_out and not self._renamed:
+        if not (self._left_out or self._kept_back or self._wanted or self._renamed):
             return request
+        inside = self._left_out.intersection(OPTIONAL_INSIDE)
         fields = {self._renamed.get(name, name): value for name, value in request.items() if name not in self._left_out}
-        return {name: _without(value, self._left_out) for name, value in fields.items()}
+        fitted = {name: _without(value, inside) for name, value in fields.items()}
+        for name in CONVERSATION:
+            if isinstance(messages := fitted.get(name), list):
+                fitted[name] = [self._sent_back(each) if _is_reply(each) else each for each in messages]
+        return fitted
+
+    def _sent_back(self, reply: Mapping[str, Any]) -> dict[str, Any]:
+        wanted = dict.fromkeys(self._wanted, "") if "role" in reply else {}
+        return {**wanted, **_without(reply, self._kept_back)}
 
     def mend(self, request: dict[str, Any], error: Exception) -> bool:
-        """Whether a request was refused for a field that it has now no more, so that it is worth sending again.
-
-        A refusal that names no field of it is taken for one of all its optional fields, once and only until the server
-        has answered a request: if they were not the reason, they come back.
-        """
-        if status_of(error) not in (400, 422):
+        """Whether a request was refused for a field that it has now no more, so that it is worth sending again."""
+        said = server_error(error)
+        if said.whose not in ("field", "prompt") or said.about:
             return False
         words = f"{getattr(error, 'param', None) or ''}\n{error}\n{getattr(error, 'body', None)}".lower()
-        present = frozenset(
-            name for name in (*OPTIONAL, *OPTIONAL_INSIDE) if name not in self._own and _has(request, name)
-        )
-        # A request may have been under way when another one was refused.
-        late = {name: other for name, other in self._renamed.items() if name in request}
-        renamed = late if self._renamed else self._limit_in(request, words)
-        refused = frozenset(name for name in present if name in self._left_out or _is_named(name, words))
-        if not refused and not renamed:
-            if self._has_guessed and not self.has_worked:
-                self._left_out = frozenset()
-            names_another = getattr(error, "param", None) or any(_is_named(name, words) for name in request)
-            if self._has_guessed or self.has_worked or names_another or not present:
-                return False
-            self._has_guessed, refused = True, present
-        changes = [*sorted(refused - self._left_out)]
-        changes += [f"{name}, now {other}" for name, other in renamed.items() if name not in self._renamed]
+        present = [name for name in (*OPTIONAL, *OPTIONAL_INSIDE) if name not in self._own and _has(request, name)]
+        refused = _named(present, words)
+        wanted = frozenset(name for name, asked in WANTED.items() if name in words and re.search(asked, words))
+        kept_back, renamed = frozenset[str](), {}
+        if said.whose == "field" and not refused:
+            kept_back = _named(_added(request), words)
+            if not self._renamed:
+                renamed = {
+                    name: other for name, other in CAPS.items() if name in words and self._may_rename(request, name)
+                }
+        changes = [*sorted((refused - self._left_out) | (kept_back - self._kept_back))]
+        changes += [f"{name}, now {other}" for name, other in renamed.items()]
+        changes += [f"{name} of every reply, now empty where it was left out" for name in wanted - self._wanted]
         if changes:
             log.warning("The server of %s refused a request; it is asked without %s.", self._player, ", ".join(changes))
-        self._left_out, self._renamed = self._left_out | refused, {**self._renamed, **renamed}
-        changed = self.fit(request)
+        self._left_out, self._kept_back = self._left_out | refused, self._kept_back | kept_back
+        self._wanted, self._renamed = self._wanted | wanted, {**self._renamed, **renamed}
+        # A request may have been under way when another one was refused.
+        if (changed := self.fit(request)) == request:
+            return False
         request.clear()
         request.update(changed)
         return True
 
-    def _limit_in(self, request: Mapping[str, Any], words: str) -> Mapping[str, str]:
-        if not _WRONG_NAME.search(words):
-            return {}
-        return {
-            name: other for name, other in LIMITS.items() if name in request and name not in self._own and name in words
-        }
+    def _may_rename(self, request: Mapping[str, Any], name: str) -> bool:
+        return name in request and name not in self._own
+
+
+def _named(names: Iterable[str], words: str) -> frozenset[str]:
+    return frozenset(name for name in names if _is_named(name, words))
 
 
 def _is_named(name: str, words: str) -> bool:
@@ -108,9 +116,33 @@ def _is_named(name: str, words: str) -> bool:
     if name == "include" and re.search("encrypted[ _]content", words):
         return True
     if "_" in name:
-        return re.search(rf"(?<!\w){name}(?!\w)", words) is not None
-    before, after = r"""(?:^|['"`.]|: |-> |argument |parameter |field |property )""", r"""(?:['"`.,\[]|$)"""
-    return re.search(f"{before}{name}{after}", words, re.MULTILINE) is not None
+        return re.search(rf"(?<!\w){re.escape(name.lower())}(?!\w)", words) is not None
+    before, after = r"""(?:^|['"`.]|: |-> |argument |parameter |field |property )""", r"""(?:['"`.,:\[]|$)"""
+    return re.search(f"{before}{re.escape(name.lower())}{after}", words, re.MULTILINE) is not None
+
+
+def _is_reply(message: Any) -> bool:
+    """Whether a message or an item of a request is the model's."""
+    if not isinstance(message, Mapping) or message.get("type") == "function_call_output":
+        return False
+    return bool(message.get("role", "assistant") == "assistant")
+
+
+def _added(request: Mapping[str, Any]) -> set[str]:
+    """The fields of a request's replies that its interface does not define."""
+    messages = (each for name in CONVERSATION if isinstance(request.get(name), list) for each in request[name])
+    return {name for message in messages if _is_reply(message) for name in _fields(message)} - DEFINED
+
+
+def _fields(value: Any) -> Iterator[str]:
+    if isinstance(value, Mapping):
+        yield from value
+        for name, inner in value.items():
+            if name != "input":  # the arguments of a call at Anthropic
+                yield from _fields(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _fields(inner)
 
 
 def _has(value: Any, name: str) -> bool:
@@ -121,10 +153,9 @@ def _has(value: Any, name: str) -> bool:
 
 
 def _without(value: Any, names: frozenset[str]) -> Any:
-    inside = names.intersection(OPTIONAL_INSIDE)
-    if not inside:
+    if not names:
         return value
     if isinstance(value, Mapping):
-        kept = ((key, part) for key, part in value.items() if key not in inside)
+        kept = ((key, part) for key, part in value.items() if key not in names)
         return {key: part if key in SCHEMAS else _without(part, names) for key, part in kept}
     return [_without(part, names) for part in value] if isinstance(value, list) else value

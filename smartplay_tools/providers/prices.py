@@ -44,6 +44,15 @@ class Price:
     write_1h: Rates = ()
     """The rate of tokens that are written for an hour; empty for that of other written tokens."""
 
+    def __post_init__(self) -> None:
+        """Refuse rates that are none, such as bare numbers, which `per_million` takes."""
+        for name in ("input", "output", "cached", *LATER):
+            if not _are_rates(getattr(self, name), may_be_empty=name in LATER):
+                raise InvalidArgumentError(
+                    f"A price has an {name} rate that cannot be: rates are finite, not negative, and begin at 0 "
+                    "tokens, as in ((0, 2.5),); Price.per_million(2.5, 10) makes a price of numbers."
+                )
+
     @classmethod
     def per_million(
         cls,
@@ -82,11 +91,6 @@ class Price:
         """Return the price that `to_json` wrote; `InvalidArgumentError` if it has a rate that nothing can cost."""
         names = ("input", "output", "cached", *(name for name in LATER if value.get(name)))
         rates = {name: tuple((start, rate) for start, rate in value[name]) for name in names}
-        for name, tiers in rates.items():
-            if not tiers or tiers[0][0] != 0 or not all(0 <= rate < math.inf for _, rate in tiers):
-                raise InvalidArgumentError(
-                    f"A price has an {name} rate that cannot be: rates are finite, not negative, and begin at 0 tokens."
-                )
         return cls(**rates, source=value["source"])
 
     def to_json(self) -> dict[str, Any]:
@@ -165,6 +169,17 @@ def provider_of(player: str) -> tuple[str, str]:
     return PROVIDERS.get(family, ""), model
 
 
+def check_given(prices: Any) -> None:
+    """Raise an `InvalidArgumentError` unless prices are those of players by name, or None."""
+    if not isinstance(prices, Mapping | None):
+        raise InvalidArgumentError(f"prices are a price for each player's name, not {type(prices).__name__}.")
+    for player, price in (prices or {}).items():
+        if not isinstance(price, Price):
+            raise InvalidArgumentError(
+                f"The price of {player} is a `Price`, such as Price.per_million(2.5, 10) in US dollars, not {price!r}."
+            )
+
+
 def check_known(unpriced: Iterable[str]) -> None:
     """Raise an `InvalidArgumentError` if players have no price, which a cap on cost requires."""
     if names := ", ".join(sorted(unpriced)):
@@ -177,6 +192,16 @@ def check_known(unpriced: Iterable[str]) -> None:
 def scaled(rates: Rates, factor: float) -> Rates:
     """Return rates that are this many times as high."""
     return tuple((start, rate * factor) for start, rate in rates)
+
+
+def _are_rates(rates: Any, *, may_be_empty: bool) -> bool:
+    """Whether these are rates that something can cost."""
+    if not isinstance(rates, tuple) or not all(isinstance(tier, tuple) and len(tier) == 2 for tier in rates):
+        return False
+    numbers = all(isinstance(number, int | float) for tier in rates for number in tier)
+    if not rates or not numbers:
+        return may_be_empty and not rates
+    return bool(rates[0][0] == 0 and all(0 <= rate < math.inf for _, rate in rates))
 
 
 def _rates(price: Any) -> Rates | None:

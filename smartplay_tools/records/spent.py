@@ -25,9 +25,9 @@ class Spent:
     replies: int = 0
     """Replies that have arrived."""
     prompt_tokens: int = 0
-    """Budget tokens of prompts."""
+    """Budget tokens of prompts; of attempts at a reply that never came, the provider's tokens."""
     reply_tokens: int = 0
-    """Budget tokens of replies."""
+    """The same of replies."""
     cost: float | None = 0.0
     """US dollars; None if a provider has counted tokens whose price is not known."""
     unknown_calls: int = 0
@@ -76,12 +76,14 @@ class _Sum:
     def add(self, usage: Mapping[str, Any], price: Price | None) -> None:
         """Add a `usage` event."""
         self.replies += "reply" in usage
-        self.prompt_tokens += usage.get("prompt", 0)
-        self.peak_prompt_tokens = max(self.peak_prompt_tokens, usage.get("prompt", 0))
-        self.reply_tokens += usage.get("reply", 0)
         reported = Usage.reported(usage)
+        ours = Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
+        # Of attempts at a reply that never came there is no other count than the provider's.
+        counted = ours if "reply" in usage or reported is None else reported
+        self.prompt_tokens += counted.prompt
+        self.peak_prompt_tokens = max(self.peak_prompt_tokens, ours.prompt)
+        self.reply_tokens += counted.reply
         if price is not None:
-            ours = Usage(prompt=usage.get("prompt", 0), reply=usage.get("reply", 0))
             self.costs.append(price.cost(ours.replaced_by(reported)))
         elif reported is not None:
             self.is_unpriced = True

@@ -66,6 +66,9 @@ canonical_text = encoder(sort_keys=True, separators=(",", ":"))
 LONGEST = 10_000
 """Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
 
+NEVER_LIMITED = 100_000
+"""Every provider takes back as many characters of arguments."""
+
 _LARGEST = 309
 """The number of digits of the largest double."""
 
@@ -133,7 +136,15 @@ def _read(text: str) -> Arguments:
 
 
 def _wrapped(text: str) -> str:
-    return _encode({"arguments": well_formed(text)})
+    wrapped = _encode({"arguments": well_formed(text)})
+    if len(wrapped) <= NEVER_LIMITED:
+        return wrapped
+    from smartplay_tools.types.request_limits import most, shortened  # reads a table that most replies do not need
+
+    longest = most("arguments")  # a character has up to six in JSON
+    return (
+        wrapped if len(wrapped) <= longest else _encode({"arguments": shortened(well_formed(text), longest // 6 - 8)})
+    )
 
 
 def _portable(text: str, canonical: str) -> str:

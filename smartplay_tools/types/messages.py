@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NotRequired, Required
 
 from typing_extensions import TypedDict  # Pydantic, which checks recorded messages, needs it on Python 3.11
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.arguments import DEEPEST, Arguments, as_text, read, well_formed
+from smartplay_tools.types.arguments import DEEPEST, Arguments, Problem, as_text, read, well_formed
 from smartplay_tools.types.pictures import is_picture
 
 __all__ = [
@@ -30,6 +30,10 @@ __all__ = [
     "text_of",
     "words_of",
 ]
+
+
+NEVER_TOO_MANY = 100
+"""Every provider takes back as many calls of one message."""
 
 
 class FunctionCall(TypedDict):
@@ -224,9 +228,19 @@ class Call:
 
 
 def read_calls(message: Message, ids: Sequence[str]) -> tuple[Call, ...]:
-    """Return the calls of a canonical reply, with the ids that they have in the conversation."""
-    calls = zip(calls_of(message), ids, strict=True)
-    return tuple([Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in calls])
+    """Return the calls of a canonical reply, with the ids that they have in the conversation.
+
+    Those after as many as a provider takes back are malformed: a model that never sees them again must not play them.
+    """
+    pairs = zip(calls_of(message), ids, strict=True)
+    calls = tuple([Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in pairs])
+    if len(calls) > NEVER_TOO_MANY:
+        from smartplay_tools.types.request_limits import most  # reads a table that most replies do not need
+
+        problem = Problem("too_many", {"most": str(most("calls"))})
+        for call in calls[most("calls") :]:
+            call.arguments = replace(call.arguments, values=None, problem=problem)
+    return calls
 
 
 def with_arguments(message: Message, arguments: Sequence[str]) -> Message:

@@ -36,6 +36,8 @@ class Prompt:
     """The pictures that the messages name, by their sha256."""
     version: str = field(default="", compare=False)
     """The version of the words around the game; empty for a prompt that came through a provider's interface."""
+    tokens: int = field(default=0, compare=False)
+    """Its budget tokens; 0 for one that came through a provider's interface."""
 
     def __post_init__(self) -> None:
         """Hold the messages as a tuple, so that prompts with the same messages are equal."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from smartplay_tools.types.tables import read_table
 
-__all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT"]
+__all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT", "OTHER_PART", "THOUGHTS"]
 
 _TABLE = read_table(__package__, "reply_fields.toml")
 
@@ -24,6 +24,12 @@ NOT_COUNTED = frozenset(_TABLE["not_counted"])
 
 NEIGHBOURS = frozenset(_TABLE["neighbours"])
 """The types of parts that a piece of a stream without an index continues, up to their signature."""
+
+THOUGHTS: Sequence[str] = _TABLE["thoughts"]
+"""The types of parts of a content that are thoughts, even where they have a text as words have."""
+
+OTHER_PART = "chat_part"
+"""The type of the provider item that is one part of a content, neither words nor known thoughts."""
 
 _ENCRYPTED: dict[str, str] = _TABLE["encrypted"]
 _CALLS = frozenset(_TABLE["calls"])
@@ -55,6 +61,7 @@ def texts_in(value: Any) -> Iterator[str]:
         for item in value:
             yield from texts_in(item)
     elif isinstance(value, Mapping) and (kind := _type(value, "type", "part_kind")) not in _CALLS:
+        kind = _type(value, "part_kind") if kind == OTHER_PART else kind
         encrypted = _ENCRYPTED.get(kind) if kind else None
         if value.get("redacted") is True:  # as Inspect marks it
             encrypted = "reasoning"

@@ -130,7 +130,20 @@ class Usage(Recorded):
         """Whether the numbers can be tokens: none is negative or beyond 10^12, and no part is larger than its whole."""
         numbers = [getattr(self, name) or 0 for name in Usage.model_fields]
         parts = (self.cached or 0) + self.written <= self.prompt and self.written_1h <= self.written
-        return parts and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
+        return parts and self.reasoning <= self.reply and min(numbers) >= 0 and max(numbers) <= MOST_TOKENS
+
+    def checked(self, total: int | None) -> Usage:
+        """Return the usage with all its parts in their wholes; `total` is the provider's own sum of its tokens.
+
+        OpenAI counts thoughts in the reply. xAI, and Gemini behind gateways, count them beside it, in the total alone,
+        and some gateways count the tokens of a cache beside the prompt.
+        """
+        beside, cache = max(0, (total or 0) - self.prompt - self.reply), (self.cached or 0) + self.written
+        if beside and beside != self.reasoning and beside == cache:
+            return self.model_copy(update={"prompt": self.prompt + beside})
+        thoughts = max(beside, self.reasoning if self.reasoning > self.reply else 0)
+        reasoning = self.reasoning or thoughts
+        return self.model_copy(update={"reply": self.reply + thoughts, "reasoning": reasoning}) if thoughts else self
 
     @property
     def has_tokens(self) -> bool:

@@ -233,17 +233,13 @@ def test_what_a_server_says_went_wrong_is_told(player, body, tmp_path):
     [
         (
             "openai:rule",
-            {
-                "choices": [
-                    {"message": {"role": "assistant", "content": [{"type": "image"}]}, "finish_reason": "length"}
-                ]
-            },
+            {"choices": [{"message": {"role": "assistant", "content": [7]}, "finish_reason": "length"}]},
         ),
         ("openai:rule", {"choices": [{"message": {"role": "assistant", "tool_calls": ["act"]}}]}),
         ("openai:rule", {"choices": []}),
         (
             "openai-responses:rule",
-            {"status": "completed", "output": [{"type": "message", "content": [{"type": "output_audio"}]}]},
+            {"status": "completed", "output": [{"type": "message", "content": [7]}]},
         ),
     ],
 )
@@ -255,6 +251,89 @@ def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path)
     assert result.tokens.provider.cut == 0
 
 
+def as_stream(body):
+    """A completion as the chunks of a stream, and as the text of an answer."""
+    (choice,) = body["choices"]
+    calls = [{**call, "index": at} for at, call in enumerate(choice["message"].get("tool_calls", ()))]
+    delta = {**choice["message"], **({"tool_calls": calls} if calls else {})}
+    chunks = [
+        {"choices": [{"index": 0, "delta": delta, "finish_reason": choice["finish_reason"]}]},
+        {"choices": [], "usage": body["usage"]},
+    ]
+    return "".join(f"data: {json.dumps(chunk)}\n\n" for chunk in chunks) + "data: [DONE]\n\n"
+
+
+class Deaf(Faulty):
+    """The endpoint of the rule player behind a server that does not look at `stream`."""
+
+    def __init__(self, streams, kind):
+        super().__init__()
+        self.streams, self.kind = streams, kind
+
+    async def __call__(self, scope, receive, send):
+        asked, sent = json.loads((await receive())["body"]), []
+
+        async def whole():
+            return {"type": "http.request", "body": json.dumps({**asked, "stream": False}).encode()}
+
+        async def keep(event):
+            sent.append(event)
+
+        await super().__call__(scope, whole, keep)
+        body = json.loads(b"".join(event.get("body", b"") for event in sent))
+        await answer(as_stream(body) if self.streams else body, kind=self.kind)(send, asked)
+
+
+@pytest.mark.parametrize(
+    ("player", "stream", "streams", "kind"),
+    [
+        ("openai:rule", False, True, "text/event-stream"),
+        ("openai:rule", False, True, "application/json"),
+        ("openai:rule", True, False, "application/json"),
+        ("openai-responses:rule", True, False, "application/json"),
+    ],
+)
+def test_a_stream_that_was_not_asked_for_is_read_and_so_is_the_reverse(player, stream, streams, kind, tmp_path):
+    result, _ = play(Deaf(streams, kind), tmp_path, player, stream=stream)
+    assert_as_if_nothing_had_happened(result, extra_requests=0)
+
+
+def test_a_server_that_cuts_prompts_is_said_once(caplog):
+    class Cutting(Faulty):
+        async def __call__(self, scope, receive, send):
+            sent = []
+
+            async def keep(event):
+                sent.append(event)
+
+            await super().__call__(scope, receive, keep)
+            body = json.loads(b"".join(event.get("body", b"") for event in sent))
+            body["usage"]["prompt_tokens"] = min(300, body["usage"]["prompt_tokens"])
+            body["usage"]["total_tokens"] = 0
+            await answer(body)(send, None)
+
+    with so.LocalEndpoint(app=Cutting()) as endpoint, sp.get_player("openai:rule", base_url=endpoint.base_url) as model:
+        for seed in (7, 8):
+            with sp.Episode(GAME, seed=seed) as episode:
+                sp.play(episode, model)
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "300 tokens" in caplog.text
+    assert "num_ctx" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "url", ["localhost:11434/v1", "gpu7/v1", "ftp://x/v1", "http:/x", "http://[x/v1", "http://x:y/v1"]
+)
+@pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", "anthropic:m"])
+def test_an_address_that_is_none_is_said(player, url, monkeypatch):
+    with pytest.raises(sp.InvalidArgumentError, match=r"^--base-url .* begin with http:// or https://, as in http"):
+        sp.get_player(player, base_url=url, api_key="k")
+    name = "ANTHROPIC_BASE_URL" if player == "anthropic:m" else "OPENAI_BASE_URL"
+    monkeypatch.setenv(name, url)
+    with pytest.raises(sp.InvalidArgumentError, match=f"^{name} "):
+        sp.get_player(player, api_key="k")
+
+
 # Permanent faults.
 
 
@@ -263,7 +342,7 @@ def test_what_a_reply_cost_that_cannot_be_one_is_counted(player, body, tmp_path)
     [
         pytest.param(problem(429, retry_after="0"), "3 attempts", "RateLimitError", id="429"),
         pytest.param(problem(500, retry_after="0"), "3 attempts", "InternalServerError", id="500"),
-        pytest.param(answer({"choices": []}), "3 attempts", "no choice with a message", id="empty choices"),
+        pytest.param(answer({"choices": []}), "2 attempts", "no choice with a message", id="empty choices"),
         pytest.param(problem(429, "insufficient_quota"), "1 attempt", "RateLimitError", id="no quota"),
         pytest.param(problem(429, retry_after="3600"), "1 attempt", "RateLimitError", id="an hour"),
         pytest.param(problem(503, x_should_retry="false"), "1 attempt", "InternalServerError", id="not wanted"),

@@ -30,7 +30,10 @@ ARGUMENTS = st.sampled_from(["", "{}", '{"action": "1"}', '{"action": "2. Paper"
 )
 CALLS = st.lists(st.tuples(st.sampled_from(["", "act:0", "call_1", "call_2"]), TOOLS, ARGUMENTS), max_size=3)
 REASONING = st.lists(
-    st.builds(lambda text: {"type": "reasoning", "summary": [{"text": text}]}, st.text(max_size=9)), max_size=2
+    st.builds(
+        lambda text: {"type": "reasoning", "summary": [{"text": text}], "encrypted_content": "E"}, st.text(max_size=9)
+    ),
+    max_size=2,
 )
 WORDS = st.none() | st.text(max_size=30)
 MESSAGES = st.lists(st.builds(message, WORDS, CALLS, REASONING), min_size=1, max_size=14)

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from smartplay_anthropic.codec import reply as blocks_reply
 from smartplay_openai.chat import CHAT
 from smartplay_openai.responses import RESPONSES
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.types.messages import assistant_message, reasoning_of
+from smartplay_tools.types.messages import assistant_message, reasoning_of, text_of
 from smartplay_tools.types.reply_fields import NOT_COUNTED
 
 DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
@@ -252,6 +253,17 @@ def back(fields: dict[str, Any]) -> dict[str, Any]:
         {"reasoning": [{"type": "text", "text": "Hm."}]},
         {"thinking_blocks": [{"type": "thinking", "thinking": "Hm.", "signature": "S"}]},
         {"content": [{"type": "thinking", "thinking": [{"type": "text", "text": "Hm."}]}]},
+        {"content": [{"type": "reasoning", "summary": [{"type": "summary_text", "text": "Hm.", "signature": "S"}]}]},
+        {"content": [{"type": "redacted_thinking", "data": "E"}, {"type": "text", "text": "I play."}]},
+        {
+            "content": [
+                {"type": "text", "text": "I"},
+                {"type": "reference", "ids": [1]},
+                {"type": "text", "text": "play"},
+            ]
+        },
+        {"content": [{"type": "tool_use", "id": "c", "name": "act", "input": {}}, {"odd": 1}]},
+        {"content": [{"type": "thought", "text": "Hm.", "at": 3}]},
         {"x": {"y": "Hm.", "z": False}, "is_final": False},
     ],
 )
@@ -259,6 +271,66 @@ def test_a_thought_goes_back_under_the_name_under_which_it_came(fields):
     sent = back(fields)
     assert {name: sent[name] for name in fields} == fields
     assert sent.keys() == {"role", "content", "tool_calls", *fields}
+
+
+def test_parts_that_are_no_words_are_counted_as_far_as_they_can_be_read():
+    parts = [{"type": "reasoning", "summary": [{"text": "Hm."}]}, {"type": "redacted_thinking", "data": "E"}]
+    said = {"content": [*parts, {"type": "reference", "title": "A page"}, {"type": "text", "text": "I play."}]}
+    message = CHAT.reply({"choices": [{"message": said}]}).message
+    assert (text_of(message), reasoning_of(message)) == ("I play.", "Hm.A page")
+    assert CHAT.reply({"choices": [{"message": {"content": {"type": "text", "text": "I play."}}}]}).message["content"]
+
+
+def test_pieces_of_thoughts_in_a_streamed_content_become_one_part():
+    def piece(**summary):
+        part = {"type": "reasoning", "summary": [{"type": "summary_text", **summary}]}
+        return {"choices": [{"delta": {"content": [part]}}]}
+
+    chunks = [piece(text="Ro"), piece(text="ck."), piece(text="", signature="S")]
+    chunks += [{"choices": [{"delta": {"content": "I play."}, "finish_reason": "stop"}]}]
+    message = CHAT.assemble(chunks)["choices"][0]["message"]
+    whole = [{"type": "summary_text", "text": "Rock.", "signature": "S"}]
+    assert message["content"] == [{"type": "reasoning", "summary": whole}, {"type": "text", "text": "I play."}]
+
+
+@pytest.mark.parametrize("output", [None, []])
+def test_an_answer_that_has_an_end_and_nothing_else_is_an_empty_reply(output):
+    chat = CHAT.reply({"choices": [{"finish_reason": "length"}], "usage": {"total_tokens": 590, "prompt_tokens": 90}})
+    item = {"status": "incomplete", "output": output, "incomplete_details": {"reason": "max_output_tokens"}}
+    for reply in (chat, RESPONSES.reply(item), blocks_reply({"content": output, "stop_reason": "max_tokens"})):
+        assert (text_of(reply.message), reply.usage.cut) == ("", 1)
+    assert chat.usage.reply == 500
+
+
+@pytest.mark.parametrize("sent", [{"encrypted_content": None}, {"summary": [{"type": "summary_text", "text": "Hm."}]}])
+def test_thoughts_that_nobody_could_read_do_not_go_back(sent):
+    thought = {"type": "reasoning", "id": "rs_1", "status": "completed", "summary": [], "content": None, **sent}
+    call = {"type": "function_call", "id": "fc_1", "call_id": "c", "name": "act", "arguments": "{}"}
+    items = [thought, {**thought, "encrypted_content": "E"}, call]
+    sent_back = RESPONSES.conversation(sp.Prompt([RESPONSES.reply({"output": items}).message]), mark=False)["input"]
+    kept = {name: thought[name] for name in ("type", "id", "summary")}
+    assert sent_back == [{**kept, "encrypted_content": "E"}, call]
+
+
+def test_what_no_provider_takes_back_is_a_mistake_and_goes_back_shortened():
+    calls = [{"id": f"c{at}", "function": {"name": "observe", "arguments": "{}"}} for at in range(150)]
+    endless = {"id": "e", "function": {"name": "act", "arguments": '{"action": "' + "\\" * 1_100_000}}
+    with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
+        conversation = sp.Conversation(episode)
+        for message in ({"tool_calls": calls}, {"tool_calls": [endless]}, {"content": "word " * 2_200_000}):
+            conversation.prompt()
+            conversation.receive({"role": "assistant", "content": None, **message})
+        prompt = conversation.prompt()
+        assert (episode.stats.malformed_calls, episode.stats.tool_calls) == (23, 151)
+    for request in (CHAT.request(prompt)["messages"], RESPONSES.request(prompt)["input"]):
+        sent = json.dumps(request)
+        assert (sent.count('"c127"'), sent.count('"c128"')) == (2, 0)
+        assert sent.count("[shortened: ") == 2
+    messages = CHAT.request(prompt)["messages"]
+    arguments = next(m["tool_calls"] for m in messages if len(m.get("tool_calls", ())) == 1)[0]["function"]["arguments"]
+    assert json.loads(arguments)
+    assert len(arguments) <= 1_048_576
+    assert max(len(m["content"] or "") for m in messages) <= 10_485_760
 
 
 def test_fields_that_requests_must_not_have_stay_away():

@@ -44,6 +44,37 @@ def test_cached_tokens_are_read_under_every_name_and_unknown_is_not_nothing(repo
     assert (usage.prompt, usage.reply, usage.cached, usage.written) == (100, 5, cached, written)
 
 
+BESIDE = {"completion_tokens": 10, "completion_tokens_details": {"reasoning_tokens": 400}}
+
+
+@pytest.mark.parametrize(
+    ("reported", "counted"),
+    [
+        ({**BESIDE, "prompt_tokens": 90, "total_tokens": 500}, (90, 410, 400)),  # xAI
+        ({**BESIDE, "prompt_tokens": 90, "total_tokens": 100}, (90, 410, 400)),  # thoughts are in no sum
+        ({**BESIDE, "prompt_tokens": 90}, (90, 410, 400)),
+        ({"prompt_tokens": 90, "completion_tokens": 0, "total_tokens": 590}, (90, 500, 500)),  # Gemini
+        ({**BESIDE, "completion_tokens": 500, "prompt_tokens": 90, "total_tokens": 590}, (90, 500, 400)),  # OpenAI
+        ({**BESIDE, "completion_tokens": 500, "prompt_tokens": 90, "total_tokens": 990}, (90, 900, 400)),
+        ({"prompt_tokens": 20, "completion_tokens": 5, "total_tokens": 105, "cached_tokens": 80}, (100, 5, 0)),
+        ({"prompt_tokens": 90, "completion_tokens": 10, "total_tokens": 7}, (90, 10, 0)),
+        ({"prompt_tokens": 90, "completion_tokens": 10, "total_tokens": "many"}, (90, 10, 0)),
+    ],
+)
+def test_the_total_says_whether_thoughts_are_a_part_of_the_reply(reported, counted):
+    usage = chat(reported).usage
+    assert (usage.prompt, usage.reply, usage.reasoning) == counted
+    assert usage.is_possible
+    names = {"prompt_tokens": "input_tokens", "completion_tokens": "output_tokens"}
+    renamed = {names.get(name, name): value for name, value in reported.items()}
+    renamed["output_tokens_details"] = renamed.pop("completion_tokens_details", None)
+    assert so.responses_reply({"output": [], "usage": renamed}).usage == usage
+
+
+def test_thoughts_that_are_more_than_their_reply_are_no_count():
+    assert not sp.Usage(prompt=9, reply=10, reasoning=400).is_possible
+
+
 def test_a_sum_with_an_unknown_part_is_unknown_and_costs_as_if_nothing_was_cached():
     known, unknown = sp.Usage(prompt=100, cached=80), sp.Usage(prompt=100, cached=None)
     assert (known + known).cached == 160

@@ -162,6 +162,19 @@ def test_a_cap_on_cost_is_not_pretended_where_nobody_knows_the_price(tmp_path):
     assert sp.evaluate([BANDIT], {"metered": Metered}, prices=free, **arguments).complete
 
 
+@pytest.mark.parametrize("prices", [{"rule": (10.0, 40.0)}, {"rule": 10.0}, [("rule", 10.0)]])
+def test_prices_of_another_form_are_refused_in_a_sentence(prices, tmp_path):
+    with pytest.raises(sp.InvalidArgumentError, match=r"is a `Price`|a price for each player's name"):
+        sp.evaluate(["Hanoi3Disk-v0"], ["rule"], out=tmp_path / "run", trials=1, prices=prices)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("rate", [10.0, (), ((5, 1.0),), ((0, -1.0),), ((0, float("nan")),), (10.0,), [(0, 1.0)]])
+def test_a_price_has_rates(rate):
+    with pytest.raises(sp.InvalidArgumentError, match="an output rate that cannot be"):
+        Price(input=((0, 1.0),), output=rate, cached=((0, 1.0),), source="given")
+
+
 def test_prices_come_from_the_tables_or_from_the_user():
     assert find_price("openai:gpt-5-mini", {}) == find_price("openai-responses:gpt-5-mini", {})
     assert find_price("openai:gpt-5-mini", {"base_url": "http://127.0.0.1:8000"}) is None

@@ -5,8 +5,9 @@ made, and its episode is paused. After the call the reservation is replaced by t
 (`Budget.reply_tokens`) a run's cap is therefore never exceeded, however many episodes run at once, unless a model
 writes more than allowed; without one, only the replies that are already requested can exceed it.
 
-Tokens are budget tokens, as everywhere; cost is computed from the provider's count of tokens, if it reports one. The
-most that a call can cost is reserved: without a hit in the provider's cache, and with everything written to it.
+Tokens are budget tokens, as everywhere, but for attempts at a reply that never came, of which there is the provider's
+count alone; cost is computed from the provider's count of tokens, if it reports one. The most that a call can cost is
+reserved: without a hit in the provider's cache, and with everything written to it.
 """
 
 from __future__ import annotations
@@ -116,6 +117,7 @@ class Account:
             # Cached tokens that nobody reported are None in both.
             more = {n: (getattr(now.provider, n) or 0) - (getattr(earlier, n) or 0) for n in Usage.model_fields}
             usage = usage.replaced_by(Usage(**more))
+            tokens = tokens or usage.prompt + usage.reply  # of attempts at a reply that never came
         cost = 0.0 if self._price is None else self._price.cost(usage)
         self._limits.settle(self._reserved, (tokens, cost))
         self._reserved, self._settled = (0, 0.0), now

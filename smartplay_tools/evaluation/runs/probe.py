@@ -7,7 +7,7 @@ usage, and whether its calls can be played. What keeps a model from playing has 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from smartplay_tools.conversation.agent_session import Conversation
@@ -119,7 +119,8 @@ def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> P
             try:
                 replies.append(player.reply(prompt))
             except SmartPlayError as error:
-                return Probe(config.name, reachable=False, error=str(error))
+                paid = [*(reply.usage for reply in replies), getattr(error, "usage", None)]
+                return Probe(config.name, reachable=False, error=str(error), cost=_cost(paid, price))
             conversation.receive(replies[-1])
             fault = fault_of(replies[-1], conversation, MOST_TOKENS)
             was_played = was_played or fault is None
@@ -147,5 +148,11 @@ def _judged(name: str, replies: Sequence[Reply], reasoned: int, price: Price | N
         usage=bool(usages),
         reasoning=total.reasoning or reasoned if usages or reasoned else None,
         price=None if price is None else price.source,
-        cost=price.cost(total) if price is not None and usages else None,
+        cost=_cost([reply.usage for reply in replies], price),
     )
+
+
+def _cost(usages: Iterable[Usage | None], price: Price | None) -> float | None:
+    """The cost of all attempts, failed ones included; None if it is not known."""
+    counted = [usage for usage in usages if usage is not None and usage.has_tokens]
+    return price.cost(sum(counted, Usage(requests=0))) if price is not None and counted else None

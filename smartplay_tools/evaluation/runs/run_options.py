@@ -42,7 +42,7 @@ from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
 from smartplay_tools.evaluation.runs.scheduler import OnProgress
-from smartplay_tools.providers.prices import Price
+from smartplay_tools.providers.prices import Price, check_given
 from smartplay_tools.types import Budget, CarriedStore, ObservationForm
 
 
@@ -72,6 +72,7 @@ class RunOptions:
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise InvalidArgumentError(f"workers must be at least 1, not {self.workers}.")
+        check_given(self.prices)
         _ = self.caps
         if self.until is not None and self.shard is not None:
             raise InvalidArgumentError("A shard cannot tell when a run is decided; play the whole run.")

@@ -1,0 +1,42 @@
+"""Servers that cut prompts without a word, noticed by their own count: it stays the same while ours is far above it.
+
+Ollama cuts every prompt at its `num_ctx`, 4,096 tokens by default, and answers as if nothing were missing
+(docs.ollama.com/context-length, and TauricResearch/TradingAgents#168; read on 29 November 2026).
+"""
+
+from __future__ import annotations
+
+import logging
+
+from smartplay_tools.types import Usage
+
+log = logging.getLogger("smartplay_tools.players")
+
+FAR_BELOW = 2 / 3
+"""The tokenizers of models differ from that of the budgets by less than this."""
+
+
+class CutPrompts:
+    """Says once of a player that its server seems to cut prompts."""
+
+    def __init__(self, player: str) -> None:
+        self._player = player
+        self._count: int | None = None
+        """What the server has counted of the last prompt, if that is far below our count."""
+        self._said = False
+
+    def note(self, tokens: int, usage: Usage | None) -> None:
+        """Compare the budget tokens of a prompt with what its server has counted."""
+        count = 0 if usage is None else usage.prompt
+        if self._said or not count or not tokens:
+            return
+        is_cut, is_again = count < FAR_BELOW * tokens, count == self._count
+        self._count = count if is_cut else None
+        if is_cut and is_again:
+            self._said = True
+            log.warning(
+                "The server of %s has counted %s tokens in each of two prompts, one of which has about %s: it seems to "
+                "cut them, and the model does not see what the record says. At Ollama raise num_ctx "
+                "(OLLAMA_CONTEXT_LENGTH=%s ollama serve), or keep prompts below it with --prompt-tokens.",
+                *(self._player, f"{count:,}", f"{tokens:,}", 1 << (2 * tokens).bit_length()),
+            )
