@@ -15,12 +15,14 @@ import anyio.to_thread
 from inspect_ai.model import GenerateConfig, Model, get_model
 from inspect_ai.model._generate_config import active_generate_config
 from inspect_ai.solver import Generate, Solver, TaskState, solver
+from inspect_ai.tool import ToolDef
 from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store_as
 from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
+from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
 
@@ -62,6 +64,7 @@ def smartplay_agent(new_episode: NewEpisode | None = None, *, pictures: bool = F
             with episode:
                 if not pictures:
                     episode.refuse_pictures("Inspect", has_option=True)
+                check_names(((ToolDef(tool).name, tool) for tool in state.tools), {t.name: t for t in episode.tools})
                 await _play(state, episode)
         finally:
             if episode.result is not None:

@@ -190,6 +190,7 @@ class SmartPlayModel(Model):
             tool_not_found_behavior="return_error_to_model",
         )
         self._names = {tool.name for tool in self.episode.tools}
+        self._plays = {tool.name: tool.on_invoke_tool for tool in self.tools if isinstance(tool, FunctionTool)}
         self._history = HostHistory[Item](self.episode.counter, known_by)
         self._handoffs: frozenset[str] = frozenset()
         """The names of the latest request's handoffs."""
@@ -347,7 +348,8 @@ class SmartPlayModel(Model):
         functions = [tool for tool in tools if isinstance(tool, FunctionTool)]
         specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
         specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
-        check_names(specs, self.episode.tools)
+        plays = [*((tool.name, tool.on_invoke_tool) for tool in functions), *((h.tool_name, h) for h in handoffs)]
+        check_names(plays, self._plays)
         return [spec for spec in specs if spec.name not in ours]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:

@@ -83,7 +83,7 @@ def read_tools(body: Mapping[str, Any], function_field: str | None) -> tuple[Too
     if not isinstance(tools, list | None):
         raise bad("tools is a list.", "tools")
     specs = tuple(_read_tool(tool, function_field, f"tools[{at}]") for at, tool in enumerate(tools or ()))
-    check_names(specs)
+    check_names((spec.name, spec) for spec in specs)
     return specs
 
 

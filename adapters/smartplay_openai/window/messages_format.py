@@ -163,7 +163,7 @@ def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
             tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
         elif name != PLACEHOLDER:
             left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
-    check_names(tools)
+    check_names((tool.name, tool) for tool in tools)
     return tools, left_out
 
 

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from smartplay_openai.problems import bad
 from smartplay_openai.tool_choice import plainest_value
 from smartplay_openai.window.formats import CompletionRequest
 from smartplay_tools import ToolSpec
@@ -60,15 +61,19 @@ def tell_apart(
     """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run.
 
     A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`. With `only_game_tools`
-    all of the host's tools are hidden.
+    all of the host's tools are hidden. Two that look like the same tool of the game's are refused: one of them may play
+    another episode.
     """
     names: dict[str, str] = {}
     ours: set[str] = set()
     for spec in own:
         named = [tool.name for tool in tools if tool.name == spec.name]
-        if found := [tool.name for tool in tools if _is_described(tool, spec)] or named:
-            names[spec.name] = found[0]
-            ours.update(found)
+        found = [tool.name for tool in tools if _is_described(tool, spec)] or named
+        if len(found) > 1:
+            raise bad(f"Two tools are the game's {spec.name}: {', '.join(found)}; offer those of one episode.", "tools")
+        for name in found:
+            names[spec.name] = name
+            ours.add(name)
     foreign = [tool for tool in tools if tool.name not in ours and tool.name != closing]
     closes = next((tool for tool in tools if tool.name == closing), None)
     if only_game_tools:
