@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_openai.stream_pieces import StreamedItems
 from smartplay_openai.text_calls import read_usage
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
@@ -28,6 +29,9 @@ A = TypeVar("A")
 T = TypeVar("T")
 
 ROLES = ("system", "developer", "user", "assistant")
+ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
+"""The last events of a stream; some servers have the last one."""
+
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
 
@@ -72,18 +76,18 @@ class Responses(Interface):
         return Reply(message, with_end(usage, why.get("reason") if isinstance(why, Mapping) else None, *_parts(output)))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
-        """Return the response that ends a stream of events."""
-        done: dict[int, Any] = {}
+        """Return the response that ends a stream of events; some servers leave out of it what they have streamed."""
+        items = StreamedItems()
         for event in map(plain_answer, parts):
-            if event.get("type") == "response.output_item.done":
-                at = event.get("output_index")
-                done[at if isinstance(at, int) else len(done)] = event.get("item")
-            if event.get("type") in ("response.completed", "response.incomplete", "response.failed"):
-                answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
-                return answer if answer.get("output") else {**answer, "output": [done[at] for at in sorted(done)]}
+            items.add(event)
+            if event.get("type") in ENDS:
+                answer = plain_answer(event.get("response"))
+                return answer if answer.get("output") else {**answer, "output": items.output}
             if event.get("type") == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.get('message')}.", body=event)
-        raise BrokenAnswerError("The stream ended before the reply did.")
+        if not items.is_whole:
+            raise BrokenAnswerError("The stream ended before the reply did.")
+        return {"output": items.output}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
         """Return the prompt in a request, which contains the whole input, since nothing is stored."""
