@@ -25,6 +25,7 @@ from smartplay_langchain.asking import (
     ToolChoice,
     Tools,
     bind,
+    read_error,
     read_reply,
     spec_of,
 )
@@ -96,7 +97,10 @@ class GraphSession(CallPlayer):
 
         def send(prompt: Prompt) -> ModelReply:
             messages = self.prompt_settings.messages(prompt, model)
-            return read_reply(self._bound(model, tools, prompt).invoke(messages))
+            try:
+                return read_reply(self._bound(model, tools, prompt).invoke(messages))
+            except Exception as error:
+                return read_error(error)
 
         reply = session.ask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
@@ -114,7 +118,10 @@ class GraphSession(CallPlayer):
 
         async def send(prompt: Prompt) -> ModelReply:
             messages = self.prompt_settings.messages(prompt, model)
-            return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
+            try:
+                return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
+            except Exception as error:
+                return read_error(error)
 
         reply = await session.aask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]

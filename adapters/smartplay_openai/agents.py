@@ -52,6 +52,7 @@ from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
@@ -237,9 +238,13 @@ class SmartPlayModel(Model):
             shown = prompt if isinstance(self._model, OpenAIResponsesModel) else with_pictures_below(prompt)
             items = input_of(shown, mark=fields.marks)
             offered = (tools, list(handoffs)) if prompt.tools else ([], [])
-            response = await self._model.get_response(
-                None, items, settings, offered[0], output_schema, offered[1], *arguments, **options
-            )
+            try:
+                response = await self._model.get_response(
+                    None, items, settings, offered[0], output_schema, offered[1], *arguments, **options
+                )
+            except Exception as error:
+                reply, nothing = reply_in(error), ModelResponse(output=[], usage=AgentsUsage(), response_id=None)
+                return _Answer(reply.message, reply.usage, response=nothing)
             usage.add(response.usage)
             return _Answer(read_response(response), usage_of(response.usage), response=response)
 

@@ -69,6 +69,8 @@ from smartplay_tools.context.prompts import (
 )
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
+from smartplay_tools.errors import PromptRefusedError
+from smartplay_tools.players import reply_in
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 
@@ -210,11 +212,26 @@ class SmartPlay(AbstractCapability[Any]):
             model_request_parameters=parameters,
         )
 
+    async def on_model_request_error(
+        self, ctx: RunContext[Any], *, request_context: ModelRequestContext, error: Exception
+    ) -> ModelResponse:
+        """Take a call that the server could not read as the reply that it was; end the episode if it is the prompt's."""
+        try:
+            reply = reply_in(error)
+        except PromptRefusedError as refused:
+            self._session.give_up(refused)
+            return _words(OVER)
+        response = to_response(reply.message)
+        response.finish_reason = "error"
+        return response
+
     async def after_model_request(
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, response: ModelResponse
     ) -> ModelResponse:
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
         session = self._session
+        if self.episode.done:
+            return response
         before = session.latest_turn
         calls = await session.areceive(Reply(from_response(response), usage_of(response)))
         turn = session.latest_turn

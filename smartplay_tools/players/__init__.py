@@ -20,10 +20,12 @@ if TYPE_CHECKING:
         BrokenAnswerError as BrokenAnswerError,
         ModelCallError as ModelCallError,
         ModelPromptError as ModelPromptError,
+        ModelRefusedError as ModelRefusedError,
         count_in as count_in,
         error_in as error_in,
         given_up as given_up,
         plain_answer as plain_answer,
+        reply_in as reply_in,
         reported_in as reported_in,
         with_end as with_end,
     )

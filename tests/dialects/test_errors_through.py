@@ -1,0 +1,79 @@
+"""An error of each kind through every way in, in a request for a move and in one for a summary."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+import smartplay_tools as sp
+from smartplay_tools.players.server_errors import Row, rows
+from tests.adapters.conformance import GAME, SEED
+from tests.dialects.failures import Failure
+from tests.dialects.said import Said
+from tests.dialects.scripts import act
+from tests.dialects.server import DialectServer
+from tests.dialects.test_dialects import ONE_EACH
+from tests.dialects.ways import Way, environment
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
+
+WORDS = "I have a plan, and it is a long one. " * 5
+KINDS = {(row.whose, row.about): row for row in reversed(rows())}
+"""A row of each kind."""
+SUMMARIES = sp.Budget(prompt_tokens=900, summary_tokens=40, slack=0.5)
+RETRIES = ("openai:", "openai-responses:", "anthropic:", "langchain: (ChatOpenAI)", "langchain: (ChatAnthropic)")
+"""The ways in whose player asks again; the others leave that to their framework."""
+
+
+def played(way: Way, script: Sequence[Said | Failure], stream: bool, budget: sp.Budget) -> tuple[Any, DialectServer]:
+    """Play a script at the first server of a way in, whatever it raises; return the result and the server."""
+    dialect = next(dialect for other, dialect in ONE_EACH if other is way)
+    with (
+        DialectServer(dialect, script, without=way.without(dialect)) as server,
+        pytest.MonkeyPatch.context() as variables,
+        sp.Episode(GAME, seed=SEED, budget=budget, transcript=(events := [])) as episode,
+    ):
+        for name, value in environment(server).items():
+            variables.setenv(name, value)
+        with contextlib.suppress(Exception):
+            way.play(server, episode, stream)
+    assert sp.replay(events).identical
+    return episode.result, server
+
+
+@pytest.mark.parametrize("row", KINDS.values(), ids=lambda row: f"{row.whose} {row.about}")
+@pytest.mark.parametrize("way", [way for way, _ in ONE_EACH], ids=lambda way: way.name)
+def test_an_error_in_a_move_ends_only_what_it_has_to(way, row):
+    way.skip_if_missing()
+    script = [act(0, ""), Failure(row, "status"), *(act(at, "") for at in range(1, 7))]
+    for stream in sorted({False, way.streams}):
+        result, server = played(way, script, stream, sp.Budget())
+        check(way, row, result)
+
+
+def check(way: Way, row: Row, result: sp.EpisodeResult) -> None:
+    if row.whose == "model":
+        assert (result.end_reason, result.steps, result.idle_replies) == ("terminated", 7, 1)
+        assert result.tokens.provider.broken_calls == (way.name != "serve openai"), "completions do not say it"
+    elif row.whose == "prompt" and row.about:
+        assert (result.end_reason, result.steps) == ("host", 1)
+        assert ("--prompt-tokens" in result.detail) == (row.about == "context")
+    elif result.end_reason != "terminated":  # raised to the user, or asked again by the framework
+        assert (result.end_reason, result.steps) == ("player_error", 1)
+        assert row.whose != "moment" or way.name not in RETRIES
+
+
+@pytest.mark.parametrize("way", [way for way, _ in ONE_EACH], ids=lambda way: way.name)
+def test_a_mistake_in_a_summary_is_an_empty_summary(way):
+    way.skip_if_missing()
+    script: list[Said | Failure] = [Said(words=WORDS, calls=act(at % 2).calls) for at in range(40)]
+    _, server = played(way, script, False, SUMMARIES)
+    asked = [number for number, body in enumerate(server.requests) if "none" in json.dumps(body.get("tool_choice"))]
+    script[asked[0]] = Failure(KINDS["model", "call"], "status")
+    result, again = played(way, script, False, SUMMARIES)
+    assert result.tokens.provider.broken_calls == (way.name != "serve openai")
+    assert len(again.requests) > asked[0] + 1, "the game goes on"
