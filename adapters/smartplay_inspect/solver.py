@@ -23,7 +23,7 @@ from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.errors import PromptRefusedError
-from smartplay_tools.players import reply_in
+from smartplay_tools.players import BrokenAnswerError, reply_in
 from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
@@ -114,6 +114,8 @@ async def _converse(state: TaskState, conversation: Conversation, model: Model) 
         offered = tools if prompt.tools else []
         try:
             output = await model.generate(chat.write(sent.messages, sent.pictures), offered, config=config)
+            if output.stop_reason == "model_length" and output.usage is None:  # Inspect's form of a refused prompt
+                raise BrokenAnswerError(output.completion, body={"code": "context_length_exceeded"})
             reply = from_output(output)
             state.output = output
         except LimitExceededError:

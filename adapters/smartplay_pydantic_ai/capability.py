@@ -142,6 +142,8 @@ class SmartPlay(AbstractCapability[Any]):
         self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
         """The latest reply's results by call id."""
+        self._mistake: Reply | None = None
+        """The reply that the latest error was, until it is received."""
 
     def get_toolset(self) -> AbstractToolset[Any]:
         """Return the game's tools."""
@@ -215,15 +217,16 @@ class SmartPlay(AbstractCapability[Any]):
     async def on_model_request_error(
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, error: Exception
     ) -> ModelResponse:
-        """Take a call that the server could not read as the reply that it was; end the episode if it is the prompt's."""
+        """Take a call that the server could not read as the reply that it was; a refused prompt ends the episode."""
         try:
-            reply = reply_in(error)
+            self._mistake = reply_in(error)
         except PromptRefusedError as refused:
             self._session.give_up(refused)
             return _words(OVER)
-        response = to_response(reply.message)
-        response.finish_reason = "error"
-        return response
+        except Exception:
+            self._session.fail(error)
+            raise
+        return to_response(self._mistake.message)
 
     async def after_model_request(
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, response: ModelResponse
@@ -233,7 +236,8 @@ class SmartPlay(AbstractCapability[Any]):
         if self.episode.done:
             return response
         before = session.latest_turn
-        calls = await session.areceive(Reply(from_response(response), usage_of(response)))
+        reply, self._mistake = self._mistake or Reply(from_response(response), usage_of(response)), None
+        calls = await session.areceive(reply)
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary
             return await self._another_attempt()

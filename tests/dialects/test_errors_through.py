@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Sequence
+from datetime import date
 from typing import Any
 
 import pytest
@@ -24,6 +25,15 @@ pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 WORDS = "I have a plan, and it is a long one. " * 5
 KINDS = {(row.whose, row.about): row for row in reversed(rows())}
 """A row of each kind."""
+FULL = Row(
+    "OpenAI",
+    "prompt",
+    '400 {"error": {"code": "context_length_exceeded", "message": "Full."}}',
+    "",
+    date.min,
+    about="context",
+)
+"""A full context as OpenAI says it, which Inspect knows."""
 SUMMARIES = sp.Budget(prompt_tokens=900, summary_tokens=40, slack=0.5)
 RETRIES = ("openai:", "openai-responses:", "anthropic:", "langchain: (ChatOpenAI)", "langchain: (ChatAnthropic)")
 """The ways in whose player asks again; the others leave that to their framework."""
@@ -45,20 +55,21 @@ def played(way: Way, script: Sequence[Said | Failure], stream: bool, budget: sp.
     return episode.result, server
 
 
-@pytest.mark.parametrize("row", KINDS.values(), ids=lambda row: f"{row.whose} {row.about}")
+@pytest.mark.parametrize("row", [*KINDS.values(), FULL], ids=lambda row: f"{row.whose} {row.about}")
 @pytest.mark.parametrize("way", [way for way, _ in ONE_EACH], ids=lambda way: way.name)
 def test_an_error_in_a_move_ends_only_what_it_has_to(way, row):
     way.skip_if_missing()
     script = [act(0, ""), Failure(row, "status"), *(act(at, "") for at in range(1, 7))]
     for stream in sorted({False, way.streams}):
-        result, server = played(way, script, stream, sp.Budget())
-        check(way, row, result)
+        check(way, row, played(way, script, stream, sp.Budget())[0])
 
 
 def check(way: Way, row: Row, result: sp.EpisodeResult) -> None:
     if row.whose == "model":
         assert (result.end_reason, result.steps, result.idle_replies) == ("terminated", 7, 1)
         assert result.tokens.provider.broken_calls == (way.name != "serve openai"), "completions do not say it"
+    elif row.about == "moderation" and way.name == "Inspect AI":  # its own words in place of a reply
+        assert (result.end_reason, result.tokens.provider.refused) == ("terminated", 1)
     elif row.whose == "prompt" and row.about:
         assert (result.end_reason, result.steps) == ("host", 1)
         assert ("--prompt-tokens" in result.detail) == (row.about == "context")
@@ -72,7 +83,7 @@ def test_a_mistake_in_a_summary_is_an_empty_summary(way):
     way.skip_if_missing()
     script: list[Said | Failure] = [Said(words=WORDS, calls=act(at % 2).calls) for at in range(40)]
     _, server = played(way, script, False, SUMMARIES)
-    asked = [number for number, body in enumerate(server.requests) if "none" in json.dumps(body.get("tool_choice"))]
+    asked = [number for number, body in enumerate(server.requests) if "earlier summary" in json.dumps(body)]
     script[asked[0]] = Failure(KINDS["model", "call"], "status")
     result, again = played(way, script, False, SUMMARIES)
     assert result.tokens.provider.broken_calls == (way.name != "serve openai")
