@@ -9,16 +9,19 @@ from datetime import date
 from typing import Any
 
 import pytest
+from smartplay_openai import WindowEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.players.server_errors import Row, rows
 from tests.adapters.conformance import GAME, SEED
+from tests.adapters.window_host import HostAgent
 from tests.dialects.failures import Failure
+from tests.dialects.rules import DIALECTS
 from tests.dialects.said import Said
 from tests.dialects.scripts import act
 from tests.dialects.server import DialectServer
 from tests.dialects.test_dialects import ONE_EACH
-from tests.dialects.ways import Way, environment
+from tests.dialects.ways import Way, environment, player
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -88,3 +91,25 @@ def test_a_mistake_in_a_summary_is_an_empty_summary(way):
     result, again = played(way, script, False, SUMMARIES)
     assert result.tokens.provider.broken_calls == (way.name != "serve openai")
     assert len(again.requests) > asked[0] + 1, "the game goes on"
+
+
+@pytest.mark.parametrize("about", ["key", "quota", "model"])
+def test_a_refused_account_leaves_an_episode_of_the_window_open(about):
+    """Its agent is told so; with the account in order, its next request is answered, and nothing is lost."""
+    script = [act(0, ""), Failure(KINDS["player", about], "status"), *(act(at, "") for at in range(1, 7))]
+    with (
+        DialectServer(DIALECTS["OpenAI"], script) as server,
+        pytest.MonkeyPatch.context() as variables,
+        sp.Episode(GAME, seed=SEED, transcript=(events := [])) as episode,
+    ):
+        for name, value in environment(server).items():
+            variables.setenv(name, value)
+        with player(server, stream=True) as model, WindowEndpoint(model) as endpoint:
+            host = HostAgent(endpoint, endpoint.serve(episode))
+            host.answer(host.post())
+            with pytest.raises(AssertionError, match="player_refused"):
+                host.post()
+            host.play()
+    assert (episode.result.end_reason, episode.result.steps) == ("terminated", 7)
+    assert episode.result.tokens.provider.requests == 8
+    assert sp.replay(events).identical

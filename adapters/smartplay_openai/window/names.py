@@ -19,6 +19,7 @@ from smartplay_openai.problems import bad
 from smartplay_openai.tool_choice import plainest_value
 from smartplay_openai.window.formats import CompletionRequest
 from smartplay_tools import ToolSpec
+from smartplay_tools.players.conversion import accepted_name
 from smartplay_tools.types.messages import MessageToolCall
 
 
@@ -60,9 +61,9 @@ def tell_apart(
 ) -> HostTools:
     """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run.
 
-    A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`. With `only_game_tools`
-    all of the host's tools are hidden. Two that look like the same tool of the game's are refused: one of them may play
-    another episode.
+    A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`, and one whose name
+    providers refuse by a name that they take. With `only_game_tools` all of the host's tools are hidden. Two that look
+    like the same tool of the game's are refused: one of them may play another episode.
     """
     names: dict[str, str] = {}
     ours: set[str] = set()
@@ -80,7 +81,7 @@ def tell_apart(
         return HostTools(names, (), closes, tuple(tool.name for tool in foreign))
     taken, foreign_names = {spec.name for spec in own}, dict[str, str]()
     for tool in foreign:
-        shown = tool.name
+        shown = accepted_name(tool.name)
         while shown in taken:
             shown = f"host_{shown}"
         taken.add(shown)
@@ -92,7 +93,7 @@ def tell_apart(
 def _is_described(tool: ToolSpec, own: ToolSpec) -> bool:
     """Whether a tool is the game's by its name, or the end of it, and the beginning of its description."""
     before = tool.name.removesuffix(own.name)
-    has_name = not before or (before != tool.name and before[-1] in "_-")
+    has_name = not before or (before != tool.name and before[-1] in "_-.:/")
     return has_name and own.description[:40] in tool.description
 
 
