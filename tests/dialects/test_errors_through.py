@@ -62,8 +62,8 @@ def played(way: Way, script: Sequence[Said | Failure], stream: bool, budget: sp.
 @pytest.mark.parametrize("way", [way for way, _ in ONE_EACH], ids=lambda way: way.name)
 def test_an_error_in_a_move_ends_only_what_it_has_to(way, row):
     way.skip_if_missing()
-    script = [act(0, ""), Failure(row, "status"), *(act(at, "") for at in range(1, 7))]
     for stream in sorted({False, way.streams}):
+        script = [act(0, ""), Failure(row, "status"), *(act(at, "") for at in range(1, 7))]
         check(way, row, played(way, script, stream, sp.Budget())[0])
 
 
