@@ -15,12 +15,16 @@ import anyio.to_thread
 from inspect_ai.model import GenerateConfig, Model, get_model
 from inspect_ai.model._generate_config import active_generate_config
 from inspect_ai.solver import Generate, Solver, TaskState, solver
+from inspect_ai.tool import ToolDef
 from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store_as
 from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
+from smartplay_tools.errors import PromptRefusedError
+from smartplay_tools.players import BrokenAnswerError, reply_in
+from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
 
@@ -62,6 +66,7 @@ def smartplay_agent(new_episode: NewEpisode | None = None, *, pictures: bool = F
             with episode:
                 if not pictures:
                     episode.refuse_pictures("Inspect", has_option=True)
+                check_names(((ToolDef(tool).name, tool) for tool in state.tools), {t.name: t for t in episode.tools})
                 await _play(state, episode)
         finally:
             if episode.result is not None:
@@ -78,21 +83,24 @@ def _configured(state: TaskState, record: list[Event]) -> Episode:
 
 async def _play(state: TaskState, episode: Episode) -> None:
     model = get_model()
+    conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
     try:
-        await _converse(state, episode, model)
+        await _converse(state, conversation, model)
     except LimitExceededError as limit:
         episode.end("host", detail=f"{limit.type}_limit")
         raise
     except anyio.get_cancelled_exc_class():
         episode.end("host", detail=_cancelled_by())
         raise
+    except PromptRefusedError as error:
+        conversation.give_up(error)
     except Exception as error:
         episode.end("player_error", error)
         raise
 
 
-async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
-    conversation = await _in_thread(lambda: Conversation(episode, player=f"inspect:{model}"))
+async def _converse(state: TaskState, conversation: Conversation, model: Model) -> None:
+    episode = conversation.episode
     chat, tools = InspectChat(str(model)), tool_infos(episode.tools)
     own = model.config.merge(active_generate_config())
     state.messages = chat.write(episode.head)
@@ -104,15 +112,23 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         cap = prompt.settings({"max_tokens": own.max_tokens}).get("max_tokens")
         config = GenerateConfig(max_tokens=cap, extra_body=_with_cache_key(own, prompt, model))
         offered = tools if prompt.tools else []
-        output = await model.generate(chat.write(sent.messages, sent.pictures), offered, config=config)
-        reply = from_output(output)
+        try:
+            output = await model.generate(chat.write(sent.messages, sent.pictures), offered, config=config)
+            if output.stop_reason == "model_length" and output.usage is None:  # Inspect's form of a refused prompt
+                raise BrokenAnswerError(output.completion, body={"code": "context_length_exceeded"})
+            reply = from_output(output)
+            state.output = output
+        except LimitExceededError:
+            raise
+        except Exception as error:
+            reply, output = reply_in(error), None
         await _in_thread(lambda reply=reply: conversation.receive(reply))  # type: ignore[misc]
-        state.output = output
         if prompt.asks_for_summary:
             continue  # no turn of the conversation: the log has it as an event of the model
         turn = conversation.latest_turn
         assert turn is not None
-        chat.remember(turn.shown, output.message)
+        if output is not None:
+            chat.remember(turn.shown, output.message)
         state.messages.extend(chat.write(turn.messages, conversation.pictures))
 
 

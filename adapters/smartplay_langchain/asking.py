@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
+from uuid import uuid4
 
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
 from langchain_core.messages import AIMessage, AnyMessage, BaseMessage, SystemMessage
@@ -23,9 +24,10 @@ from langchain_core.tools import BaseTool
 from langchain_core.utils.function_calling import convert_to_openai_tool
 
 from smartplay_langchain.caching import cache_key, messages_for
-from smartplay_langchain.messages import from_langchain, usage_of
+from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
 from smartplay_tools import AgentSession, InvalidArgumentError, Prompt, Reply, ToolSpec
 from smartplay_tools.context.prompts import CacheMarks
+from smartplay_tools.players import reply_in
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 
@@ -89,6 +91,14 @@ tools of the request."""
 def read_reply(message: AIMessage) -> ModelReply:
     """Return a model's message as a reply."""
     return ModelReply(from_langchain(message), usage_of(message), source=message)
+
+
+def read_error(error: Exception) -> ModelReply:
+    """Return the reply that a model's error was, where a server could not read its call; raise any other."""
+    reply = reply_in(error)
+    (source,) = to_langchain([reply.message])
+    assert isinstance(source, AIMessage)
+    return ModelReply(reply.message, reply.usage, source=source.model_copy(update={"id": f"error-{uuid4()}"}))
 
 
 class StandIn:
@@ -155,7 +165,10 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         """Send the prompt."""
 
         def send(prompt: Prompt) -> ModelReply:
-            return read_reply(self._bound(prompt).invoke(self._messages(prompt), config))
+            try:
+                return read_reply(self._bound(prompt).invoke(self._messages(prompt), config))
+            except Exception as error:
+                return read_error(error)
 
         return self._replied(self._prepared(input).ask(send))
 
@@ -164,7 +177,10 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         import asyncio
 
         async def send(prompt: Prompt) -> ModelReply:
-            return read_reply(await self._bound(prompt).ainvoke(self._messages(prompt), config))
+            try:
+                return read_reply(await self._bound(prompt).ainvoke(self._messages(prompt), config))
+            except Exception as error:
+                return read_error(error)
 
         session = await asyncio.to_thread(self._prepared, input)
         return self._replied(await session.aask(send))

@@ -7,7 +7,7 @@ argument, and `SmartPlayMiddleware` as a hook.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import Any, TypeVar
@@ -22,6 +22,7 @@ from smartplay_langchain.order import TurnOrder
 from smartplay_langchain.toolkit import SmartPlayTool, SmartPlayToolkit, artifact_of
 from smartplay_tools import AgentSession, InvalidArgumentError, ToolResult
 from smartplay_tools.conversation import HostChat
+from smartplay_tools.players.conversion import check_names
 from smartplay_tools.types.messages import Call
 
 T = TypeVar("T")
@@ -62,7 +63,7 @@ class CallPlayer:
 
     def wrap_tool_call(self, request: Any, handler: Callable[[Any], Any]) -> Any:
         """Run a call of the tool node; calls of unknown tools are answered here."""
-        self._settle(request.state)
+        self._settle(request)
         call = request.tool_call
         if self._is_unknown(call):
             return self._message(call["id"], call["name"], *self.play(call))
@@ -71,12 +72,16 @@ class CallPlayer:
 
     async def awrap_tool_call(self, request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
         """Run a call as `wrap_tool_call` does, without blocking the event loop."""
-        self._settle(request.state)
+        self._settle(request)
         call = request.tool_call
         if self._is_unknown(call):
             return self._message(call["id"], call["name"], *await self.aplay(call))
         with self._in_a_tool():
             return await handler(request)
+
+    def check_names(self, tools: Iterable[tuple[str, object]]) -> None:
+        """Refuse two tools with one name, and another's in the place of one of these, whatever it looks like."""
+        check_names(tools, {own.name: own for own in self.tools})
 
     @property
     def is_asked_by_sub_agent(self) -> bool:
@@ -170,8 +175,10 @@ class CallPlayer:
             )
         return position, call
 
-    def _settle(self, state: Any) -> None:
+    def _settle(self, request: Any) -> None:
         """Record which calls were refused before any was run: a call waits for the earlier ones that are to come."""
+        self.check_names([(request.tool.name, request.tool)] if request.tool is not None else ())
+        state = request.state
         messages = state.get("messages", ()) if isinstance(state, dict) else getattr(state, "messages", state)
         if messages and (lacked := self.lacked(messages)):
             raise self.another_state(lacked)

@@ -25,6 +25,7 @@ from smartplay_langchain.asking import (
     ToolChoice,
     Tools,
     bind,
+    read_error,
     read_reply,
     spec_of,
 )
@@ -37,11 +38,10 @@ from smartplay_langchain.calls import (
     is_ours,
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
-from smartplay_langchain.toolkit import artifact_of
+from smartplay_langchain.toolkit import artifact_of, is_of_a_game
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory
-from smartplay_tools.players.conversion import check_names
 from smartplay_tools.types.messages import Call
 
 
@@ -97,7 +97,10 @@ class GraphSession(CallPlayer):
 
         def send(prompt: Prompt) -> ModelReply:
             messages = self.prompt_settings.messages(prompt, model)
-            return read_reply(self._bound(model, tools, prompt).invoke(messages))
+            try:
+                return read_reply(self._bound(model, tools, prompt).invoke(messages))
+            except Exception as error:
+                return read_error(error)
 
         reply = session.ask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
@@ -115,7 +118,10 @@ class GraphSession(CallPlayer):
 
         async def send(prompt: Prompt) -> ModelReply:
             messages = self.prompt_settings.messages(prompt, model)
-            return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
+            try:
+                return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
+            except Exception as error:
+                return read_error(error)
 
         reply = await session.aask(send)
         return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
@@ -166,7 +172,7 @@ class GraphSession(CallPlayer):
         """
         own = {tool.name for tool in self.episode.tools}
         specs = [spec_of(tool) for tool in tools]
-        check_names(specs, self.episode.tools)
+        self.check_names((spec.name, tool) for spec, tool in zip(specs, tools, strict=True))
         if missing := sorted(own - {spec.name for spec in specs}):
             raise InvalidArgumentError(
                 f"A middleware has removed {', '.join(missing)}; every request must offer the game's tools."
@@ -227,7 +233,10 @@ class GraphSession(CallPlayer):
         results = {message.tool_call_id: message for message in since if isinstance(message, ToolMessage)}
         ours = {call_id: message for call_id, message in results.items() if is_ours(message)}
         play = {call_id: (message.artifact or {}).get("arguments") for call_id, message in ours.items()}
-        theirs = [from_langchain(message) for call_id, message in results.items() if call_id not in ours]
+        others = [message for call_id, message in results.items() if call_id not in ours]
+        # A tool node without `wrap_tool_call` may have run the tools of a toolkit.
+        self.check_names((str(message.name), message) for message in others if is_of_a_game(message))
+        theirs = map(from_langchain, others)
         answers = self._chat.settle(theirs, play=play)
         changed: list[AnyMessage] = []
         notes: list[Message] = []

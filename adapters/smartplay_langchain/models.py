@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
@@ -112,7 +112,9 @@ class LangChainPlayer(ModelPlayer):
         kinds = {
             kind.__name__ for kind in type(error).__mro__
         }  # the classes come from many packages, so they are compared by name
-        return isinstance(getattr(error, "status_code", None), int) or not kinds.isdisjoint(FAILURES)
+        has_status = isinstance(getattr(error, "status_code", None), int)
+        is_answer = bool(error.args) and isinstance(error.args[0], Mapping)  # an error in place of a completion
+        return has_status or is_answer or not kinds.isdisjoint(FAILURES)
 
 
 def _keys_of(model: BaseChatModel) -> Iterator[str]:

@@ -99,6 +99,11 @@ def artifact_of(result: ToolResult) -> dict[str, Any]:
     return {**result.data, "is_error": result.is_error, "done": result.done}
 
 
+def is_of_a_game(message: ToolMessage) -> bool:
+    """Whether a message has the artifact of a game's result."""
+    return isinstance(message.artifact, dict) and {"is_error", "done"} <= message.artifact.keys()
+
+
 def _with_status(output: Any) -> Any:
     if isinstance(output, ToolMessage) and output.artifact and output.artifact.get("is_error"):
         output.status = "error"

@@ -52,6 +52,7 @@ from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
@@ -190,6 +191,7 @@ class SmartPlayModel(Model):
             tool_not_found_behavior="return_error_to_model",
         )
         self._names = {tool.name for tool in self.episode.tools}
+        self._plays = {tool.name: tool.on_invoke_tool for tool in self.tools if isinstance(tool, FunctionTool)}
         self._history = HostHistory[Item](self.episode.counter, known_by)
         self._handoffs: frozenset[str] = frozenset()
         """The names of the latest request's handoffs."""
@@ -236,9 +238,13 @@ class SmartPlayModel(Model):
             shown = prompt if isinstance(self._model, OpenAIResponsesModel) else with_pictures_below(prompt)
             items = input_of(shown, mark=fields.marks)
             offered = (tools, list(handoffs)) if prompt.tools else ([], [])
-            response = await self._model.get_response(
-                None, items, settings, offered[0], output_schema, offered[1], *arguments, **options
-            )
+            try:
+                response = await self._model.get_response(
+                    None, items, settings, offered[0], output_schema, offered[1], *arguments, **options
+                )
+            except Exception as error:
+                reply, nothing = reply_in(error), ModelResponse(output=[], usage=AgentsUsage(), response_id=None)
+                return _Answer(reply.message, reply.usage, response=nothing)
             usage.add(response.usage)
             return _Answer(read_response(response), usage_of(response.usage), response=response)
 
@@ -347,7 +353,8 @@ class SmartPlayModel(Model):
         functions = [tool for tool in tools if isinstance(tool, FunctionTool)]
         specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
         specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
-        check_names(specs, self.episode.tools)
+        plays = [*((tool.name, tool.on_invoke_tool) for tool in functions), *((h.tool_name, h) for h in handoffs)]
+        check_names(plays, self._plays)
         return [spec for spec in specs if spec.name not in ours]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:

@@ -14,12 +14,12 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from operator import itemgetter
+from operator import attrgetter
 from typing import Any
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
 from smartplay_openai.problems import bad, check_calls, objects, read_limit, read_tools
-from smartplay_openai.stream_pieces import merged
+from smartplay_openai.stream_pieces import StreamedCall, add_call, merged
 from smartplay_openai.text_calls import read_usage, sampled_tokens
 from smartplay_openai.thinking_parts import added, put_together, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -34,7 +34,6 @@ from smartplay_tools.players import (
     with_end,
 )
 from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
-from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import (
     assistant_message,
     calls_of,
@@ -104,13 +103,14 @@ class ChatCompletions(Interface):
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
         message: dict[str, Any] = {"role": "assistant", "content": None}
-        calls: list[tuple[int, dict[str, Any]]] = []
-        usage, finished, is_over = None, None, False
+        calls: list[StreamedCall] = []
+        usage, finished, has_begun, is_over = None, None, False, False
         for chunk in map(plain_answer, parts):
-            usage = chunk.get("usage") or usage
-            # The chunk with the usage has no choices, and comes after the reply; one before it ends nothing.
-            is_over = not chunk.get("choices") and (is_over or bool(chunk.get("usage")))
-            for choice in objects(chunk.get("choices")):
+            usage, choices = chunk.get("usage") or usage, objects(chunk.get("choices"))
+            # The chunk with the usage has no choices, and comes after the reply; some servers send one before it, too.
+            has_begun = has_begun or bool(choices)
+            is_over = not choices and (is_over or bool(has_begun and chunk.get("usage")))
+            for choice in choices:
                 if choice.get("index"):
                     continue  # of several choices the first is the reply
                 usage = choice.get("usage") or usage  # Kimi has it here
@@ -118,11 +118,11 @@ class ChatCompletions(Interface):
                     finished = choice.get("finish_reason") or finished
                 for delta in objects([choice.get("delta")]):
                     for part in objects(delta.get("tool_calls")):
-                        _add_call(calls, part)
+                        add_call(calls, part, _own_fields(part))
                     _add_fields(message, delta)
         if calls:
-            message["tool_calls"] = [call for _, call in sorted(calls, key=itemgetter(0))]
-        is_whole = bool(calls) and all(_is_whole(call) for _, call in calls)
+            message["tool_calls"] = [call.whole() for call in sorted(calls, key=attrgetter("index"))]
+        is_whole = bool(calls) and all(call.is_whole for call in calls)
         if not (finished or is_over or is_whole):
             raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
@@ -254,43 +254,10 @@ def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] =
     return {**message, "provider_items": items} if items else message
 
 
-def _is_whole(call: Mapping[str, Any]) -> bool:
-    """Whether a call of a stream has its name and arguments that are an object."""
-    return bool(call["function"]["name"]) and read(call["function"].get("arguments")).problem is None
-
-
 def _own_fields(call: Any) -> dict[str, Any]:
     """What a server has added to a call."""
     fields = call if isinstance(call, Mapping) else {}
     return {name: value for name, value in fields.items() if name not in OF_CALLS and value is not None}
-
-
-def _add_call(calls: list[tuple[int, dict[str, Any]]], part: Mapping[str, Any]) -> None:
-    """Add a part of a call to the calls and their indices."""
-    index, call_id, (function,) = part.get("index"), part.get("id") or "", objects([part.get("function")]) or ({},)
-    name, arguments = function.get("name") or "", function.get("arguments")
-    if isinstance(index, int):
-        call = next((call for at, call in reversed(calls) if at == index), None)
-        # Some servers give all calls of a reply the index 0.
-        is_other = call is not None and bool(call["id"] and call_id and name)
-    else:
-        # Some leave it out.
-        index, call = calls[-1] if calls else (0, None)
-        is_other = bool(call_id)
-    if call is not None and not call_id and not call["id"]:
-        # Neither tells a call from the next: one whose arguments are whole is over when a name and arguments follow.
-        is_other = bool(name and arguments and call["function"]["arguments"]) and _is_whole(call)
-    elif call is not None:
-        is_other = is_other and call["id"] != call_id
-    if call is None or is_other:
-        call = {"id": "", "type": "function", "function": {"name": "", "arguments": ""}}
-        calls.append((index, call))
-    call.update(_own_fields(part), id=call["id"] or call_id)
-    said = call["function"]
-    said["name"] = said["name"] or name  # names are whole, and some servers repeat them
-    said["arguments"] = (
-        arguments if said["arguments"] == "" and arguments is not None else merged(said["arguments"], arguments)
-    )
 
 
 def _add_fields(message: dict[str, Any], delta: Mapping[str, Any]) -> None:

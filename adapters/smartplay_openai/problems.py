@@ -77,17 +77,20 @@ def check_name(name: Any, param: str) -> None:
         raise bad(f"A tool's name has 1 to 64 letters, digits, _ and -; {name!r} is none.", param)
 
 
-def read_tools(body: Mapping[str, Any], function_field: str | None) -> tuple[ToolSpec, ...]:
-    """Return a request's tools; `function_field` is the field of the function, None if it is next to the type."""
+def read_tools(body: Mapping[str, Any], function_field: str | None, *, strict: bool = True) -> tuple[ToolSpec, ...]:
+    """Return a request's tools; `function_field` is the field of the function, None if it is next to the type.
+
+    What only OpenAI would refuse is refused if `strict`: a name or a schema of another form.
+    """
     tools = body.get("tools")
     if not isinstance(tools, list | None):
         raise bad("tools is a list.", "tools")
-    specs = tuple(_read_tool(tool, function_field, f"tools[{at}]") for at, tool in enumerate(tools or ()))
-    check_names(specs)
+    specs = tuple(_read_tool(tool, function_field, f"tools[{at}]", strict) for at, tool in enumerate(tools or ()))
+    check_names((spec.name, spec) for spec in specs)
     return specs
 
 
-def _read_tool(tool: Any, function_field: str | None, param: str) -> ToolSpec:
+def _read_tool(tool: Any, function_field: str | None, param: str, strict: bool) -> ToolSpec:
     kind = tool.get("type") if isinstance(tool, Mapping) else None
     is_function = kind == "function"
     if isinstance(kind, str) and not is_function:
@@ -95,15 +98,16 @@ def _read_tool(tool: Any, function_field: str | None, param: str) -> ToolSpec:
     function = (tool.get(function_field) if function_field else tool) if is_function else None
     if not isinstance(function, Mapping) or "name" not in function:
         raise bad("A tool has a name: in chat completions under `function`, in Responses next to `type`.", param)
-    check_name(function["name"], param)
+    if strict or not (isinstance(function["name"], str) and function["name"]):
+        check_name(function["name"], param)
     parameters = function.get("parameters") or {"type": "object", "properties": {}}
-    if not isinstance(parameters, Mapping) or parameters.get("type") != "object":
+    if not isinstance(parameters, Mapping) or parameters.get("type", None if strict else "object") != "object":
         raise bad("A tool's parameters are a JSON Schema of type object.", param)
     properties, required = parameters.get("properties") or {}, parameters.get("required") or ()
     if not isinstance(properties, Mapping) or not _are_names(required):
         raise bad("A tool's properties are an object, and required is a list of their names.", param)
     closed = parameters.get("additionalProperties") is False
-    if function.get("strict") and not (closed and set(required) == set(properties)):
+    if strict and function.get("strict") and not (closed and set(required) == set(properties)):
         raise bad("A strict tool requires all its properties and sets additionalProperties to false.", param)
     return ToolSpec(function["name"], str(function.get("description") or ""), parameters)
 

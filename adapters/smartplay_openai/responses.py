@@ -15,7 +15,8 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import RequestError, bad, check_calls, objects, read_limit, read_tools
+from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_openai.stream_pieces import StreamedItems
 from smartplay_openai.text_calls import read_usage
 from smartplay_openai.thinking_parts import part_of, taken_apart
 from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
@@ -39,7 +40,7 @@ T = TypeVar("T")
 
 ROLES = ("system", "developer", "user", "assistant")
 ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
-"""The last events of a stream; some servers have the last one. Calls that are all whole need none, as in chat."""
+"""The last events of a stream; some servers have the last one."""
 
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
@@ -87,27 +88,18 @@ class Responses(Interface):
         return Reply(message, with_end(usage, reason, *_parts(output)))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
-        """Return the response that ends a stream of events."""
-        begun: dict[int, Any] = {}
-        done: dict[int, Any] = {}
+        """Return the response that ends a stream of events; some servers leave out of it what they have streamed."""
+        items = StreamedItems()
         for event in map(plain_answer, parts):
-            kind, at = event.get("type"), event.get("output_index")
-            at = at if isinstance(at, int) else len(done)
-            if kind == "response.output_item.done":
-                done[at] = event.get("item")
-            elif kind == "response.output_item.added":
-                begun[at] = event.get("item")
-            elif kind == "response.function_call_arguments.done" and isinstance(begun.get(at), Mapping):
-                begun[at] = {**begun[at], "arguments": event.get("arguments")}
-            elif kind in ENDS:
-                answer = plain_answer(event.get("response"))  # some servers leave out what they have streamed
-                return answer if answer.get("output") else {**answer, "output": in_order({**begun, **done})}
-            elif kind == "error":
+            items.add(event)
+            if event.get("type") in ENDS:
+                answer = plain_answer(event.get("response"))
+                return answer if answer.get("output") else {**answer, "output": items.output}
+            if event.get("type") == "error":
                 raise BrokenAnswerError(f"The stream failed: {event.get('message')}.", body=event)
-        calls = [item for item in objects(in_order(done)) if item.get("type") == "function_call"]
-        if begun.keys() - done or not calls or not all(map(_is_whole, calls)):
+        if not items.is_whole:
             raise BrokenAnswerError("The stream ended before the reply did.")
-        return {"output": in_order(done)}
+        return {"output": items.output}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
         """Return the prompt in a request, which contains the whole input, since nothing is stored."""

@@ -25,6 +25,7 @@ from openenv.core.harness import (
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
 from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
+from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import encodable, sendable
 
 
@@ -137,7 +138,10 @@ class _Rollout:
         sampling = prompt.settings(self._limits.sampling)
         # What the record keeps as it was said may have half a character, which a request cannot.
         messages = [dict(sendable(message)) for message in prompt.messages]
-        step = self._model_step(messages, self._tools if prompt.tools else [], sampling)
+        try:
+            step = self._model_step(messages, self._tools if prompt.tools else [], sampling)
+        except Exception as error:
+            return reply_in(error)
         return Reply(cast(Message, step.response.to_message_dict()))
 
     def _is_at_a_limit(self) -> bool:

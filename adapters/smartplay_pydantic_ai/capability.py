@@ -69,6 +69,8 @@ from smartplay_tools.context.prompts import (
 )
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
+from smartplay_tools.errors import PromptRefusedError
+from smartplay_tools.players import reply_in
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 
@@ -140,6 +142,8 @@ class SmartPlay(AbstractCapability[Any]):
         self._chat = PydanticAIChat()
         self._results: dict[str, ToolResult] = {}
         """The latest reply's results by call id."""
+        self._mistake: Reply | None = None
+        """The reply that the latest error was, until it is received."""
 
     def get_toolset(self) -> AbstractToolset[Any]:
         """Return the game's tools."""
@@ -210,13 +214,30 @@ class SmartPlay(AbstractCapability[Any]):
             model_request_parameters=parameters,
         )
 
+    async def on_model_request_error(
+        self, ctx: RunContext[Any], *, request_context: ModelRequestContext, error: Exception
+    ) -> ModelResponse:
+        """Take a call that the server could not read as the reply that it was; a refused prompt ends the episode."""
+        try:
+            self._mistake = reply_in(error)
+        except PromptRefusedError as refused:
+            self._session.give_up(refused)
+            return _words(OVER)
+        except Exception:
+            self._session.fail(error)
+            raise
+        return to_response(self._mistake.message)
+
     async def after_model_request(
         self, ctx: RunContext[Any], *, request_context: ModelRequestContext, response: ModelResponse
     ) -> ModelResponse:
         """Have the reply's calls answered; return it with the calls that the agent is to run."""
         session = self._session
+        if self.episode.done:
+            return response
         before = session.latest_turn
-        calls = await session.areceive(Reply(from_response(response), usage_of(response)))
+        reply, self._mistake = self._mistake or Reply(from_response(response), usage_of(response)), None
+        calls = await session.areceive(reply)
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary
             return await self._another_attempt()

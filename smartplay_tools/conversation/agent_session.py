@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from smartplay_tools.conversation.base import AnyReply, CheckedReply, check_episode
 from smartplay_tools.conversation.tool_calls import ToolConversation
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, PromptRefusedError
 from smartplay_tools.types import Prompt, Reply, ToolResult, ToolSpec
 from smartplay_tools.types.arguments import read
 from smartplay_tools.types.messages import Call
@@ -70,11 +70,15 @@ class AgentSession(ToolConversation):
         """Return the reply to the next prompt to play, for `receive`; None when the episode is over.
 
         `send` sends a prompt to the model. Where a summary is owed, it is called with the prompt for that first, and
-        the summary is taken here; it stays if a later call of `send` raises. What `send` raises is noted (`fail`).
+        the summary is taken here; it stays if a later call of `send` raises. What `send` raises is noted (`fail`); a
+        `PromptRefusedError` ends the episode.
         """
         while (prompt := self.prompt()) is not None:
             try:
                 reply = send(prompt)
+            except PromptRefusedError as error:
+                self.give_up(error)
+                return None
             except Exception as error:
                 self.fail(error)
                 raise
@@ -88,6 +92,9 @@ class AgentSession(ToolConversation):
         while (prompt := await self.aprompt()) is not None:
             try:
                 reply = await send(prompt)
+            except PromptRefusedError as error:
+                self.give_up(error)
+                return None
             except Exception as error:
                 self.fail(error)
                 raise

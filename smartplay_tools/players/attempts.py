@@ -87,6 +87,19 @@ def given_up(error: Exception) -> Exception:
     return PROMPT_ERRORS[about](Usage(), error) if about in PROMPT_ERRORS else error
 
 
+def reply_in(error: Exception) -> Reply:
+    """Return the reply that an error of a framework's client was: a call of the model that the server could not read.
+
+    Any other error is raised again, one of this prompt as a `PromptRefusedError`.
+    """
+    said, other = server_error(error), given_up(error)
+    if said.whose == "model":
+        return said.as_reply()
+    if other is error:
+        raise error
+    raise other from error
+
+
 class BrokenAnswerError(Exception):
     """A server's answer is not a reply: it has no choices, its stream ends early, or it is something else."""
 

@@ -12,10 +12,10 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types import ToolSpec
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.messages import (
     NEVER_TOO_MANY,
@@ -177,13 +177,15 @@ def halves(text: str) -> Iterator[str]:
     yield from filter(None, (text[:middle], text[middle:]))
 
 
-def check_names(tools: Sequence[ToolSpec], own: Iterable[ToolSpec] = ()) -> None:
+def check_names(tools: Iterable[tuple[str, object]], own: Mapping[str, object] = MappingProxyType({})) -> None:
     """Raise an `InvalidArgumentError` for two tools with one name, which frameworks and models confuse.
 
-    Of the game's `own` tools a framework may have kept none: one with another description is not the game's.
+    `tools` are names, each with the object that plays its calls, and `own` has those of the game. Of two tools a
+    framework may have kept one: whatever it looks like, only the very object plays this episode.
     """
-    described = {tool.name: tool.description for tool in own}
-    twice = {name for name, count in Counter(tool.name for tool in tools).items() if count > 1}
-    taken = {tool.name for tool in tools if described.get(tool.name, tool.description) != tool.description}
-    if clash := sorted(twice | taken):
-        raise InvalidArgumentError(f"Two tools have the name {', '.join(clash)}; rename yours.")
+    named = [*tools]
+    twice = {name for name, count in Counter(name for name, _ in named).items() if count > 1}
+    others = {name for name, tool in named if own.get(name, tool) is not tool}
+    if clash := sorted(twice | others):
+        also = ", and leave out those of a toolkit or of another episode" if own.keys() & clash else ""
+        raise InvalidArgumentError(f"Two tools have the name {', '.join(clash)}; rename yours{also}.")

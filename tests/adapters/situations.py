@@ -134,6 +134,23 @@ def another_purpose(situation: str) -> Callable[[Window, pytest.LogCaptureFixtur
     return judge
 
 
+OTHERS = "Two tools (have the name act|are the game's)|name conflicts with existing tool"
+"""How tools of another episode are refused, in the last case by Pydantic AI itself."""
+
+
+def another_episode(situation: str) -> Callable[[Window, pytest.LogCaptureFixture], None]:
+    """The tools of another episode, beside this one's or in their place, look the same and play another world: they are
+    refused in a sentence, and nothing is played."""
+
+    def judge(row: Window, log: pytest.LogCaptureFixture) -> None:
+        episode, _ = fresh()
+        with episode, pytest.raises(Exception, match=OTHERS):
+            row.hold(episode, MOVES, situation=situation)
+        assert episode.stats.tool_calls == 0
+
+    return judge
+
+
 def again(row: Window, log: pytest.LogCaptureFixture) -> None:
     """A finished game is run a second time, as the cell of a notebook is: the truth is said, and no model is asked."""
     _, held = played(row, MOVES, "again")
@@ -174,6 +191,8 @@ def usage(row: Window, log: pytest.LogCaptureFixture) -> None:
 
 SITUATIONS: dict[str, Callable[[Window, pytest.LogCaptureFixture], None]] = {
     "again": again,
+    "another episode": another_episode("another episode"),
+    "another episode instead": another_episode("another episode instead"),
     "broken call": broken_call,
     "broken calls": broken_calls,
     "forgets": forgets,
@@ -202,7 +221,7 @@ def lacking(reason: str, *also: str) -> dict[str, str]:
 LOOP = lacking("a loop of ours or yours: there is no agent of a host's that could do anything beside playing")
 AWAITED = lacking(
     "the other row of its framework gets there, and this one differs in how replies are awaited",
-    *("again", "forgets", "no calls", "no tools", "picture", "schema"),
+    *("again", "another episode", "another episode instead", "forgets", "no calls", "no tools", "picture", "schema"),
 )
 REFUSED = {
     "no calls": "tool choice `none`",

@@ -29,8 +29,8 @@ from inspect_ai.model import (
     get_model,
 )
 from inspect_ai.model._call_tools import parse_tool_call
-from inspect_ai.solver import Generate, Solver, TaskState, solver
-from inspect_ai.tool import ToolCall
+from inspect_ai.solver import Generate, Solver, TaskState, solver, use_tools
+from inspect_ai.tool import ToolCall, ToolDef
 from smartplay_inspect import Played, save_records, smartplay, smartplay_agent, smartplay_scorer
 from smartplay_inspect.messages import from_inspect, from_output
 
@@ -45,6 +45,7 @@ from tests.adapters.conformance import (
     BUDGETS,
     EACH,
     IDLE,
+    SEED,
     Held,
     Received,
     Sent,
@@ -59,7 +60,7 @@ from tests.adapters.conformance import (
     without_usage,
 )
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.situations import SituationConformance, lacking
+from tests.adapters.situations import SITUATIONS, SituationConformance, lacking
 
 # Inspect and what it imports warn; what they warn of is theirs.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -123,18 +124,23 @@ def sample_of(log: EvalLog) -> EvalSample:
 
 def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
     model = Scripted(script)
-    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+    other = [ToolDef(function).as_tool() for function in fresh(seed=SEED + 1)[0].functions()] if situation else []
+    agent = smartplay_agent(lambda state, record: episode)
+    task = Task([Sample(input="Play.")], solver=[use_tools(*other), agent] if "another" in situation else agent)
     sample = sample_of(run(task, model, max_tokens=own_cap))
     (usage,) = sample.model_usage.values()
     prompt = usage.input_tokens + (usage.input_tokens_cache_read or 0)
     return Held(model.received, sp.Usage(prompt=prompt, reply=usage.output_tokens))
 
 
-LACKS = lacking("the loop in Inspect's solver is ours: there is no agent of a host's, nor tools or messages of its own")
+LACKS = lacking(
+    "the loop in Inspect's solver is ours: there is no agent of a host's, nor tools or messages of its own",
+    *(SITUATIONS.keys() - {"another episode", "usage"}),
+)
 
 
 class TestConformance(SituationConformance, WindowConformance):
-    row = Window(hold, "Inspect AI `smartplay_agent`", lacks={name: LACKS[name] for name in LACKS if name != "usage"})
+    row = Window(hold, "Inspect AI `smartplay_agent`", lacks=LACKS)
 
 
 @pytest.mark.parametrize("player", ["openai", "openai-responses"])

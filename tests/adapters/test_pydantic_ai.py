@@ -33,6 +33,7 @@ from tests.adapters import rerouted
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
     EACH,
+    SEED,
     WAY,
     WEATHER,
     Held,
@@ -93,7 +94,9 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
     own = {} if own_cap is None else {"max_tokens": own_cap}
     own |= {"tool_choice": "none"} if situation == "no calls" else {}
     described = Tool.from_schema(weather, WEATHER.name, WEATHER.description, dict(WEATHER.parameters))
+    other, _ = fresh(seed=SEED + 1)
     others: dict[str, list[AbstractCapability[Any]]] = {
+        "another episode instead": [SmartPlay(other)],
         "forgets": [ProcessHistory(lambda messages: messages[-2:])],
         "no tools": [PrepareTools(lambda context, tools: [])],
         "withdrawn": [
@@ -104,9 +107,13 @@ def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | No
         model.model,
         capabilities=[*others.get(situation, []), capability],
         model_settings=ModelSettings(**own),
-        tools={"broken call": [described], "withdrawn": [described], "picture": [camera], "sub-agent": [helper]}.get(
-            situation, []
-        ),
+        tools={
+            "another episode": [*other.functions()],
+            "broken call": [described],
+            "withdrawn": [described],
+            "picture": [camera],
+            "sub-agent": [helper],
+        }.get(situation, []),
         output_type=dict[str, int] if situation == "schema" else str,
     )
     result = agent.run_sync("", usage_limits=NO_LIMIT)

@@ -18,7 +18,7 @@ from smartplay_openai.responses import RESPONSES
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
-from smartplay_tools.types.messages import assistant_message, reasoning_of, text_of
+from smartplay_tools.types.messages import assistant_message, calls_of, reasoning_of, text_of
 from smartplay_tools.types.reply_fields import NOT_COUNTED
 
 DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
@@ -90,10 +90,11 @@ def parts_of(rng: random.Random, parts: list[dict[str, Any]]) -> list[Any]:
 def call_pieces(rng: random.Random, calls: list[dict[str, Any]]) -> list[Any]:
     """The calls in deltas: with the name repeated, the arguments as an object, without an index, from 1, or all 0.
 
-    Where each has an index, they may come in another order.
+    Where each has an index, they may come in another order. A piece may be counted on, as if it were another call, and
+    the last one may have the arguments whole again.
     """
     index = rng.choice([None, 0, 1, "zero"])
-    repeats, has_object, has_nulls, ids = (rng.random() < 0.4 for _ in range(4))
+    repeats, has_object, has_nulls, ids, again, counts_on = (rng.random() < 0.4 for _ in range(6))
     deltas = []
     numbered = [*enumerate(calls)]
     for number, call in reversed(numbered) if isinstance(index, int) and rng.random() < 0.3 else numbered:
@@ -107,7 +108,10 @@ def call_pieces(rng: random.Random, calls: list[dict[str, Any]]) -> list[Any]:
                 {"name": name} if first or repeats else {"name": None} if has_nulls else {}
             )
             said = {"id": call["id"]} if first or ids else {"id": None} if has_nulls else {}
-            deltas.append({"tool_calls": [{**at, **said, "function": function}]})
+            astray = {"index": 9} if counts_on and at and not (first or repeats or ids) else at
+            deltas.append({"tool_calls": [{**astray, **said, "function": function}]})
+        if again and not has_object:
+            deltas.append({"tool_calls": [{**at, "function": {"arguments": arguments}}]})
         if own:
             deltas.append({"tool_calls": [{**at, **own}]})
     return deltas
@@ -127,6 +131,8 @@ def chunks(rng: random.Random, whole: dict[str, Any]) -> list[dict[str, Any]]:
     if rng.random() < 0.3:
         deltas.insert(rng.randrange(len(deltas)), rng.choice([None, {}, {"content": None, "tool_calls": None}]))
     sent = [{"choices": [{"index": 0, "delta": delta, "finish_reason": None}]} for delta in deltas]
+    if rng.random() < 0.2:
+        sent.insert(rng.randrange(2), {"choices": [], "usage": {"prompt_tokens": 9}})
     ends = [choice["finish_reason"]] * rng.choice([1, 1, 2])
     if choice["finish_reason"] != "length" and rng.random() < 0.2:
         ends = []
@@ -144,6 +150,20 @@ def compare_chat(seed: int) -> None:
     assert CHAT.reply(CHAT.assemble(cut)) == CHAT.reply(whole), (seed, whole, cut)
 
 
+def item_pieces(rng: random.Random, item: dict[str, Any]) -> list[dict[str, Any]]:
+    """The events of an item between its first and its last: in pieces, and whole in one that may be missing."""
+    if "arguments" in item:
+        what, field, text, place = "function_call_arguments", "arguments", item["arguments"], {}
+    elif "content" in item:
+        what, field, text = "output_text", "text", item["content"][0]["text"]
+        place = {"content_index": 0}
+    else:
+        return []
+    cut = [{"type": f"{what}.delta", "delta": piece, **place} for piece in pieces(rng, text)]
+    again = [{"type": f"{what}.delta", "delta": text}] if field == "arguments" and rng.random() < 0.3 else []
+    return [*cut, *again, *rng.choice([[], [{"type": f"{what}.done", field: text, **place}]])]
+
+
 def response(rng: random.Random) -> tuple[dict[str, Any], list[Any]]:
     """A whole response, and the events of its stream."""
     items: list[dict[str, Any]] = [
@@ -153,12 +173,16 @@ def response(rng: random.Random) -> tuple[dict[str, Any], list[Any]]:
     for number in range(rng.randrange(3)):
         items.append({"type": "function_call", "call_id": f"c{number}", "name": "act", "arguments": json.dumps(ROCK)})
     whole = {"status": "completed", "output": items, "usage": {"input_tokens": 9, "output_tokens": 5}}
-    events = []
+    events: list[dict[str, Any]] = []
+    has_done, has_index = rng.choice([(True, True), (True, False), (False, True)])
     for at, item in enumerate(items):
-        empty = {"content": []} if "content" in item else {}
-        events.append({"type": "response.output_item.added", "output_index": at, "item": {**item, **empty}})
-        events.append({"type": "response.output_item.done", "output_index": at, "item": item})
-    rng.shuffle(events)
+        empty = {"content": []} if "content" in item else {"arguments": ""} if "arguments" in item else {}
+        said = [{"type": "output_item.added", "item": {**item, **empty}}, *item_pieces(rng, item)]
+        said += [{"type": "output_item.done", "item": item}] if has_done else []
+        index = {"output_index": at} if has_index else {}
+        events += [{**event, **index, "type": f"response.{event['type']}"} for event in said]
+    if has_done and has_index:
+        rng.shuffle(events)
     ended = {**whole, **rng.choice([{}, {"output": []}, {"output": None}])}
     events.append({"type": "response.completed", "response": ended})
     return whole, events
@@ -177,13 +201,38 @@ def test_a_stream_gives_the_reply_of_the_whole_answer(seeds):
             compare_responses(seed)
 
 
-@pytest.mark.parametrize("arguments", ['{"action": "Ro', ""])
-def test_a_stream_that_was_cut_is_no_reply(arguments):
-    """Without a finish reason, words and calls whose arguments are not whole may have gone on."""
-    call = {"index": 0, "id": "c", "function": {"name": "act", "arguments": arguments}}
-    delta = {"tool_calls": [call]} if arguments else {"content": "I"}
+HALF = {"index": 0, "id": "c", "function": {"name": "act", "arguments": '{"action": "Ro'}}
+USAGE: dict[str, Any] = {"choices": [], "usage": {"prompt_tokens": 9}}
+
+
+@pytest.mark.parametrize("delta", [{"tool_calls": [HALF]}, {"content": "I"}])
+@pytest.mark.parametrize("first", [[], [USAGE]])
+def test_a_stream_that_was_cut_is_no_reply(delta, first):
+    """Without a finish reason, words and calls whose arguments are not whole may go on; usage before ends none."""
     with pytest.raises(BrokenAnswerError, match="ended before the reply did"):
-        CHAT.assemble([{"choices": [{"delta": delta}]}])
+        CHAT.assemble([*first, {"choices": [{"delta": delta}]}])
+    items = [{"type": "response.output_item.done", "item": {"type": "message"}}]
+    items += [{"type": "response.output_item.added", "item": {"type": "function_call", "name": "act"}}]
+    with pytest.raises(BrokenAnswerError, match="ended before the reply did"):
+        RESPONSES.assemble(items)
+
+
+def test_a_stream_whose_calls_are_whole_needs_no_end():
+    whole = {**HALF, "function": {"name": "act", "arguments": json.dumps(ROCK)}}
+    item = {"type": "function_call", "call_id": "c", "name": "act", "arguments": json.dumps(ROCK)}
+    chat = CHAT.assemble([{"choices": [{"delta": {"tool_calls": [whole]}}]}])
+    responses = RESPONSES.assemble([{"type": "response.output_item.done", "item": item}])
+    assert calls_of(CHAT.reply(chat).message) == calls_of(RESPONSES.reply(responses).message) != ()
+
+
+def test_what_a_model_says_twice_stays_its_mistake():
+    twice = json.dumps(ROCK) * 2
+    deltas = [
+        {"index": 0, "id": "c", "function": {"name": "act", "arguments": piece}} for piece in (twice[:9], twice[9:])
+    ]
+    chunks = [{"choices": [{"delta": {"tool_calls": [delta]}, "finish_reason": "tool_calls"}]} for delta in deltas]
+    (call,) = calls_of(CHAT.reply(CHAT.assemble(chunks)).message)
+    assert call["function"]["arguments"] == twice
 
 
 @pytest.mark.parametrize("odd", [7, "x", {"a": 1}, [7], [None], [{"delta": 7}], [{"delta": {"tool_calls": 7}}]])

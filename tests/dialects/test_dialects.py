@@ -41,14 +41,14 @@ ONE_EACH = [(way, next(dialects)[1]) for way, dialects in groupby(PAIRS, key=lam
 
 
 def game(
-    way: Way, dialect: Dialect, script: Sequence[Said | Failure], stream: bool
+    way: Way, dialect: Dialect, script: Sequence[Said | Failure], stream: bool, budget: sp.Budget = BUDGET
 ) -> tuple[list[Json], DialectServer]:
     """Play a script; return the record and the server."""
     events: list[Any] = []
     with (
         DialectServer(dialect, script, without=way.without(dialect)) as server,
         pytest.MonkeyPatch.context() as variables,
-        sp.Episode(GAME, seed=SEED, budget=BUDGET, transcript=events) as episode,
+        sp.Episode(GAME, seed=SEED, budget=budget, transcript=events) as episode,
     ):
         for name, value in environment(server).items():
             variables.setenv(name, value)

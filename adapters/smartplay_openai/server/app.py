@@ -34,7 +34,8 @@ from smartplay_openai.responses import RESPONSES
 from smartplay_openai.tool_choice import ToolChoice
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, SmartPlayError, Usage
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.players import ModelCallError
+from smartplay_tools.errors import PromptRefusedError
+from smartplay_tools.players import ModelCallError, server_error
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
 from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded
@@ -353,7 +354,13 @@ def with_fresh_ids(message: Message) -> Message:
     return {**message, "tool_calls": calls} if calls else message
 
 
+PROMPT_CODES = {"context": "context_length_exceeded", "moderation": "content_filter"}
+"""OpenAI's codes for prompts that are refused, by what the refusal is about."""
+
+
 def _failed(error: Exception) -> RequestError:
+    if isinstance(error, PromptRefusedError):
+        return RequestError(400, str(error), code=PROMPT_CODES.get(server_error(error).about))
     if isinstance(error, SmartPlayError) and not isinstance(error, ModelCallError):
         return RequestError(400, str(error), code="player_refused")
     return RequestError(500, f"The player failed: {type(error).__name__}: {error}", code="player_failed")

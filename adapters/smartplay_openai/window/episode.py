@@ -38,7 +38,8 @@ from smartplay_tools.context import Turn
 from smartplay_tools.conversation import AttachedPlayer, HostChat, HostHistory, check_observation
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.episode import tool_functions
-from smartplay_tools.errors import PlayerLeftError
+from smartplay_tools.errors import PlayerLeftError, PromptRefusedError
+from smartplay_tools.players import ModelRefusedError
 from smartplay_tools.types.arguments import meaning, read
 from smartplay_tools.types.messages import assistant_message
 
@@ -292,20 +293,28 @@ class WindowEpisode:
             slot.result = answers.get(slot.call.id)
 
     async def _ask(self, session: AgentSession) -> Reply | None:
-        """Return the model's next reply; None when the episode is over, as it is when a player has left."""
+        """Return the model's next reply; None when the episode is over, as where a player has left."""
         try:
             return await session.aask(self._send)
         except PlayerLeftError:
             return None
 
     async def _send(self, prompt: Prompt) -> Reply:
-        """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks."""
+        """Ask the model. Where it gives no reply the episode ends, and the host is told so whenever it asks.
+
+        A player whose every request is refused ends nothing: with its account in order, the next request asks again.
+        """
         await self._is_awaited.wait()
         try:
             reply = await reply_of(self.player, prompt)
             message = assistant_message(reply.message)
+        except PromptRefusedError:
+            raise
         except Exception as error:
             assert self._chat.session is not None
+            if isinstance(error, ModelRefusedError):
+                self._chat.session.spend(error.usage)
+                raise RequestError(502, str(error), code="player_refused") from error
             self._chat.session.give_up(error)
             if isinstance(error, PlayerLeftError):
                 raise

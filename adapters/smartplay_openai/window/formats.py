@@ -123,14 +123,11 @@ class ChatFormat(HostFormat):
 
     def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
-        if not isinstance(body.get("messages"), list):
-            raise bad("messages is a list.", "messages")
-        if body.get("n") not in (None, 1):
-            raise bad("This endpoint gives one choice: n is 1.", "n")
+        messages = messages_of(body, "messages")
         functions, left_out = functions_of(body)
         ignored = Ignored(fields=fields_of(body, {"messages", "tools", "stream_options", "parallel_tool_calls"}))
         results, system, calls = dict[str, Any](), list[str](), dict[str, tuple[str, Any]]()
-        for message in objects(body["messages"]):
+        for message in objects(messages):
             role, content = str(message.get("role")), message.get("content")
             if role == "tool":
                 results[str(message.get("tool_call_id"))] = content
@@ -142,7 +139,7 @@ class ChatFormat(HostFormat):
                 if isinstance(function, Mapping):
                     calls[str(call.get("id"))] = str(function.get("name")), function.get("arguments")
         return CompletionRequest(
-            read_tools({"tools": functions}, "function"),
+            read_tools({"tools": functions}, "function", strict=False),
             results,
             json.dumps(body),
             ignored,
@@ -152,7 +149,7 @@ class ChatFormat(HostFormat):
             one_call=body.get("parallel_tool_calls") is False,
             forbids_calls=body.get("tool_choice") == "none",
             answer_schema=json_schema(body.get("response_format")),
-            messages=body["messages"],
+            messages=messages,
         )
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
@@ -162,6 +159,16 @@ class ChatFormat(HostFormat):
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
         """Yield the completion's chunks."""
         return CHAT.stream(answer, body)
+
+
+def messages_of(body: Mapping[str, Any], field: str) -> list[Any]:
+    """Return a request's messages or items: a text is one of the user's, and a field that is not there is none."""
+    messages = body.get(field)
+    if isinstance(messages, str):
+        return [{"role": "user", "content": messages}]
+    if not isinstance(messages, list | None):
+        raise bad(f"{field} is a text or a list.", field)
+    return messages or []
 
 
 def functions_of(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:

@@ -14,10 +14,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad, objects
-from smartplay_openai.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema
-from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.players.conversion import check_names, encodable, halves
+from smartplay_openai.problems import RequestError, bad, objects, read_tools
+from smartplay_openai.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
+from smartplay_tools import Message, Usage
+from smartplay_tools.players.conversion import encodable, halves
 from smartplay_tools.types.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -58,12 +58,11 @@ class MessagesFormat(HostFormat):
 
     def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
-        if not isinstance(body.get("messages"), list):
-            raise bad("messages is a list.", "messages")
+        messages = messages_of(body, "messages")
         ignored = Ignored(fields=fields_of(body, USED))
         system = [ignored.hear("system", body["system"])] if body.get("system") else []
         results, calls = dict[str, Any](), dict[str, tuple[str, Any]]()
-        for message in objects(body["messages"]):
+        for message in objects(messages):
             role, content = str(message.get("role")), message.get("content")
             blocks = content if isinstance(content, list) else [{"type": "text", "text": content or ""}]
             answers = [block for block in objects(blocks) if block.get("type") == "tool_result"]
@@ -74,7 +73,7 @@ class MessagesFormat(HostFormat):
             if kept and not used:
                 text = ignored.hear(role, kept)
                 system += [text] if role == "system" else []
-        tools, left_out = _tools(body)
+        functions, left_out = _functions(body)
         text = json.dumps(body)
         if "cache_control" in text:
             ignored.fields = sorted({*ignored.fields, "cache_control"})
@@ -82,7 +81,7 @@ class MessagesFormat(HostFormat):
         output, choice = body.get("output_config"), body.get("tool_choice")
         continues = isinstance(thread, Mapping) and thread.get("type") == "continue"
         return CompletionRequest(
-            tools,
+            read_tools({"tools": functions}, None, strict=False),
             results,
             text.replace(THEIRS, OURS),
             ignored,
@@ -90,12 +89,12 @@ class MessagesFormat(HostFormat):
             left_out,
             calls,
             one_call=isinstance(choice, Mapping) and choice.get("disable_parallel_tool_use") is True,
-            forbids_calls=_forbids_calls(body),
+            forbids_calls=_forbids_calls(choice, messages),
             answer_schema=json_schema(
                 output.get("format") if isinstance(output, Mapping) else body.get("output_format")
             ),
             continues=continues,
-            messages=() if continues else body["messages"],
+            messages=() if continues else messages,
         )
 
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
@@ -154,25 +153,29 @@ class MessagesFormat(HostFormat):
         return {"type": "error", "error": error_body}
 
 
-def _tools(body: Mapping[str, Any]) -> tuple[list[ToolSpec], list[str]]:
-    tools, left_out = [], []
-    for tool in objects(body.get("tools")):
-        name, schema = str(tool.get("name")), tool.get("input_schema")
-        # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
-        if isinstance(schema, Mapping) and name != PLACEHOLDER:
-            tools.append(ToolSpec(name, str(tool.get("description") or ""), schema))
-        elif name != PLACEHOLDER:
-            left_out.append(f"{name} ({tool.get('type') or 'no schema'})")
-    check_names(tools)
-    return tools, left_out
+def _functions(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
+    """The tools of a request as functions, and what those are that Anthropic's servers run."""
+    tools = body.get("tools")
+    if not isinstance(tools, list | None):
+        raise bad("tools is a list.", "tools")
+    functions, left_out = list[Any](), list[str]()
+    for tool in tools or ():
+        if not isinstance(tool, Mapping):
+            functions.append(tool)
+        elif tool.get("name") != PLACEHOLDER:
+            # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
+            if "input_schema" in tool or tool.get("type") in (None, "custom"):
+                functions.append({**tool, "type": "function", "parameters": tool.get("input_schema")})
+            else:
+                left_out.append(f"{tool.get('name')} ({tool['type']})")
+    return functions, left_out
 
 
-def _forbids_calls(body: Mapping[str, Any]) -> bool:
-    choice = body.get("tool_choice")
+def _forbids_calls(choice: Any, messages: list[Any]) -> bool:
     if isinstance(choice, Mapping) and choice.get("type") == "none":
         return True
-    messages = list(objects(body["messages"]))
-    return bool(messages) and COMPACTION in words_of(messages[-1].get("content"))[0]
+    said = objects(messages)
+    return bool(said) and COMPACTION in words_of(said[-1].get("content"))[0]
 
 
 def _ours(call_id: str) -> str:

@@ -14,9 +14,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from smartplay_openai.problems import bad
 from smartplay_openai.tool_choice import plainest_value
 from smartplay_openai.window.formats import CompletionRequest
 from smartplay_tools import ToolSpec
+from smartplay_tools.players.conversion import accepted_name
 from smartplay_tools.types.messages import MessageToolCall
 from smartplay_tools.visible import logger
 
@@ -59,23 +61,27 @@ def tell_apart(
 ) -> HostTools:
     """Tell the tools of a request apart; `own` are the game's, `closing` names the tool that closes a run.
 
-    A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`. With `only_game_tools`
-    all of the host's tools are hidden.
+    A tool of the host's with the name of one of the game's is shown to the model as `host_NAME`, and one whose name
+    providers refuse by a name that they take. With `only_game_tools` all of the host's tools are hidden. Two that look
+    like the same tool of the game's are refused: one of them may play another episode.
     """
     names: dict[str, str] = {}
     ours: set[str] = set()
     for spec in own:
         named = [tool.name for tool in tools if tool.name == spec.name]
-        if found := [tool.name for tool in tools if _is_described(tool, spec)] or named:
-            names[spec.name] = found[0]
-            ours.update(found)
+        found = [tool.name for tool in tools if _is_described(tool, spec)] or named
+        if len(found) > 1:
+            raise bad(f"Two tools are the game's {spec.name}: {', '.join(found)}; offer those of one episode.", "tools")
+        for name in found:
+            names[spec.name] = name
+            ours.add(name)
     foreign = [tool for tool in tools if tool.name not in ours and tool.name != closing]
     closes = next((tool for tool in tools if tool.name == closing), None)
     if only_game_tools:
         return HostTools(names, (), closes, tuple(tool.name for tool in foreign))
     taken, foreign_names = {spec.name for spec in own}, dict[str, str]()
     for tool in foreign:
-        shown = tool.name
+        shown = accepted_name(tool.name)
         while shown in taken:
             shown = f"host_{shown}"
         taken.add(shown)
@@ -87,7 +93,7 @@ def tell_apart(
 def _is_described(tool: ToolSpec, own: ToolSpec) -> bool:
     """Whether a tool is the game's by its name, or the end of it, and the beginning of its description."""
     before = tool.name.removesuffix(own.name)
-    has_name = not before or (before != tool.name and before[-1] in "_-")
+    has_name = not before or (before != tool.name and before[-1] in "_-.:/")
     return has_name and own.description[:40] in tool.description
 
 

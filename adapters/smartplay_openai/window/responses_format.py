@@ -13,7 +13,7 @@ from itertools import groupby
 from typing import Any
 
 from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad, objects, read_tools
+from smartplay_openai.problems import RequestError, objects, read_tools
 from smartplay_openai.responses import RESPONSES
 from smartplay_openai.window.formats import (
     CompletionRequest,
@@ -22,6 +22,7 @@ from smartplay_openai.window.formats import (
     fields_of,
     functions_of,
     json_schema,
+    messages_of,
 )
 from smartplay_tools import Message, Usage
 
@@ -40,11 +41,7 @@ class ResponsesFormat(HostFormat):
 
     def read(self, body: Mapping[str, Any]) -> CompletionRequest:
         """Return what a request says."""
-        items = body.get("input", [])
-        if isinstance(items, str):
-            items = [{"role": "user", "content": items}]
-        if not isinstance(items, list):
-            raise bad("input is a text or a list of items.", "input")
+        items = messages_of(body, "input")
         tools, _ = flat_tools(body)
         functions, left_out = functions_of({"tools": tools})
         ignored = Ignored(fields=fields_of(body, USED))
@@ -53,7 +50,7 @@ class ResponsesFormat(HostFormat):
         calls = [item for item in objects(items) if item.get("type") == "function_call"]
         text = body.get("text")
         return CompletionRequest(
-            read_tools({"tools": functions}, None),
+            read_tools({"tools": functions}, None, strict=False),
             {
                 str(item.get("call_id")): item.get("output")
                 for item in objects(items)

@@ -23,7 +23,7 @@ from agents import (
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from tests.adapters.conformance import EACH, WEATHER, Held, Replies, Window
+from tests.adapters.conformance import EACH, SEED, WEATHER, Held, Replies, Window, fresh
 from tests.adapters.scripted_agents import ReadingModel
 from tests.adapters.situations import AWAITED, REFUSED, weather
 
@@ -66,7 +66,9 @@ def agents_sdk(
         "picture": [camera],
         "sub-agent": [helper],
     }
-    tools = [] if situation == "no tools" else [*model.tools, *own.get(situation, [])]
+    others = SmartPlayModel(inner, fresh(seed=SEED + 1)[0]).tools if "another" in situation else []
+    instead = {"no tools": [], "another episode instead": others}
+    tools = instead.get(situation, [*model.tools, *others, *own.get(situation, [])])
     output = AgentOutputSchema(dict[str, int], strict_json_schema=False) if situation == "schema" else None
     agent = Agent("player", model=model, tools=tools, model_settings=settings, output_type=output)
 

@@ -12,7 +12,7 @@ from langchain.agents.middleware import AgentMiddleware
 from langchain.agents.structured_output import ToolStrategy
 from langchain_core.callbacks import get_usage_metadata_callback
 from langchain_core.messages import AIMessage, HumanMessage, RemoveMessage, ToolMessage
-from langchain_core.tools import StructuredTool
+from langchain_core.tools import BaseTool, StructuredTool
 from langgraph.graph import START, MessagesState, StateGraph
 from langgraph.prebuilt import ToolNode, tools_condition
 from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddleware, SmartPlayToolkit
@@ -21,6 +21,8 @@ from smartplay_langchain.messages import usage_of
 import smartplay_tools as sp
 from tests.adapters.conformance import (
     EACH,
+    GAME,
+    SEED,
     WEATHER,
     Held,
     Host,
@@ -45,12 +47,16 @@ class LangChainAgent:
         self.model = ScriptedModel(script, own_cap, EACH)
         self.middleware = SmartPlayMiddleware(episode)
         self.others: list[AgentMiddleware[Any, Any, Any]] = []
-        self.tools: list[StructuredTool] = []
+        self.tools: list[BaseTool] = []
         self.options: dict[str, Any] = {}
         self.runs = 1
         match situation:
             case "again":
                 self.runs = 2
+            case "another episode":
+                self.tools = another_toolkit()
+            case "another episode instead":
+                self.others = [changing(tools=another_toolkit())]
             case "broken call" | "withdrawn":
                 self.tools = [StructuredTool(**self.described(), args_schema=dict(WEATHER.parameters), func=weather)]
                 self.others = [Withdraws()] if situation == "withdrawn" else []
@@ -100,6 +106,10 @@ class LangChainAgent:
         counts = callback.usage_metadata.get("scripted")
         usage = None if counts is None else usage_of(AIMessage("", usage_metadata=counts))
         return Held(self.model.received, usage, words or str(state["messages"][-1].text if state["messages"] else ""))
+
+
+def another_toolkit() -> list[BaseTool]:
+    return SmartPlayToolkit.from_game(GAME, seed=SEED + 1).get_tools()
 
 
 class Withdraws(AgentMiddleware[Any, Any, Any]):
@@ -156,6 +166,7 @@ def langchain_agent(
 def langgraph(episode: sp.Episode, script: Replies, *, own_cap: int | None = None, situation: str = "") -> Held:
     host = LangChainAgent(episode, script, own_cap, situation)
     session = GraphSession(episode, foreign_tools=host.tools)
+    in_node = another_toolkit() if situation == "another episode instead" else [*session.tools, *host.tools]
 
     def after_speaking(state: MessagesState) -> str:
         if episode.done:
@@ -168,7 +179,7 @@ def langgraph(episode: sp.Episode, script: Replies, *, own_cap: int | None = Non
     def graph(*, ends_with_words: bool = False) -> Any:
         graph = StateGraph(MessagesState)
         graph.add_node("speak", lambda state: {"messages": session.ask(host.model, state["messages"])})
-        graph.add_node("tools", ToolNode([*session.tools, *host.tools], wrap_tool_call=session.wrap_tool_call))
+        graph.add_node("tools", ToolNode(in_node, wrap_tool_call=session.wrap_tool_call))
         graph.add_node("forget", forget if situation == "forgets" else lambda state: {})
         graph.add_edge(START, "speak")
         graph.add_conditional_edges("speak", tools_condition if ends_with_words else after_speaking)

@@ -46,6 +46,8 @@ def window_endpoint(
                 "sub-agent": nothing("helper"),
             }
             offered = [*TOOLS, *[sp.schema(tool, "openai") for name, tool in own_tools.items() if name == situation]]
+            if situation == "another episode":
+                offered += [renamed(tool, "mcp__other__") for tool in TOOLS]
             aside = ""
             if situation == "no tools":
                 aside = asks.ask([*asks.begin], []).text
@@ -63,8 +65,14 @@ def nothing(name: str) -> sp.ToolSpec:
     return sp.ToolSpec(name, f"The {name}.", {"type": "object", "properties": {}})
 
 
+def renamed(tool: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """A tool as the client of an MCP server names it."""
+    return {**tool, "function": {**tool["function"], "name": prefix + tool["function"]["name"]}}
+
+
 AS_CHAT = lacking("it asks as the row of chat completions does, and differs in how it runs the calls")
-row = partial(Window, through="Window endpoint", slow=True)
+BY_LOOK = lacking("the tools of an episode are the host's own, and known by their look", "another episode instead")
+row = partial(Window, through="Window endpoint", slow=True, lacks=BY_LOOK)
 WINDOW = {
     "Window endpoint, tools over MCP": row(partial(window_endpoint, interface="mcp"), lacks=AS_CHAT, repeats=True),
     "Window endpoint, chat completions": row(partial(window_endpoint, interface="chat")),
