@@ -18,7 +18,7 @@ import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
@@ -214,8 +214,8 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
 def test_a_choice_costs_what_it_shows(monkeypatch):
     """The window itself looks at no turn that is neither shown nor pinned."""
     runs = []
-    original = WindowState.run
-    monkeypatch.setattr(WindowState, "run", lambda *given: runs.append(1) or original(*given))
+    original = ContextWindow.row
+    monkeypatch.setattr(ContextWindow, "row", lambda *given: runs.append(1) or original(*given))
     good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
     monkeypatch.setitem(custom._NAMED, "good", good)
     counts = []

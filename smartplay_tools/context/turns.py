@@ -127,14 +127,14 @@ class Item:
         return "" if text.startswith(self.words("picture_shown")) else text
 
     @cached_property
-    def unpictured(self) -> Message:
-        """The message that replaces this one once its picture is left out: its words, or the marker without any."""
+    def elided(self) -> Message:
+        """The message that replaces this one once its picture is elided: its words, or the marker without any."""
         text = self.observation_words
         if not text:
             return self.masked
-        unpictured = self.message.copy()
-        unpictured["content"] = text
-        return unpictured
+        elided = self.message.copy()
+        elided["content"] = text
+        return elided
 
 
 @dataclass
@@ -206,21 +206,19 @@ class Turn:
         return [form.message for form in self.whole]
 
     @cached_property
-    def hidden(self) -> tuple[Form, ...]:
+    def masked(self) -> tuple[Form, ...]:
         """All its messages, with every observation masked."""
         dated = [self._form(item, item.masked) if item.date is not None else None for item in self.items]
         return tuple([form or whole for form, whole in zip([None, *dated], self.whole, strict=True)])
 
     @cached_property
-    def plain(self) -> tuple[Form, ...]:
+    def elided(self) -> tuple[Form, ...]:
         """All its messages without their pictures; one that has no words is masked."""
         forms = list(self.whole)
         for at in self.pictured:
             item = self.items[at]
-            is_empty = item.unpictured is item.masked
-            forms[at + 1] = (
-                self.hidden[at + 1] if is_empty else self._form(item, item.unpictured, item.observation_step)
-            )
+            is_empty = item.elided is item.masked
+            forms[at + 1] = self.masked[at + 1] if is_empty else self._form(item, item.elided, item.observation_step)
         return tuple(forms)
 
     def _form(self, item: Item, message: Message, step: int | None = None) -> Form:
@@ -233,7 +231,7 @@ class Turn:
         return bool(self.calls) and bool(text_of(reply) or reasoning_of(reply) or reply.get("provider_items"))
 
     @cached_property
-    def bare(self) -> Form:
+    def trimmed(self) -> Form:
         """The reply with its calls alone: what is shown of it once its words are too old."""
         kept: Message = {"role": "assistant", "content": None}
         if name := self.shown.get("name"):
@@ -241,19 +239,17 @@ class Turn:
         kept["tool_calls"] = self.shown["tool_calls"]
         return Form(kept, self.number, arguments=self.arguments)
 
-    def spoken(self, counter: TokenCounter) -> int:
-        """Return the budget tokens that a bare reply saves."""
-        if not self.is_wordy:
-            return 0
-        return self.whole[0].tokens(counter) - self.bare.tokens(counter)
+    def trimming_saves(self, counter: TokenCounter) -> int:
+        """Return the budget tokens that a trimmed reply saves."""
+        return self.whole[0].tokens(counter) - self.trimmed.tokens(counter) if self.is_wordy else 0
 
-    def masked(self, oldest: int, pictures: int = 0) -> list[int]:
-        """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
+    def masked_items(self, oldest: int, elided: int = 0) -> list[int]:
+        """Return the indices of the items shown as the marker: they are old, or only a picture that is elided."""
         old: list[int] = []
         if not self.is_young(oldest):
             old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
-        if pictures and (left_out := self.left_out(pictures)):
-            empty = {at for at in left_out if self.items[at].unpictured is self.items[at].masked}
+        if elided and (without := self.elided_items(elided)):
+            empty = {at for at in without if self.items[at].elided is self.items[at].masked}
             return sorted(empty.union(old))
         return old
 
@@ -261,34 +257,34 @@ class Turn:
         """Whether none of its results is older than `oldest`."""
         return not self.dates or oldest <= self.dates[0]
 
-    def left_out(self, pictures: int) -> Sequence[int]:
-        """Return the indices of the items whose picture is left out where the first `pictures` of all are."""
-        return self.pictured[: max(0, pictures - self.first_picture)]
+    def elided_items(self, elided: int) -> Sequence[int]:
+        """Return the indices of the items whose picture is elided where the first `elided` of all are."""
+        return self.pictured[: max(0, elided - self.first_picture)]
 
-    def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> tuple[Form, ...]:
-        """Return its messages with every observation older than `oldest` masked.
+    def seen(self, oldest: int, *, trimmed_before: int = 0, elided: int = 0) -> tuple[Form, ...]:
+        """Return its messages, each at its level.
 
-        `bare`: without the reply's words. `pictures`: how many of the conversation's first pictures are left out.
+        Observations older than `oldest` are masked, the reply of a turn older than `trimmed_before` is trimmed, and
+        the first `elided` pictures of the conversation are elided.
         """
-        if bare and self.is_wordy:
-            return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
-        left_out = self.left_out(pictures) if pictures else ()
-        if not left_out and self.is_young(oldest):
+        forms = self._results(oldest, elided)
+        if self.step < trimmed_before and self.is_wordy:
+            return (self.trimmed, *forms[1:])
+        return forms
+
+    def _results(self, oldest: int, elided: int) -> tuple[Form, ...]:
+        """Its messages with a whole reply."""
+        without = self.elided_items(elided) if elided else ()
+        if not without and self.is_young(oldest):
             return self.whole
         if oldest > self.step:
-            return self.hidden
+            return self.masked
         forms = list(self.whole)
-        for at in left_out:
-            forms[at + 1] = self.plain[at + 1]
-        for at in self.masked(oldest):
-            forms[at + 1] = self.hidden[at + 1]
+        for at in without:
+            forms[at + 1] = self.elided[at + 1]
+        for at in self.masked_items(oldest):
+            forms[at + 1] = self.masked[at + 1]
         return tuple(forms)
-
-    def tokens(self, counter: TokenCounter) -> int:
-        """Return the budget tokens of its messages, unmasked."""
-        if self.reply_tokens is not None:
-            self.whole[0].is_counted(counter, self.reply_tokens)
-        return sum([form.tokens(counter) for form in self.whole])
 
 
 class TurnBuilder:
