@@ -52,17 +52,17 @@ class Compacting:
         window: ContextWindow,
         compactor: Compactor | None,
         *,
-        recorded: Recorded,
         new_id: Callable[[], str],
-        reserve_ids: Callable[[Iterable[str]], None],
-        record: Callable[[Event], None],
+        reserve_ids: Callable[[Iterable[str]], object] = tuple,
+        recorded: Recorded | None = None,
+        record: Callable[[Event], object] = dict,
     ) -> None:
         """`compactor` is None where all that it did is `recorded`.
 
         `new_id` makes the id of a call in place of one that the compactor has made up, and `reserve_ids` takes those
         that a record has. `record` is called with what the compactor has done.
         """
-        self._window, self._compactor, self._recorded = window, compactor, recorded
+        self._window, self._compactor, self._recorded = window, compactor, deque() if recorded is None else recorded
         self._reserve_ids, self._record = reserve_ids, record
         self._is_persistent = getattr(compactor, "persistent", True)
         self._history = Rewriting(window, new_id)

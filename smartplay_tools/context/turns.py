@@ -105,6 +105,10 @@ class Item:
     """The position of the call that it answers; None if it is not a tool result."""
     brings_back: bool = False
     """Whether it is the answer of a tool of memory that brings observations back."""
+    is_error: bool = False
+    """Whether it says that the game, or a tool, has refused the call."""
+    reward: float | None = None
+    """The reward of the step that the call has played; None if it played none."""
     words: Wording = field(kw_only=True, repr=False, compare=False)
     """What replaces it once it is too old."""
 
@@ -199,6 +203,21 @@ class Turn:
     def pictured(self) -> tuple[int, ...]:
         """The indices of the items with a picture."""
         return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """The names of the tools that it calls, in the order of its calls."""
+        return tuple([call.name for call in self.calls])
+
+    @property
+    def errors(self) -> int:
+        """How many of its calls were refused."""
+        return sum(item.is_error for item in self.items)
+
+    @property
+    def rewards(self) -> tuple[float, ...]:
+        """The rewards of the steps that it has played, in their order."""
+        return tuple([item.reward for item in self.items if item.reward is not None])
 
     @property
     def messages(self) -> list[Message]:
@@ -335,7 +354,7 @@ class TurnBuilder:
             case "call" if self.is_open:
                 if event.get("host") == "edited":
                     self.edit(event["position"], event["arguments"])
-                self.add_result(event["position"], event["text"], event["data"])
+                self.add_result(event["position"], event["text"], event["data"], is_error=event["is_error"])
 
     def open(self, number: int, message: Message, calls: Sequence[Call], tokens: int | None = None) -> None:
         """Begin a turn with a reply, of `tokens` if they are known; the turn before is complete."""
@@ -356,7 +375,7 @@ class TurnBuilder:
         self._sent = self._history.sent(edited, self.calls)
         self._reply_tokens = self._latest = None
 
-    def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
+    def add_result(self, position: int, text: str, data: Mapping[str, Any], *, is_error: bool = False) -> None:
         """Add the game's answer to a call."""
         if data.get("manual") and not self._compacts:
             self.manual, text = text, self._words("manual_is_above")
@@ -374,7 +393,17 @@ class TurnBuilder:
             self._pictures += 1
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
         is_back = not data.keys().isdisjoint(BROUGHT_BACK)
-        self._answer(position, Item(message, self.step, observation, position, is_back, words=self._words))
+        item = Item(
+            message,
+            self.step,
+            observation,
+            position,
+            is_back,
+            is_error=is_error,
+            reward=data.get("reward"),
+            words=self._words,
+        )
+        self._answer(position, item)
 
     def add(self, message: Message, position: int | None) -> None:
         """Add a message of the host or the library; with a `position`, the result of a foreign tool's call."""

@@ -288,7 +288,7 @@ class ToolConversation(BaseConversation):
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)
-        self._builder.add_result(position, result.text, result.data)
+        self._builder.add_result(position, result.text, result.data, is_error=result.is_error)
         if result.picture is not None:
             self._keep_picture(result.picture)
         if not self._builder.waiting:

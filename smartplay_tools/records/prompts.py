@@ -290,7 +290,7 @@ def _turns_of_a_host(calls: Sequence[CallEvent], words: Wording) -> Sequence[Tur
         message = _asking(own, taken)
         builder.open(number, message, read_calls(message, taken))
         for call in own:
-            builder.add_result(call["position"], call["text"], call["data"])
+            builder.add_result(call["position"], call["text"], call["data"], is_error=call["is_error"])
     builder.close()
     return builder.turns
 

@@ -40,6 +40,21 @@ class PastTurn:
         return self.turn.shows
 
     @property
+    def tools(self) -> tuple[str, ...]:
+        """The names of the tools that it calls, in the order of its calls."""
+        return self.turn.tools
+
+    @property
+    def errors(self) -> int:
+        """How many of its calls were refused."""
+        return self.turn.errors
+
+    @property
+    def rewards(self) -> tuple[float, ...]:
+        """The rewards of the steps that it has played, in their order."""
+        return self.turn.rewards
+
+    @property
     def messages(self) -> list[Message]:
         """Its messages as they would be shown now, as copies."""
         return [copy_of(form.message) for form in self.forms]
@@ -109,7 +124,7 @@ class Strategy(Protocol):
     """
 
     def choose(self, past: Past, room: int | None) -> Choice:
-        """Return what the next prompt shows; called once after every turn, in order.
+        """Return what the next prompt to play shows; called once for each, from the first turn on.
 
         `room` is the tokens that `prompt_tokens` leaves after the head and the pinned turns; None without a cap.
         """
