@@ -108,7 +108,7 @@ async def _converse(state: TaskState, episode: Episode, model: Model) -> None:
         reply = from_output(output)
         await _in_thread(lambda reply=reply: conversation.receive(reply))  # type: ignore[misc]
         state.output = output
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             continue  # no turn of the conversation: the log has it as an event of the model
         turn = conversation.latest_turn
         assert turn is not None

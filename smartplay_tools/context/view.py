@@ -100,11 +100,6 @@ class View:
     """What else the record needs of the prompt."""
 
     @property
-    def asks_for_summary(self) -> bool:
-        """Whether words are asked for, a summary or the answer to a compactor's question, and not a move."""
-        return self.purpose != "play"
-
-    @property
     def messages(self) -> list[Message]:
         """Head and turns, in chronological order, as copies."""
         return [copy_of(form.message) for form in self.forms]

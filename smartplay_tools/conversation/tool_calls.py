@@ -159,7 +159,7 @@ class ToolConversation(BaseConversation):
         """
         with self.episode.lock:
             pending = self._prepare()
-            if pending is not None and pending.view.asks_for_summary:
+            if pending is not None and pending.view.purpose != "play":
                 self._take_words(pending, reply)
                 return ()
             calls = self._record_reply(reply, pending)
