@@ -82,6 +82,18 @@ def test_observations_that_are_too_old_are_masked() -> None:
     assert shown(ContextWindow(HEAD, [SEARCH], budget, COUNTER))[3::2] == ["[observation left", "page 10", "page 11"]
 
 
+def test_a_reader_of_records_can_go_back_to_an_earlier_prompt() -> None:
+    window = ContextWindow(HEAD, [SEARCH], ResolvedBudget(history=1, beyond_history="mask"), COUNTER)
+    for turn in searches(6):
+        window.add(turn)
+    for oldest in (0, 4, 2, 0, 3):
+        window.age(oldest)
+        assert [form.message["content"].startswith("page") for form in window.now[1::2]] == [
+            step >= oldest for step in range(1, 7)
+        ]
+        assert window.tokens(window.row(0, 6)) == COUNTER.messages(form.message for form in window.now)
+
+
 def test_a_strategy_chooses_by_what_failed() -> None:
     window = ContextWindow(HEAD, [SEARCH], ResolvedBudget(prompt_tokens=CAP), COUNTER)
     window.follow(choosing(window, Failures()))

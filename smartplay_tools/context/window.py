@@ -83,6 +83,7 @@ class ContextWindow:
         self._run = NewestTurns(budget, self.strategies)
         self._rule: Rule | None = None
         self._by_words = False
+        """The rule that makes every prompt in place of the window, if there is one (`follow`)."""
         self._making: Generator[View, Message | None, Selection] | None = None
         """Makes the next prompt to play, and waits for the replies to questions."""
         self._reply: Message | None = None
@@ -148,9 +149,10 @@ class ContextWindow:
         ages = oldest, trimmed_before, elided
         if ages == (before := (self.oldest, self.trimmed_before, self.elided)):
             return
-        if any(age < was for age, was in zip(ages, before, strict=True)):
+        if any(age < was for age, was in zip(ages, before, strict=True)):  # only where a record is read
             self._aged = 0
         self.oldest, self.trimmed_before, self.elided = ages
+        latest, most = max(oldest, trimmed_before, *before[:2]), max(elided, before[2])
         for index in range(self._aged, len(self.turns)):
             turn, start, stop = self.turns[index], self.starts[index], self.starts[index + 1]
             seen = list(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
@@ -160,17 +162,16 @@ class ContextWindow:
             pictures = turn.first_picture + len(turn.pictured)
             if index == self._aged and self._is_settled(turn, pictures):
                 self._aged += 1
-            if turn.step >= max(oldest, trimmed_before) and pictures >= elided:
-                break  # and so is every later turn
+            if turn.step >= latest and pictures >= most:
+                break  # no later turn was shown in part, or is
 
     def _is_settled(self, turn: Turn, pictures: int) -> bool:
         """Whether no message of a turn changes its level any more; `pictures` are those up to its end."""
-        budget = self.budget
-        if budget.history is not None and turn.step >= self.oldest:
+        if self.budget.history is not None and turn.step >= self.oldest:
             return False
-        if budget.own_words is not None and turn.step >= self.trimmed_before:
+        if self.strategies.trimming is not None and turn.step >= self.trimmed_before:
             return False
-        return budget.newest_pictures is None or pictures <= self.elided
+        return self.strategies.eliding is None or pictures <= self.elided
 
     def tokens(self, row: range) -> int:
         """Return the tokens of messages in a row as a prompt shows them now."""
