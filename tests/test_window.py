@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import count
 from typing import Any
 
 import pytest
@@ -102,6 +101,5 @@ def test_a_strategy_chooses_by_what_failed() -> None:
 
 def test_a_compactor_rewrites() -> None:
     window = ContextWindow(HEAD[:1], [SEARCH], ResolvedBudget(prompt_tokens=CAP), COUNTER, lead=HEAD[1:])
-    numbers = count()
-    window.follow(Compacting(window, LastFour(), new_id=lambda: f"new{next(numbers)}").make, by_words=True)
+    window.follow(Compacting(window, LastFour()).make, by_words=True)
     assert shown(window)[1::2] == ["Who won?", "page 10", "page 11"]

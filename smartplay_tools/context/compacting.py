@@ -32,6 +32,7 @@ from smartplay_tools.context.view import Piece, Selection, View
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
 from smartplay_tools.transcript.events import Event
+from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, calls_of, copy_of, pictures_of, text_of
 
 Answered: TypeAlias = "Generator[list[Piece], Message | ContextOverflowError | None, list[Piece]]"
@@ -52,20 +53,19 @@ class Compacting:
         window: ContextWindow,
         compactor: Compactor | None,
         *,
-        new_id: Callable[[], str],
-        reserve_ids: Callable[[Iterable[str]], object] = tuple,
+        ids: CallIds | None = None,
         recorded: Recorded | None = None,
         record: Callable[[Event], object] = dict,
     ) -> None:
         """`compactor` is None where all that it did is `recorded`.
 
-        `new_id` makes the id of a call in place of one that the compactor has made up, and `reserve_ids` takes those
-        that a record has. `record` is called with what the compactor has done.
+        `ids` are those of the conversation, of which calls get one whose id the compactor has made up. `record` is
+        called with what the compactor has done.
         """
         self._window, self._compactor, self._recorded = window, compactor, deque() if recorded is None else recorded
-        self._reserve_ids, self._record = reserve_ids, record
+        self._ids, self._record = ids or CallIds(), record
         self._is_persistent = getattr(compactor, "persistent", True)
-        self._history = Rewriting(window, new_id)
+        self._history = Rewriting(window, lambda: self._ids.take([""], len(window.turns))[0])
         self._played: int | None = None
         """The tokens of the latest prompt to play."""
 
@@ -173,7 +173,7 @@ class Compacting:
             turn = len(self._window.turns)
             raise TranscriptError(f"Before turn {turn} the compactor does not ask the question that is on record.")
         own = (piece.message for piece in was[1] if isinstance(piece, Form))
-        self._reserve_ids(call["id"] for message in own for call in calls_of(message))
+        self._ids.reserve(call["id"] for message in own for call in calls_of(message))
         return was
 
     def _to_play(self, pieces: list[Piece]) -> Selection:

@@ -83,8 +83,7 @@ class ToolConversation(BaseConversation):
             window,
             compactor if strategies.calls_compactor else None,
             recorded=strategies.recorded_rewritings,
-            new_id=lambda: self._ids.take([""], len(window.turns))[0],
-            reserve_ids=self._ids.reserve,
+            ids=self._ids,
             record=self._ledger.record,
         )
         window.follow(compacting.make, by_words=True)
