@@ -28,7 +28,7 @@ import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
-from smartplay_tools.context.turns import Item, Turn
+from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.players.conversion import function_call
 from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import ResolvedBudget
@@ -173,7 +173,7 @@ def strategy_microseconds(length: int) -> dict[tuple[str, float], float]:
         for key, window in windows.items():
             start = time.perf_counter()
             window.append(turn)
-            if window.view().asks_for_summary:
+            if window.view().purpose != "play":
                 window.answer("The disks have moved on.")
                 window.view()
             if number >= length:
@@ -247,11 +247,11 @@ def counting() -> Table:
     head, turns = conversation(200)
     tools: tuple[sp.ToolSpec, ...] = ()
     shown = turns[-60:]
-    lines = [form.line for turn in shown for form in turn.whole]
+    lines = [line for turn in shown for line in Form.lines(turn.whole)]
 
     def new_turn() -> None:
         turn = Turn(7, shown[0].assistant, shown[0].items, 0)
-        assert all(form.line for form in turn.whole)
+        assert all(Form.lines(turn.whole))
 
     def sha256() -> None:
         prompt_sha256([*(message_bytes(m, ()) for m in head), *lines], tools_bytes(tools))

@@ -48,7 +48,7 @@ CAP, FIRST, LONGEST = 2_000, 20, 150
 HASHED = b"x" * 6_000
 ENDLESS = "RockPaperScissorBasic-v0"
 LENGTHS = (100, 1_000, 10_000)
-SHOWN = (100, 1_000, 2_000)
+SHOWN = (100, 200, 1_000, 2_000)
 AROUND = 50
 """How many turns are measured at a length."""
 

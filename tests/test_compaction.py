@@ -52,8 +52,8 @@ def play(conversation: Any, turns: int, reply: sp.Message = ROCK) -> list[sp.Pro
     """Play turns, answer every question, and return the prompts to play."""
     played: list[sp.Prompt] = []
     while len(played) < turns and (prompt := conversation.prompt()) is not None:
-        played += [] if prompt.asks_for_summary else [prompt]
-        conversation.receive(ANSWER if prompt.asks_for_summary else reply)
+        played += [] if prompt.purpose != "play" else [prompt]
+        conversation.receive(ANSWER if prompt.purpose != "play" else reply)
     return played
 
 
@@ -399,7 +399,7 @@ def test_a_question_is_a_prompt_without_options_and_its_reply_is_no_turn():
     play(conversation, 3)
     question = conversation.prompt()
     assert question.purpose == "compaction"
-    assert question.asks_for_summary
+    assert question.purpose == "compaction"
     assert question.messages[-1] == user("Summarise.")
     assert question.tool_choice == "none"  # it has calls, so it has tools
     assert question.tools == conversation.episode.tools
@@ -553,7 +553,7 @@ def test_the_other_player_has_its_state_again_where_an_episode_goes_on(tmp_path)
 def test_an_agent_session_answers_questions_only_where_the_host_makes_further_calls():
     session = begin(summing, session=True)
     for _ in range(5):
-        reply = session.ask(lambda prompt: sp.Reply(ANSWER if prompt.asks_for_summary else ROCK))
+        reply = session.ask(lambda prompt: sp.Reply(ANSWER if prompt.purpose != "play" else ROCK))
         for opened in session.receive(reply.message):
             session.answer(opened.id)
     assert session.episode.stats.questions == 1
@@ -629,7 +629,7 @@ def test_every_prompt_is_rebuilt_without_the_compactor_and_replay_calls_it_where
     prompts = play(conversation, 12)
     events = events_of(conversation)
     calls.clear()
-    rebuilt = [sent.prompt.messages for sent in sent_prompts(events) if not sent.prompt.asks_for_summary]
+    rebuilt = [sent.prompt.messages for sent in sent_prompts(events) if sent.prompt.purpose == "play"]
     assert rebuilt == [prompt.messages for prompt in prompts]
     assert not replay(events).differences
     assert calls == []

@@ -71,7 +71,7 @@ def judge(conversation: sp.Conversation, prompt: sp.Prompt) -> None:
     assert conversation.view is not None
     assert conversation.view.tokens == tokens
     cap = budget.prompt_tokens
-    if prompt.asks_for_summary:
+    if prompt.purpose != "play":
         cap = cap if budget.question_tokens is None else budget.question_tokens
         assert any(message.get("tool_calls") for message in prompt.messages) == bool(prompt.tools)
     assert cap is None or tokens <= cap
@@ -91,7 +91,7 @@ def judge(conversation: sp.Conversation, prompt: sp.Prompt) -> None:
     assert not waiting
     spoken = [message["role"] for message in prompt.messages if message["role"] not in ("system", "developer")]
     assert spoken[-1] != "assistant"
-    assert prompt.asks_for_summary or spoken[0] == "user"
+    assert prompt.purpose != "play" or spoken[0] == "user"
     oldest = conversation.view.selection.oldest
     dates = {item.message.get("tool_call_id"): item.date for turn in conversation.turns for item in turn.items}
     for message in prompt.messages:
@@ -111,7 +111,7 @@ def played(
             prompts.append(prompt)
             judge(conversation, prompt)
             answer: sp.Message = {"role": "assistant", "content": chance.choice(WORDS)}
-            conversation.receive(answer if prompt.asks_for_summary else reply(chance, prompt))
+            conversation.receive(answer if prompt.purpose != "play" else reply(chance, prompt))
     return json.loads(json.dumps(events)), prompts, given
 
 

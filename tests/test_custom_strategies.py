@@ -18,16 +18,17 @@ import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.window_state import WindowState
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
 from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records import Record, replay, resume
+from smartplay_tools.records import Record, replay, resume, sent_prompts
 from smartplay_tools.records.accounts import Accounts
 from tests import fuzz, scripts
+from tests.test_edges import calling
 
 RPS = "RockPaperScissorDifferentScore-v0"
 HERE = Path(__file__).parent
@@ -70,6 +71,19 @@ def test_its_record_is_replayed_resumed_and_counted(file):
     accounts = Accounts.of(record)
     assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
     assert {departure.reason for departure in accounts.departures()} == {"choice"}
+
+
+def test_notes_beside_an_observation_are_rebuilt_as_they_were_shown(file):
+    """Their turn is masked although no observation is too old, and the strategy masks none."""
+    budget, events = sp.Budget(strategy=file, notes_tokens=20, history=None, prompt_tokens=2_000), []
+    with sp.Episode(RPS, seed=2, budget=budget, transcript=events) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(calling(("n", "take_notes", '{"text": "Rock"}'), ("a", "act", '{"action": "1"}')))
+        for _ in range(3):
+            conversation.receive(sp.call("act", action="1"))
+    sent = list(sent_prompts(events))
+    assert "[observation left" in str(sent[-1].prompt.messages)
+    assert [one.sha256 for one in sent] == [one.recorded_sha256 for one in sent]
 
 
 def test_the_experiment_plays_the_pages_strategy():
@@ -214,8 +228,8 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
 def test_a_choice_costs_what_it_shows(monkeypatch):
     """The window itself looks at no turn that is neither shown nor pinned."""
     runs = []
-    original = WindowState.run
-    monkeypatch.setattr(WindowState, "run", lambda *given: runs.append(1) or original(*given))
+    original = ContextWindow.row
+    monkeypatch.setattr(ContextWindow, "row", lambda *given: runs.append(1) or original(*given))
     good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
     monkeypatch.setitem(custom._NAMED, "good", good)
     counts = []

@@ -266,7 +266,7 @@ def test_summaries_have_rows_when_they_are_asked_for(tmp_path, form):
     replies = "rows" if form == "sft" else "replies"
     assert (without[replies], counts[replies]) == (result.turns, result.turns + result.summaries)
     recorded = Record.read(record)
-    asked = [sent for sent in recorded.sent_prompts() if sent.prompt.asks_for_summary]
+    asked = [sent for sent in recorded.sent_prompts() if sent.prompt.purpose != "play"]
     pairs = exchanges(rows(tmp_path / "with"))
     taught = [(prompt[-1]["content"], reply["content"]) for prompt, reply, _ in pairs]
     for sent, summary in zip(asked, recorded.summaries, strict=True):

@@ -41,6 +41,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.tables import COLUMNS
 from smartplay_tools.evaluation.runs.sweeps import AXES
 from smartplay_tools.records import Record
+from smartplay_tools.records.accounts import Accounts, shown_turns
 from smartplay_tools.types import STRATEGIES
 
 assert sp.Budget(landmark=7).describe() == "landmark 7"
@@ -51,10 +52,14 @@ pinned = set()
 with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=700, landmark=7), transcript="landmark.jsonl") as episode:
     assert sp.play(episode, sp.get_player("rule")).deviations["landmark"] == {"paper": None, "played": 7}
 for event in sp.read_transcript("landmark.jsonl"):
-    pinned.add(event.get("notes"))
+    pinned.add(event.get("pinned"))
+    assert event.get("notes") is None
 assert {7, 14, 21} <= pinned, pinned
 assert sp.replay("landmark.jsonl").identical
-assert all(sent.sha256 == sent.recorded_sha256 for sent in Record.read("landmark.jsonl").sent_prompts())
+record = Record.read("landmark.jsonl")
+assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
+assert any("pinned" in shown_turns(record, view) for view in record.views)
+assert all(sum(Accounts(record).parts(view)) == view["tokens"] for view in record.views)
 
 command("eval", "--games", GAME, "--players", "rule", "--trials", "1", "--prompt-tokens", "700", "--landmark", "7",
         "--executor", "inline", "--out", "run", "--quiet")

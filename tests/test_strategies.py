@@ -85,7 +85,7 @@ class TestMasking:
         for message in (acting(), acting(), saying("word " * 10), saying("word " * 10)):
             conversation.receive(message)
         assert conversation.prompt() is not None
-        assert (conversation.view.selection.pinned, conversation.view.selection.first) == ((1,), 3)
+        assert conversation.view.selection.turns == [range(1, 2), range(3, 4)]
 
 
 class TestNotes:
@@ -306,8 +306,6 @@ def test_an_episode_has_strategies_of_its_own():
 @pytest.mark.parametrize("strategy", [{}, {"beyond_history": "mask"}, {"notes_tokens": 9}, {"summary_tokens": 30}])
 @pytest.mark.parametrize("slack", [0.0, 0.5])
 def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, strategy, slack):
-    from smartplay_tools.context.window_state import WindowState
-
     if "summary_tokens" in strategy and slack == 0:
         return
     counter = TokenCounter(WORDS)
@@ -317,21 +315,21 @@ def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, s
     conversation.receive(acting())
     conversation.prompt()
     sums = 0
-    tokens = WindowState.tokens
+    tokens = ContextWindow._prompt_tokens
 
-    def counted(state: WindowState, first: int) -> int:
+    def counted(window: ContextWindow, first: int) -> int:
         nonlocal sums
         sums += 1
-        return tokens(state, first)
+        return tokens(window, first)
 
-    monkeypatch.setattr(WindowState, "tokens", counted)
+    monkeypatch.setattr(ContextWindow, "_prompt_tokens", counted)
     window = ContextWindow(episode.head, episode.tools, episode.budget, counter)
     most = 0
     for number in range(1_000):
         sums = 0
         window.append(_turn(number))
         most = max(most, sums)
-        if window.view().asks_for_summary:
+        if window.view().purpose != "play":
             window.answer("It goes on.")
     assert most <= 2 * 10 + 6
 

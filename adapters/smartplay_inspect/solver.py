@@ -123,7 +123,7 @@ async def _converse(state: TaskState, conversation: Conversation, model: Model) 
         except Exception as error:
             reply, output = reply_in(error), None
         await _in_thread(lambda reply=reply: conversation.receive(reply))  # type: ignore[misc]
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             continue  # no turn of the conversation: the log has it as an event of the model
         turn = conversation.latest_turn
         assert turn is not None

@@ -224,7 +224,7 @@ def bind(
     by_name = {spec_of(tool).name: tool for tool in tools}
     offered = [by_name[spec.name] for spec in prompt.tools]
     bound = model.bind_tools(offered, **settings) if offered else model.bind(**settings)
-    return bound.with_config(tags=[SUMMARY_TAG]) if prompt.asks_for_summary else bound
+    return bound.with_config(tags=[SUMMARY_TAG]) if prompt.purpose != "play" else bound
 
 
 def spec_of(tool: BaseTool | dict[str, Any]) -> ToolSpec:

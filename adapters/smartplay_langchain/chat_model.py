@@ -26,7 +26,7 @@ class PlayerChatModel(BaseChatModel):
     """A player as a chat model.
 
     Replies are streamed in pieces, and report the player's usage. `tool_choice` restricts the tools that the player is
-    shown, except where a summary is asked for, which `Prompt.asks_for_summary` tells the player. A player that does
+    shown, except where a summary is asked for, which `Prompt.purpose` tells the player. A player that does
     not call a tool although it must is an `InvalidArgumentError`.
     """
 
@@ -125,7 +125,7 @@ class PlayerChatModel(BaseChatModel):
         cap = settings.get("max_tokens") or self.max_tokens
         prompt = received([from_langchain(message) for message in messages], tuple(specs), cap)
         if choice == "none":
-            specs = specs if prompt.asks_for_summary else []
+            specs = specs if prompt.purpose != "play" else []
         elif choice not in (None, False, True, "auto", "any", "required"):
             specs = [spec for spec in specs if spec.name == choice]
             if not specs:

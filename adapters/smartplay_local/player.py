@@ -115,7 +115,7 @@ class LocalPlayer(OpenAIPlayer):
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request; where the model plays, its reply is bound to the schemas of the tools."""
-        may_call = bool(prompt.tools) and not prompt.asks_for_summary
+        may_call = bool(prompt.tools) and prompt.purpose == "play"
         if self.format == "template":
             body = super().request(replace(prompt, tools=tuple(map(bounded, prompt.tools))))
             body |= {"tool_choice": "required", self._limit_field: MOST_TOKENS, **body} if may_call else {}

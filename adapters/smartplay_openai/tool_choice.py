@@ -28,7 +28,7 @@ class ToolChoice:
 
     def restrict(self, prompt: Prompt) -> Prompt:
         """Return the prompt with only the allowed tools; a prompt for a summary keeps all, as its player expects."""
-        if self.allowed is None or prompt.asks_for_summary:
+        if self.allowed is None or prompt.purpose != "play":
             return prompt
         return replace(prompt, tools=tuple(tool for tool in prompt.tools if tool.name in self.allowed))
 

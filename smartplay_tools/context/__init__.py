@@ -4,11 +4,12 @@ prompts/     the texts that this library adds around the games, by version
 tokens/      budget tokens: exact and offline
 turns        a turn: a reply, its calls and their results
 strategies/  what happens to the past, one class for each way
-base         what the three windows share
-window       which turns a prompt shows; `choosing` for strategies that choose, `compacting` for compactors
+window       the window: levels, counts, prompts
+newest       which turns it shows by itself
+choosing     what it shows where a strategy chooses; `compacting` where a compactor rewrites
 compaction   compactors: what they are given, and how code that does not yield becomes one
 rewriting    the history that a compactor rewrites: messages of the conversation, and new ones
-view         what a prompt showed, for its record
+view         what a prompt shows
 """
 
 from __future__ import annotations

@@ -91,14 +91,6 @@ class Compactor(Protocol):
         ...
 
 
-class AsRecorded:
-    """Stands for the compactor of a record, where its rewritings are taken from the record."""
-
-    def compact(self, history: GivenHistory, room: Room) -> Any:
-        """Nobody calls it."""
-        raise NotImplementedError
-
-
 class _ClosedError(BaseException):
     """Nobody answers any more; `except Exception` does not catch it, so that a thread that asks ends."""
 
@@ -117,7 +109,7 @@ def asked(
         work: blocking or asynchronous code. Its argument is a function that asks a question and waits for the reply.
         overflow: makes the exception that this code takes for a full context, from a sentence.
     """
-    turns: SimpleQueue[tuple[SimpleQueue[Any] | None, Any]] = SimpleQueue()
+    turns: SimpleQueue[tuple[SimpleQueue[Any] | None, Any, BaseException | None]] = SimpleQueue()
     lock, closed = threading.Lock(), threading.Event()
 
     def ask(messages: Sequence[Message]) -> Message:
@@ -125,7 +117,7 @@ def asked(
         with lock:
             if closed.is_set():
                 raise _ClosedError
-            turns.put((reply, messages))
+            turns.put((reply, messages, None))
         answer = reply.get()
         if isinstance(answer, BaseException):
             raise answer
@@ -134,24 +126,24 @@ def asked(
     def run() -> None:
         try:
             made = work(ask)
-            turns.put((None, asyncio.run(_awaited(made)) if isinstance(made, Awaitable) else made))
+            turns.put((None, asyncio.run(_awaited(made)) if isinstance(made, Awaitable) else made, None))
         except BaseException as error:  # it is raised where the questions are answered
-            turns.put((None, _Failed(error)))
+            turns.put((None, None, error))
 
     context = contextvars.copy_context()
     threading.Thread(target=context.run, args=(run,), name="smartplay-tools compactor", daemon=True).start()
     reply: SimpleQueue[Any] | None = None
     try:
         while True:
-            reply, made = turns.get()
+            reply, made, error = turns.get()
+            if error is not None:
+                raise error
             if reply is None:
-                if isinstance(made, _Failed):
-                    raise made.error
                 return made  # type: ignore[no-any-return]
             try:
                 answer: Any = yield made
-            except ContextOverflowError as error:
-                answer = overflow(str(error))
+            except ContextOverflowError as refused:
+                answer = overflow(str(refused))
             reply.put(answer)
             reply = None
     finally:
@@ -163,13 +155,6 @@ def asked(
         for each in waiting:
             if each is not None:
                 each.put(_ClosedError())
-
-
-@dataclass(frozen=True)
-class _Failed:
-    """What the work raised."""
-
-    error: BaseException
 
 
 async def _awaited(made: Awaitable[T]) -> T:

@@ -7,15 +7,14 @@ was given, however it is spelled; it is then shown as it is now. All others are 
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import chain, takewhile
 from typing import Any, TypeAlias
 
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.turns import Form, Item, Turn
+from smartplay_tools.context.turns import Form
+from smartplay_tools.context.view import Piece, Selection
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.errors import InvalidArgumentError, StrategyError
 from smartplay_tools.types import arguments
 from smartplay_tools.types.arguments import object_in
@@ -34,36 +33,20 @@ from smartplay_tools.types.pictures import is_picture
 
 SYSTEM = ("system", "developer")
 
-
-@dataclass(frozen=True)
-class Own:
-    """A message of the compactor's own."""
-
-    message: Message
-
-    @cached_property
-    def form(self) -> Form:
-        """The message as a prompt shows it, unless it is a result that has become too old."""
-        return Form(self.message)
-
-
-Piece: TypeAlias = "range | Own"
-"""Messages of the conversation in a row, or a message of the compactor's own."""
-
-Place: TypeAlias = "int | Own"
+Place: TypeAlias = "int | Form"
 """One message: its number in the conversation, or a message of the compactor's own."""
 
 
 def flat(pieces: Iterable[Piece]) -> list[Place]:
     """Return the messages of pieces one by one."""
-    return [place for piece in pieces for place in ((piece,) if isinstance(piece, Own) else piece)]
+    return [place for piece in pieces for place in ((piece,) if isinstance(piece, Form) else piece)]
 
 
 def joined(places: Iterable[Place]) -> list[Piece]:
     """Return messages as pieces, those in a row together."""
     pieces: list[Piece] = []
     for place in places:
-        if isinstance(place, Own):
+        if isinstance(place, Form):
             pieces.append(place)
         elif pieces and isinstance(last := pieces[-1], range) and last.stop == place:
             pieces[-1] = range(last.start, place + 1)
@@ -74,17 +57,17 @@ def joined(places: Iterable[Place]) -> list[Piece]:
 
 def on_record(pieces: Iterable[Piece]) -> list[Any]:
     """Return pieces as a record holds them: the first and the last number of each row, and own messages."""
-    return [piece.message if isinstance(piece, Own) else [piece.start, piece.stop - 1] for piece in pieces]
+    return [piece.message if isinstance(piece, Form) else [piece.start, piece.stop - 1] for piece in pieces]
 
 
 def from_record(recorded: Iterable[Any]) -> list[Piece]:
     """Return the pieces that a record holds."""
-    return [range(each[0], each[1] + 1) if isinstance(each, list) else Own(each) for each in recorded]
+    return [range(each[0], each[1] + 1) if isinstance(each, list) else Form(each) for each in recorded]
 
 
 def length_of(piece: Piece) -> int:
     """Return how many messages a piece has."""
-    return 1 if isinstance(piece, Own) else len(piece)
+    return 1 if isinstance(piece, Form) else len(piece)
 
 
 def part_of(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
@@ -94,58 +77,57 @@ def part_of(pieces: Iterable[Piece], places: range) -> Iterator[Piece]:
         length = length_of(piece)
         first, stop = max(places.start - start, 0), min(places.stop - start, length)
         if first < stop:
-            yield piece if isinstance(piece, Own) else piece[first:stop]
+            yield piece if isinstance(piece, Form) else piece[first:stop]
         start += length
 
 
-class RewrittenHistory:
-    """The messages of a conversation by their numbers, and what a compactor has made of them.
+class Rewriting:
+    """What a compactor has made of the messages of a window.
 
-    It grows by turns (`append`) and is rewritten by `rewrite` events (`take`), in an episode and in a record alike.
+    It is changed by `rewrite` events (`take`), in an episode and in a record alike, and reads what a compactor returns
+    or asks (`read`).
     """
 
-    def __init__(self, head: Sequence[Message]) -> None:
-        """`head` is the messages before the first reply, without the system message."""
-        self.now: list[Form] = list(map(Form, head))
-        """Every message as a prompt shows it now."""
-        self.pieces: list[Piece] = [range(len(head))]
-        """What came back last, and the messages since."""
+    def __init__(self, window: ContextWindow, new_id: Callable[[], str] = str) -> None:
+        """`new_id` makes the id of a call in place of one that the compactor has made up."""
+        self._window, self._new_id = window, new_id
+        self._back: list[Piece] = [range(len(window.now))]
+        self._seen = len(window.now)
+        """What came back last, and the messages since; how many messages the window had then."""
         self.shown: list[Piece] = []
         """What the next prompt to play shows after its head."""
-        self.starts = [len(head)]
-        """The number of the first message of each turn, and the number that comes next."""
-        self._turns: list[Turn] = []
-        self._oldest = self._pictures = self._aged = 0
-        """What is masked and left out (`age`), and the first turn that can still change by it."""
-        self._results: dict[str, int] = {}
-        """The results by the ids of their calls, as far as they were looked up."""
         self._replies: dict[str, int] = {}
         """The replies by the ids of their calls."""
-        self._texts: dict[Any, list[int]] = {}
+        self._said: dict[Any, list[int]] = {}
         """The other messages by what they say."""
-        self._shown: dict[str, Mapping[str, Any]] = {}
+        self._pictures: dict[str, Mapping[str, Any]] = {}
         """The parts that stand for pictures, by their sha256."""
         self._read = 0
         """How many messages these have."""
+        self._ids: dict[str, str] = {}
+        """The ids that the compactor has made up, and those in their place."""
+        self._made: set[str] = set()
+        """All ids that were made in place of others."""
 
-    def append(self, turn: Turn) -> None:
-        """Add a turn, nothing of which is masked yet."""
-        first = len(self.now)
-        self._turns.append(turn)
-        self.now += turn.whole
-        self.starts.append(len(self.now))
-        last = self.pieces[-1] if self.pieces else None
-        if isinstance(last, range) and last.stop == first:
-            first = last.start
-            self.pieces.pop()
-        self.pieces.append(range(first, len(self.now)))
+    @property
+    def pieces(self) -> list[Piece]:
+        """What came back last, and the messages since."""
+        first, self._seen = self._seen, len(self._window.now)
+        if first < self._seen:
+            last = self._back[-1] if self._back else None
+            if isinstance(last, range) and last.stop == first:
+                first = last.start
+                self._back.pop()
+            self._back.append(range(first, self._seen))
+        return self._back
 
     def take(self, event: Mapping[str, Any]) -> None:
         """Take a `rewrite` event: what came back takes the place of the history, and a part of it is shown."""
+        pieces = self.pieces
         if event["messages"] is not None:
-            self.pieces = from_record(event["messages"])
+            pieces = self._back = from_record(event["messages"])
         if event["shown"] is not None:
-            parts = (part_of(self.pieces, range(first, last + 1)) for first, last in event["shown"])
+            parts = (part_of(pieces, range(first, last + 1)) for first, last in event["shown"])
             self.shown = list(chain.from_iterable(parts))
         if event["task"]:
             roles = (form.message["role"] for form in self.walk(self.shown))
@@ -153,92 +135,58 @@ class RewrittenHistory:
             after = range(systems, sum(map(length_of, self.shown)))
             self.shown = [*part_of(self.shown, range(systems)), range(1), *part_of(self.shown, after)]
 
-    def age(self, oldest: int, pictures: int) -> int:
-        """Mask observations before the oldest, and leave out the first pictures; return the first message that changes.
-
-        This is the number that comes next if none does.
-        """
-        changed = self.starts[-1]
-        if (oldest, pictures) == (self._oldest, self._pictures):
-            return changed
-        before, self._oldest, self._pictures = self._pictures, oldest, pictures
-        for index in range(self._aged, len(self._turns)):
-            turn = self._turns[index]
-            pictured = turn.first_picture + len(turn.pictured)
-            if turn.is_young(oldest) and pictured <= before:
-                continue  # its pictures were left out before, and it is not masked yet
-            self.now[self.starts[index] : self.starts[index + 1]] = turn.seen(oldest, pictures=pictures)
-            changed = min(changed, self.starts[index])
-            if turn.step < oldest:
-                self._aged = index + 1
-            elif turn.is_young(oldest) and pictured >= pictures:
-                break  # and so is every later turn
-        return changed
-
-    def forms(self, pieces: Iterable[Piece]) -> list[Form]:
-        """Return messages as a prompt shows them now."""
-        return list(self.walk(pieces))
+    def selection(self, question: Sequence[Piece] | None = None) -> Selection:
+        """Return what the next prompt to play shows, or a `question`, which names no turns."""
+        window, count, pieces = self._window, len(self._window.turns), self.shown if question is None else question
+        rows = [] if question is not None else [window.turns_of(row) for row in pieces if isinstance(row, range)]
+        *others, run = rows if rows and rows[-1].stop == count else [*rows, range(count, count)]
+        before = sorted({turn for each in others for turn in each if turn not in run})
+        turns = [*(range(turn, turn + 1) for turn in before), run]
+        return Selection(turns, pieces, window.oldest, window.trimmed_before, window.elided)
 
     def walk(self, pieces: Iterable[Piece]) -> Iterator[Form]:
         """Yield messages as a prompt shows them now one by one."""
+        window = self._window
         return chain.from_iterable(
-            (self._own(piece),) if isinstance(piece, Own) else map(self.now.__getitem__, piece) for piece in pieces
+            (window.text(piece),) if isinstance(piece, Form) else map(window.now.__getitem__, piece) for piece in pieces
         )
 
-    def turns_of(self, numbers: range) -> range:
-        """Return the turns that messages in a row belong to."""
-        first, last = (bisect_right(self.starts, number) - 1 for number in (numbers.start, numbers.stop - 1))
-        return range(max(first, 0), last + 1)
+    def pieces_of(self, made: Any, given: Sequence[Place]) -> list[Piece]:
+        """Return messages as pieces; a `StrategyError` names what is not a message, or cannot be sent."""
+        read = self.read(made, given)
+        present = {call["id"] for place in read if isinstance(place, Form) for call in calls_of(place.message)}
+        for place in read:
+            if isinstance(place, Form):
+                self._replace_ids(place.message, present)
+        if read != list(given):  # what it was given is never at fault
+            self._check(read)
+        return joined(read)
 
-    def place_of(self, number: int) -> tuple[int, int]:
-        """Return the turn of a message and its place there, 0 for the reply; before the first turn, the turn is -1."""
-        turn = bisect_right(self.starts, number) - 1
-        return turn, number - self.starts[turn]
+    def read(self, made: Any, given: Sequence[Place]) -> list[Place]:
+        """Return messages one by one, which need not be a whole conversation."""
+        if not isinstance(made, list | tuple | GivenHistory):
+            raise StrategyError(f"Messages are a list, not {type(made).__name__}.")
+        later: dict[Any, int] = {}
+        read: list[Place] = []
+        for at, message in reversed([*enumerate(made)]):
+            own = self._own(message, at)
+            key = None if calls_of(own) or own["role"] == "tool" else meaning(own)
+            number = self._number_of(own, given, later=later.get(key, 0))
+            later[key] = later.get(key, 0) + 1
+            read.append(Form(own) if number is None else number)
+        return read[::-1]
 
-    def _item(self, number: int) -> Item | None:
-        """The item that a message is; None for replies, and for messages before the first one."""
-        turn, place = self.place_of(number)
-        return self._turns[turn].items[place - 1] if turn >= 0 and place else None
-
-    def _own(self, own: Own) -> Form:
-        """An own message as it is shown: a result has the date of its call, whatever its text has become."""
-        message = own.message
-        number = self.result_of(message["tool_call_id"]) if message["role"] == "tool" else None
-        if number is None or (item := self._item(number)) is None:
-            return own.form
-        now = self.now[number].message
-        if now is item.message or not ((is_masked := now is item.masked) or pictures_of(message)):
-            return own.form
-        text = "" if is_masked else text_of(message)
-        return Form({**message, "content": text or item.masked["content"]})
-
-    def result_of(self, call_id: str) -> int | None:
-        """Return the result of a call of the conversation; None for another id."""
-        self._look_up()
-        return self._results.get(call_id)
-
-    def has_id(self, call_id: str) -> bool:
-        """Whether a call of the conversation has this id."""
-        self._look_up()
-        return call_id in self._replies
-
-    def picture(self, sha256: str) -> dict[str, Any] | None:
-        """Return the part that stands for a picture of the conversation; None for another one."""
-        self._look_up()
-        part = self._shown.get(sha256)
-        return None if part is None else dict(part)
-
-    def number_of(self, message: Message, given: Sequence[Place], *, later: int = 0) -> int | None:
+    def _number_of(self, message: Message, given: Sequence[Place], *, later: int = 0) -> int | None:
         """Return which message another one is; None if it is none of them.
 
         Of several that say the same it is one of those `given`, from the last one back: the one before `later` others.
         """
         self._look_up()
         if message["role"] == "tool":
-            number = self._results.get(message["tool_call_id"])
+            number = self._window.result_of(message["tool_call_id"])
         elif calls := calls_of(message):
             number = self._replies.get(calls[0]["id"])
-        elif same := self._texts.get(meaning(message)):
+        elif same := self._said.get(meaning(message)):
             if len(same) > 1:
                 same = [*same, *(place for place in given if isinstance(place, int) and place in same)]
             return same[-1 - min(later, len(same) - 1)]
@@ -251,27 +199,102 @@ class RewrittenHistory:
 
     def _spelled(self, number: int) -> Iterator[Message]:
         """The forms in which a message is or was given."""
-        now = self.now[number].message
+        now = self._window.now[number].message
         yield given_form(now)
         yield now
-        if (item := self._item(number)) is not None and now is not item.message:
+        if (item := self._window.item(number)) is not None and now is not item.message:
             yield item.message
             if pictures_of(item.message):
-                yield item.unpictured
+                yield item.elided
 
     def _look_up(self) -> None:
         """Enter the messages that are new."""
-        for number in range(self._read, len(self.now)):
-            message = self.now[number].message
+        now = self._window.now
+        for number in range(self._read, len(now)):
+            message = now[number].message
             if message["role"] == "tool":
-                self._results[message["tool_call_id"]] = number
-                original = message if (item := self._item(number)) is None else item.message
-                self._shown |= {part["sha256"]: part for part in pictures_of(original)}
+                original = message if (item := self._window.item(number)) is None else item.message
+                self._pictures |= {part["sha256"]: part for part in pictures_of(original)}
             elif calls := calls_of(message):
                 self._replies |= dict.fromkeys((call["id"] for call in calls), number)
             else:
-                self._texts.setdefault(meaning(message), []).append(number)
-        self._read = len(self.now)
+                self._said.setdefault(meaning(message), []).append(number)
+        self._read = len(now)
+
+    def _own(self, given: Any, at: int) -> Message:
+        """A message in canonical form, with the fields that are read alone."""
+        try:
+            role, content = given["role"], given.get("content") or ""
+            if not isinstance(content, str | list | tuple):
+                raise InvalidArgumentError(f"Its content is {type(content).__name__}.")
+            pictures = [] if isinstance(content, str) else [part for part in content if is_picture(part)]
+            words = content if isinstance(content, str) else [part for part in content if part not in pictures]
+            fields = {name: given.get(name) for name in ("tool_calls", "tool_call_id")}
+            if role == "assistant":
+                message = assistant_message({"role": role, "content": words, "tool_calls": fields["tool_calls"]})
+            else:
+                message = host_message({"role": role, "content": words, **fields})
+            shown = [picture for part in pictures if (picture := self._picture(part["sha256"])) is not None]
+            if len(shown) < len(pictures) or (shown and role not in ("user", "tool")):
+                raise InvalidArgumentError("It has a picture that it was not given, or that nobody can be shown there.")
+        except (AttributeError, KeyError, TypeError, InvalidArgumentError) as error:
+            raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from None
+        text = str(text_of(message))
+        message["content"] = [{"type": "text", "text": text}, *shown] if shown else text
+        return with_arguments(
+            message, [arguments.read(call["function"]["arguments"]).sent for call in calls_of(message)]
+        )
+
+    def _picture(self, sha256: str) -> dict[str, Any] | None:
+        """Return the part that stands for a picture of the conversation; None for another one."""
+        self._look_up()
+        part = self._pictures.get(sha256)
+        return None if part is None else dict(part)
+
+    def _replace_ids(self, message: Message, present: set[str]) -> None:
+        for call in calls_of(message):
+            call["id"] = self._id(call["id"], present)
+        if message["role"] == "tool":
+            message["tool_call_id"] = self._id(message["tool_call_id"], present)
+
+    def _id(self, sent: str, present: set[str]) -> str:
+        """The id of a call: its own if it is that of a call that was given, or one that no other call has."""
+        self._look_up()
+        if sent in self._replies or sent in self._made:
+            return sent
+        if sent not in self._ids or self._ids[sent] in present:
+            self._ids[sent] = self._new_id()
+            self._made.add(self._ids[sent])
+        return self._ids[sent]
+
+    def _check(self, read: Sequence[Place]) -> None:
+        """Raise a `StrategyError` if no provider could take these messages."""
+        waiting: list[str] = []
+        seen: set[str] = set()
+        last = None
+        for at, place in enumerate(read):
+            message = place.message if isinstance(place, Form) else self._window.now[place].message
+            role = message["role"]
+            if role == "tool":
+                if message["tool_call_id"] not in waiting:
+                    raise StrategyError(f"Message {at} is a result without its call.")
+                waiting.remove(message["tool_call_id"])
+            elif waiting:
+                raise StrategyError(f"Message {at} stands between a call and its result.")
+            else:
+                waiting = [call["id"] for call in calls_of(message)]
+                if len({*waiting}) < len(waiting) or not seen.isdisjoint(waiting):
+                    raise StrategyError(f"Message {at} has the id of another call.")
+                seen.update(waiting)
+                if isinstance(place, Form) and not (waiting or text_of(message).strip() or pictures_of(message)):
+                    raise StrategyError(f"Message {at} is empty.")
+            last = last if role in SYSTEM else role
+        if waiting:
+            raise StrategyError(f"Message {len(read) - 1} is the last, and a call has no result.")
+        if not read:
+            raise StrategyError("There is no message.")
+        if last == "assistant":
+            raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")
 
 
 def given_form(message: Message) -> Message:
@@ -294,109 +317,3 @@ def meaning(message: Message) -> Any:
     ]
     call_id = message["tool_call_id"] if message["role"] == "tool" else None
     return message["role"], text, tuple([part["sha256"] for part in pictures]), tuple(calls), call_id
-
-
-@dataclass
-class Reader:
-    """Reads what a compactor returns or asks."""
-
-    messages: RewrittenHistory
-    new_id: Callable[[], str]
-    """Makes the id of a call in place of one that the compactor has made up."""
-    _ids: dict[str, str] = field(default_factory=dict)
-    """The ids that it has made up, and those in their place."""
-    _made: set[str] = field(default_factory=set)
-    """All ids that were made in place of others."""
-
-    def pieces(self, made: Any, given: Sequence[Place]) -> list[Piece]:
-        """Return messages as pieces; a `StrategyError` names what is not a message, or cannot be sent."""
-        read = self.read(made, given)
-        present = {call["id"] for place in read if isinstance(place, Own) for call in calls_of(place.message)}
-        for place in read:
-            if isinstance(place, Own):
-                self._replace_ids(place.message, present)
-        if read != list(given):  # what it was given is never at fault
-            self._check(read)
-        return joined(read)
-
-    def read(self, made: Any, given: Sequence[Place]) -> list[Place]:
-        """Return messages one by one, which need not be a whole conversation."""
-        if not isinstance(made, list | tuple | GivenHistory):
-            raise StrategyError(f"Messages are a list, not {type(made).__name__}.")
-        later: dict[Any, int] = {}
-        read: list[Place] = []
-        for at, message in reversed([*enumerate(made)]):
-            own = self._own(message, at)
-            key = None if calls_of(own) or own["role"] == "tool" else meaning(own)
-            number = self.messages.number_of(own, given, later=later.get(key, 0))
-            later[key] = later.get(key, 0) + 1
-            read.append(Own(own) if number is None else number)
-        return read[::-1]
-
-    def _own(self, given: Any, at: int) -> Message:
-        """A message in canonical form, with the fields that are read alone."""
-        try:
-            role, content = given["role"], given.get("content") or ""
-            if not isinstance(content, str | list | tuple):
-                raise InvalidArgumentError(f"Its content is {type(content).__name__}.")
-            pictures = [] if isinstance(content, str) else [part for part in content if is_picture(part)]
-            words = content if isinstance(content, str) else [part for part in content if part not in pictures]
-            fields = {name: given.get(name) for name in ("tool_calls", "tool_call_id")}
-            if role == "assistant":
-                message = assistant_message({"role": role, "content": words, "tool_calls": fields["tool_calls"]})
-            else:
-                message = host_message({"role": role, "content": words, **fields})
-            shown = [picture for part in pictures if (picture := self.messages.picture(part["sha256"])) is not None]
-            if len(shown) < len(pictures) or (shown and role not in ("user", "tool")):
-                raise InvalidArgumentError("It has a picture that it was not given, or that nobody can be shown there.")
-        except (AttributeError, KeyError, TypeError, InvalidArgumentError) as error:
-            raise StrategyError(f"Message {at} cannot be sent: {type(error).__name__}: {error}") from None
-        text = str(text_of(message))
-        message["content"] = [{"type": "text", "text": text}, *shown] if shown else text
-        return with_arguments(
-            message, [arguments.read(call["function"]["arguments"]).sent for call in calls_of(message)]
-        )
-
-    def _replace_ids(self, message: Message, present: set[str]) -> None:
-        for call in calls_of(message):
-            call["id"] = self._id(call["id"], present)
-        if message["role"] == "tool":
-            message["tool_call_id"] = self._id(message["tool_call_id"], present)
-
-    def _id(self, sent: str, present: set[str]) -> str:
-        """The id of a call: its own if it is that of a call that was given, or one that no other call has."""
-        if self.messages.has_id(sent) or sent in self._made:
-            return sent
-        if sent not in self._ids or self._ids[sent] in present:
-            self._ids[sent] = self.new_id()
-            self._made.add(self._ids[sent])
-        return self._ids[sent]
-
-    def _check(self, read: Sequence[Place]) -> None:
-        """Raise a `StrategyError` if no provider could take these messages."""
-        waiting: list[str] = []
-        seen: set[str] = set()
-        last = None
-        for at, place in enumerate(read):
-            message = place.message if isinstance(place, Own) else self.messages.now[place].message
-            role = message["role"]
-            if role == "tool":
-                if message["tool_call_id"] not in waiting:
-                    raise StrategyError(f"Message {at} is a result without its call.")
-                waiting.remove(message["tool_call_id"])
-            elif waiting:
-                raise StrategyError(f"Message {at} stands between a call and its result.")
-            else:
-                waiting = [call["id"] for call in calls_of(message)]
-                if len({*waiting}) < len(waiting) or not seen.isdisjoint(waiting):
-                    raise StrategyError(f"Message {at} has the id of another call.")
-                seen.update(waiting)
-                if isinstance(place, Own) and not (waiting or text_of(message).strip() or pictures_of(message)):
-                    raise StrategyError(f"Message {at} is empty.")
-            last = last if role in SYSTEM else role
-        if waiting:
-            raise StrategyError(f"Message {len(read) - 1} is the last, and a call has no result.")
-        if not read:
-            raise StrategyError("There is no message.")
-        if last == "assistant":
-            raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")

@@ -105,6 +105,10 @@ class Item:
     """The position of the call that it answers; None if it is not a tool result."""
     brings_back: bool = False
     """Whether it is the answer of a tool of memory that brings observations back."""
+    is_error: bool = False
+    """Whether it says that the game, or a tool, has refused the call."""
+    reward: float | None = None
+    """The reward of the step that the call has played; None if it played none."""
     words: Wording = field(kw_only=True, repr=False, compare=False)
     """What replaces it once it is too old."""
 
@@ -127,14 +131,14 @@ class Item:
         return "" if text.startswith(self.words("picture_shown")) else text
 
     @cached_property
-    def unpictured(self) -> Message:
-        """The message that replaces this one once its picture is left out: its words, or the marker without any."""
+    def elided(self) -> Message:
+        """The message that replaces this one once its picture is elided: its words, or the marker without any."""
         text = self.observation_words
         if not text:
             return self.masked
-        unpictured = self.message.copy()
-        unpictured["content"] = text
-        return unpictured
+        elided = self.message.copy()
+        elided["content"] = text
+        return elided
 
 
 @dataclass
@@ -201,26 +205,39 @@ class Turn:
         return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
 
     @property
+    def tools(self) -> tuple[str, ...]:
+        """The names of the tools that it calls, in the order of its calls."""
+        return tuple([call.name for call in self.calls])
+
+    @property
+    def errors(self) -> int:
+        """How many of its calls were refused."""
+        return sum(item.is_error for item in self.items)
+
+    @property
+    def rewards(self) -> tuple[float, ...]:
+        """The rewards of the steps that it has played, in their order."""
+        return tuple([item.reward for item in self.items if item.reward is not None])
+
+    @property
     def messages(self) -> list[Message]:
         """All its messages, unmasked."""
         return [form.message for form in self.whole]
 
     @cached_property
-    def hidden(self) -> tuple[Form, ...]:
+    def masked(self) -> tuple[Form, ...]:
         """All its messages, with every observation masked."""
         dated = [self._form(item, item.masked) if item.date is not None else None for item in self.items]
         return tuple([form or whole for form, whole in zip([None, *dated], self.whole, strict=True)])
 
     @cached_property
-    def plain(self) -> tuple[Form, ...]:
+    def elided(self) -> tuple[Form, ...]:
         """All its messages without their pictures; one that has no words is masked."""
         forms = list(self.whole)
         for at in self.pictured:
             item = self.items[at]
-            is_empty = item.unpictured is item.masked
-            forms[at + 1] = (
-                self.hidden[at + 1] if is_empty else self._form(item, item.unpictured, item.observation_step)
-            )
+            is_empty = item.elided is item.masked
+            forms[at + 1] = self.masked[at + 1] if is_empty else self._form(item, item.elided, item.observation_step)
         return tuple(forms)
 
     def _form(self, item: Item, message: Message, step: int | None = None) -> Form:
@@ -233,7 +250,7 @@ class Turn:
         return bool(self.calls) and bool(text_of(reply) or reasoning_of(reply) or reply.get("provider_items"))
 
     @cached_property
-    def bare(self) -> Form:
+    def trimmed(self) -> Form:
         """The reply with its calls alone: what is shown of it once its words are too old."""
         kept: Message = {"role": "assistant", "content": None}
         if name := self.shown.get("name"):
@@ -241,19 +258,17 @@ class Turn:
         kept["tool_calls"] = self.shown["tool_calls"]
         return Form(kept, self.number, arguments=self.arguments)
 
-    def spoken(self, counter: TokenCounter) -> int:
-        """Return the budget tokens that a bare reply saves."""
-        if not self.is_wordy:
-            return 0
-        return self.whole[0].tokens(counter) - self.bare.tokens(counter)
+    def trimming_saves(self, counter: TokenCounter) -> int:
+        """Return the budget tokens that a trimmed reply saves."""
+        return self.whole[0].tokens(counter) - self.trimmed.tokens(counter) if self.is_wordy else 0
 
-    def masked(self, oldest: int, pictures: int = 0) -> list[int]:
-        """Return the indices of the items shown as the marker: they are old, or only a picture that is left out."""
+    def masked_items(self, oldest: int, elided: int = 0) -> list[int]:
+        """Return the indices of the items shown as the marker: they are old, or only a picture that is elided."""
         old: list[int] = []
         if not self.is_young(oldest):
             old = [at for at, item in enumerate(self.items) if (date := item.date) is not None and date < oldest]
-        if pictures and (left_out := self.left_out(pictures)):
-            empty = {at for at in left_out if self.items[at].unpictured is self.items[at].masked}
+        if elided and (without := self.elided_items(elided)):
+            empty = {at for at in without if self.items[at].elided is self.items[at].masked}
             return sorted(empty.union(old))
         return old
 
@@ -261,34 +276,34 @@ class Turn:
         """Whether none of its results is older than `oldest`."""
         return not self.dates or oldest <= self.dates[0]
 
-    def left_out(self, pictures: int) -> Sequence[int]:
-        """Return the indices of the items whose picture is left out where the first `pictures` of all are."""
-        return self.pictured[: max(0, pictures - self.first_picture)]
+    def elided_items(self, elided: int) -> Sequence[int]:
+        """Return the indices of the items whose picture is elided where the first `elided` of all are."""
+        return self.pictured[: max(0, elided - self.first_picture)]
 
-    def seen(self, oldest: int, *, bare: bool = False, pictures: int = 0) -> tuple[Form, ...]:
-        """Return its messages with every observation older than `oldest` masked.
+    def seen(self, oldest: int, *, trimmed_before: int = 0, elided: int = 0) -> tuple[Form, ...]:
+        """Return its messages, each at its level.
 
-        `bare`: without the reply's words. `pictures`: how many of the conversation's first pictures are left out.
+        Observations older than `oldest` are masked, the reply of a turn older than `trimmed_before` is trimmed, and
+        the first `elided` pictures of the conversation are elided.
         """
-        if bare and self.is_wordy:
-            return (self.bare, *self.seen(oldest, pictures=pictures)[1:])
-        left_out = self.left_out(pictures) if pictures else ()
-        if not left_out and self.is_young(oldest):
+        forms = self._results(oldest, elided)
+        if self.step < trimmed_before and self.is_wordy:
+            return (self.trimmed, *forms[1:])
+        return forms
+
+    def _results(self, oldest: int, elided: int) -> tuple[Form, ...]:
+        """Its messages with a whole reply."""
+        without = self.elided_items(elided) if elided else ()
+        if not without and self.is_young(oldest):
             return self.whole
         if oldest > self.step:
-            return self.hidden
+            return self.masked
         forms = list(self.whole)
-        for at in left_out:
-            forms[at + 1] = self.plain[at + 1]
-        for at in self.masked(oldest):
-            forms[at + 1] = self.hidden[at + 1]
+        for at in without:
+            forms[at + 1] = self.elided[at + 1]
+        for at in self.masked_items(oldest):
+            forms[at + 1] = self.masked[at + 1]
         return tuple(forms)
-
-    def tokens(self, counter: TokenCounter) -> int:
-        """Return the budget tokens of its messages, unmasked."""
-        if self.reply_tokens is not None:
-            self.whole[0].is_counted(counter, self.reply_tokens)
-        return sum([form.tokens(counter) for form in self.whole])
 
 
 class TurnBuilder:
@@ -339,7 +354,7 @@ class TurnBuilder:
             case "call" if self.is_open:
                 if event.get("host") == "edited":
                     self.edit(event["position"], event["arguments"])
-                self.add_result(event["position"], event["text"], event["data"])
+                self.add_result(event["position"], event["text"], event["data"], is_error=event["is_error"])
 
     def open(self, number: int, message: Message, calls: Sequence[Call], tokens: int | None = None) -> None:
         """Begin a turn with a reply, of `tokens` if they are known; the turn before is complete."""
@@ -360,7 +375,7 @@ class TurnBuilder:
         self._sent = self._history.sent(edited, self.calls)
         self._reply_tokens = self._latest = None
 
-    def add_result(self, position: int, text: str, data: Mapping[str, Any]) -> None:
+    def add_result(self, position: int, text: str, data: Mapping[str, Any], *, is_error: bool = False) -> None:
         """Add the game's answer to a call."""
         if data.get("manual") and not self._compacts:
             self.manual, text = text, self._words("manual_is_above")
@@ -378,7 +393,17 @@ class TurnBuilder:
             self._pictures += 1
         message: Message = {"role": "tool", "content": content, "tool_call_id": self.calls[position].id}
         is_back = not data.keys().isdisjoint(BROUGHT_BACK)
-        self._answer(position, Item(message, self.step, observation, position, is_back, words=self._words))
+        item = Item(
+            message,
+            self.step,
+            observation,
+            position,
+            is_back,
+            is_error=is_error,
+            reward=data.get("reward"),
+            words=self._words,
+        )
+        self._answer(position, item)
 
     def add(self, message: Message, position: int | None) -> None:
         """Add a message of the host or the library; with a `position`, the result of a foreign tool's call."""

@@ -1,105 +1,77 @@
-"""Views: which turns a prompt shows, and the numbers that describe it."""
+"""Selections and views: what a prompt shows of a conversation, and the prompt that is made of it.
+
+A message is shown at a *level*: whole, elided (without its picture), trimmed (a reply with its calls alone), masked (a
+marker in place of the observation), or it is gone. The built-in rule, a strategy that chooses and a compactor that
+rewrites all return a `Selection`.
+"""
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import chain
-from typing import Any
+from typing import Any, TypeAlias
 
 from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.types import Purpose, ToolSpec
 from smartplay_tools.types.messages import Message, copy_of, text_of
 
+Piece: TypeAlias = "range | Form"
+"""A row of the conversation's messages by their numbers, or a text that stands before turns or in their place."""
 
-@dataclass(slots=True)
+
+@dataclass(frozen=True, slots=True)
 class Selection:
-    """Which turns a prompt shows: the run from `first` to `last`, and before it the pinned ones that are older."""
+    """What a prompt shows of a conversation: rows of its messages and texts, in this order, and their levels."""
 
-    pinned: tuple[int, ...]
-    """The turns before `first` that stay: first turns, the latest with the newest observation, that with the notes."""
-    first: int
-    last: int
-    oldest: int
+    turns: Sequence[range]
+    """The turns of which it shows messages; the last row is the run up to the newest."""
+    pieces: Sequence[Piece] = ()
+    """The messages and texts; all other messages are gone."""
+    oldest: int = 0
     """Observations before this one are masked."""
-    hidden: int | None = None
-    """The pinned turn with the notes, of which every observation is masked."""
-    words: int = 0
-    """Replies of turns older than this step are bare."""
-    anchors: int = 0
-    """How many of the first turns stay; they stand before a summary."""
-    pictures: int = 0
-    """How many of the first pictures of the conversation are left out."""
-    is_chosen: bool = False
-    """Whether a custom strategy has chosen the turns; `pinned` are then all but the newest."""
+    trimmed_before: int = 0
+    """Replies of turns older than this step are trimmed."""
+    elided: int = 0
+    """How many of the first pictures of the conversation are elided."""
     masked: frozenset[int] = frozenset()
-    """Turns whose observations a custom strategy masks."""
-    texts: Mapping[int, Form] = field(default_factory=dict)
-    """The texts of a custom strategy, by the turn before which each stands."""
-    first_whole: int = 0
-    """The turn from which on every turn of the run is shown whole."""
+    """Turns of which a custom strategy has every observation masked."""
+    pinned: int | None = None
+    """The turn that a strategy has pinned, of which every observation is masked; None without one, and in the run."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """What else the record of its prompt needs."""
 
     def __iter__(self) -> Iterator[int]:
-        yield from self.pinned
-        yield from range(self.first, self.last + 1)
+        return chain.from_iterable(self.turns)
 
     def __len__(self) -> int:
-        return len(self.pinned) + self.last + 1 - self.first
+        return sum(map(len, self.turns))
+
+    def is_masked(self, turn: int) -> bool:
+        """Whether every observation of a turn is masked, however young it is."""
+        return turn == self.pinned or turn in self.masked
 
     def oldest_of(self, turn: Turn) -> int:
         """Return the oldest observation that a turn of the selection may show."""
-        is_hidden = turn.number == self.hidden or turn.number in self.masked
-        return turn.step + 1 if is_hidden else self.oldest
-
-    @property
-    def front(self) -> int:
-        """How many of the pinned turns stand before a summary."""
-        return bisect_left(self.pinned, self.anchors) if self.anchors else 0
+        return turn.step + 1 if self.is_masked(turn.number) else self.oldest
 
     def seen(self, turn: Turn) -> tuple[Form, ...]:
-        """Return the messages of a turn as the selection shows them."""
-        return turn.seen(self.oldest_of(turn), bare=turn.step < self.words, pictures=self.pictures)
-
-    def forms(
-        self, turns: Sequence[Turn], whole: Callable[[int, int], Iterable[Form]], summary: Form | None = None
-    ) -> list[Form]:
-        """Return the messages of the selected turns with the texts before them; `summary` is after the first turns.
-
-        `whole` returns the messages of the turns from one to before another, with none of them masked.
-        """
-        shown: list[Sequence[Form]] = []
-        changed = self.changed
-        for number in (*self.pinned, *changed):
-            if number in self.texts:
-                shown.append((self.texts[number],))
-            shown.append(self.seen(turns[number]))
-        if summary is not None:
-            shown.insert(self.front, (summary,))
-        return [*chain.from_iterable(shown), *whole(changed.stop, self.last + 1)]
-
-    @property
-    def changed(self) -> range:
-        """The turns of the run that may be shown in part."""
-        return range(self.first, min(max(self.first, self.first_whole), self.last + 1))
+        """Return the messages of a turn, each at its level."""
+        return turn.seen(self.oldest_of(turn), trimmed_before=self.trimmed_before, elided=self.elided)
 
     def masked_items(self, turn: Turn) -> list[int]:
         """Return the indices of the items of a turn that read as the marker."""
-        return turn.masked(self.oldest_of(turn), self.pictures)
+        return turn.masked_items(self.oldest_of(turn), self.elided)
 
     @property
     def ranges(self) -> list[list[int]]:
         """The turns as a record holds them: ranges, first and last included."""
-        if not self.is_chosen:
-            run = [[self.first, self.last]] if self.last >= 0 else []
-            return [*([index, index] for index in self.pinned), *run]
-        return ranges_of(self)
+        return [[row.start, row.stop - 1] for row in self.turns if row.stop]
 
 
 @dataclass(slots=True)
 class View:
-    """The contents of a prompt, with the numbers of what it leaves out. It is not changed once it is made."""
+    """A prompt, with the numbers of what it leaves out. It is not changed once it is made."""
 
     tools: tuple[ToolSpec, ...]
     tokens: int
@@ -111,9 +83,11 @@ class View:
     prefix_tokens: int
     """Tokens of the messages at the beginning that are equal in the view before the latest turn."""
     selection: Selection
-    """Which turns the view shows."""
+    """What the view shows of the conversation."""
     forms: Sequence[Form] = field(repr=False)
     """The messages in the forms in which they are shown."""
+    head: Sequence[Form] = field(default=(), repr=False)
+    """Those of them that are the head."""
     turns: Sequence[Turn] = field(default=(), repr=False)
     """All turns of the conversation."""
     purpose: Purpose = "play"
@@ -126,11 +100,6 @@ class View:
     """What else the record needs of the prompt."""
 
     @property
-    def asks_for_summary(self) -> bool:
-        """Whether words are asked for, a summary or the answer to a compactor's question, and not a move."""
-        return self.purpose != "play"
-
-    @property
     def messages(self) -> list[Message]:
         """Head and turns, in chronological order, as copies."""
         return [copy_of(form.message) for form in self.forms]
@@ -138,24 +107,19 @@ class View:
     @property
     def masked_results(self) -> tuple[tuple[int, int], ...]:
         """(turn, item) of every result in the view that reads as the marker."""
+        return tuple((turn.number, at) for turn in self._aged for at in self.selection.masked_items(turn))
+
+    @property
+    def _aged(self) -> Iterator[Turn]:
+        """The turns that may be shown in part: of a row nothing is masked after the first turn that is young."""
         chosen = self.selection
-        turns = [self.turns[index] for index in (*chosen.pinned, *chosen.changed)]
-        return tuple((turn.number, at) for turn in turns for at in chosen.masked_items(turn))
-
-
-@dataclass(frozen=True)
-class Head:
-    """The first messages of every prompt, with tools and priming, for one state of the manual."""
-
-    messages: tuple[Message, ...]
-    tokens: int
-    """Tokens of messages, tools and priming."""
-    tools: tuple[ToolSpec, ...] = ()
-
-    @cached_property
-    def forms(self) -> list[Form]:
-        """The messages; examples of calls keep their ids, which are the head's own."""
-        return [Form(message) for message in self.messages]
+        is_by_age = not (chosen.masked or chosen.elided or chosen.pinned is not None)
+        for row in chosen.turns:
+            for number in row:
+                turn = self.turns[number]
+                yield turn
+                if is_by_age and turn.step >= chosen.oldest:
+                    break
 
 
 def ranges_of(numbers: Iterable[int]) -> list[list[int]]:

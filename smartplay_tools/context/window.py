@@ -1,15 +1,14 @@
-"""The context window: selects what the model may see, again after every appended turn.
+"""The context window: decides what the model may see, again after every turn, and makes the prompt that shows it.
 
-A view has four parts: the head (system, task, the manual once it has been read); the summary, if there is one; the
-pinned turns (the newest turn, the latest turn that shows the newest observation, the turn with the notes); and earlier
-turns. Earlier turns are added from the newest back, as long as they fit and are not too old. Two rules are absolute: no
-view is longer than `prompt_tokens`, and no observation in it is older than `history` steps. `docs/budgets.md` and
-`docs/strategies.md` have the exact definition.
+A prompt has a head (system, task, the manual once it has been read), and after it messages of the conversation, each at
+its level, and texts between them. What it shows is a `Selection`. By itself the window shows the newest turns and those
+that are pinned (`context.newest`). A rule can select in its place: that of a strategy which chooses turns
+(`context.choosing`), or of a compactor (`context.compacting`). No prompt is longer than `prompt_tokens`, and no
+observation in it is older than `history` steps. A window needs no episode.
 
-Deciding a view takes a few bisections (`context.token_index`), at turn 10,000 as at turn 10. The tokens of a view fall
-as its first turn moves on, except where the run begins to include the notes: their turn is masked whole before the run
-and by age inside it, and a marker can be longer than what it replaces. So the first turn is searched for in two halves,
-before and after that turn.
+Messages are numbered, and each is kept as a prompt would show it now, with running sums of their tokens. A turn changes
+only the messages that become too old by it, so deciding takes a few bisections, and a prompt the time to list what it
+shows.
 
 What is too old, what is pinned and what is kept free is decided by the strategies (`context.strategies`). Where one of
 them asks for summaries, a window that has to move is first owed one: `view` is then the prompt that asks for it, and
@@ -20,26 +19,31 @@ moves leaves room for both.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate, pairwise, takewhile
+from typing import Any, TypeAlias
 
-from smartplay_tools.context.base import Window
+from smartplay_tools.context.newest import NewestTurns
+from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.strategies.base import share_kept
+from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import View
-from smartplay_tools.context.window_state import Contents, WindowState
-from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.context.turns import Form, Item, Turn
+from smartplay_tools.context.view import Piece, Selection, View, with_manual
+from smartplay_tools.errors import PromptOverflowError, StrategyError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import ResolvedBudget, ToolSpec
-from smartplay_tools.types.messages import Message
+from smartplay_tools.types.messages import Message, calls_of, pictures_of, text_of
+
+Rule: TypeAlias = "Callable[[], Generator[View, Message | None, Selection]]"
+"""Makes a prompt to play: yields the prompts of questions, is sent the replies, and returns what is shown."""
 
 
-class ContextWindow(Window):
-    """Selects turns for prompts: the newest that fit and are not too old, and those that are pinned."""
+class ContextWindow:
+    """Decides what the prompts of a conversation show: `append` adds a turn, `view` returns the next prompt."""
 
     def __init__(
         self,
@@ -48,19 +52,52 @@ class ContextWindow(Window):
         budget: ResolvedBudget,
         counter: TokenCounter,
         strategies: Strategies | None = None,
+        *,
+        lead: Sequence[Message] = (),
     ) -> None:
-        """`strategies` are the episode's own; by default they are made from the budget, with the newest words."""
-        strategies = strategies or Strategies(budget, counter, Wording.of(VERSION))
-        self._reserve, self._ageing, self._form = strategies.reserve, strategies.ageing, strategies.summaries
-        self._share = share_kept(budget.slack)
-        self._stretches = self._ageing.stretches(budget.history)
-        self._overflows = False
-        self._before: Contents | None = None
-        self._leaving: Contents | None = None
-        """The contents of the prompt that asks for a summary, while the window is owed one."""
+        """`strategies` are the episode's own; by default they are made from the budget, with the newest words.
+
+        `lead` are messages after the head that are not in every prompt, but numbered as those of turns are.
+        """
+        self.budget, self.counter = budget, counter
+        self.strategies = strategies or Strategies(budget, counter, Wording.of(VERSION))
+        self.turns: list[Turn] = []
+        """Every turn that was appended."""
+        self.now: list[Form] = list(map(Form, lead))
+        """Every message by its number, as a prompt shows it now."""
+        self.starts = [len(lead)]
+        """The number of the first message of each turn, and the number that comes next."""
+        self.oldest = self.trimmed_before = self.elided = 0
+        """What decides the levels of all messages, as in a `Selection`."""
+        self._sums, self._aged = [0], 0
+        """The tokens of the messages before each, as far as they are counted; how many turns age no more."""
+        self._results: dict[str, int] = {}
+        self._read = 0
+        """The numbers of results by the ids of their calls, and how many messages were looked at for them."""
+        self.newest: int | None = None
+        """The latest turn that shows the newest observation."""
+        self.pinned: int | None = None
+        """The turn that a strategy has pinned, of which every observation is masked before the run."""
+        self._pinned_tokens = self._first_turns = 0
+        """The tokens of that turn, and how many of the first turns stay."""
+        self._run = NewestTurns(budget, self.strategies)
+        self._rule: Rule | None = None
+        self._by_words = False
+        """The rule that makes every prompt in place of the window, if there is one (`follow`)."""
+        self._making: Generator[View, Message | None, Selection] | None = None
+        """Makes the next prompt to play, and waits for the replies to questions."""
+        self._reply: Message | None = None
+        """The reply to the latest question, until the rule has it."""
+        self._summary: Summary | None = None
         self.summaries = 0
         """How many summaries there have been."""
-        super().__init__(head, tools, budget, counter, strategies)
+        self._before: View | None = None
+        """The prompt to play before the latest turn; where a rule makes prompts, the latest one."""
+        self._asking: View | None = None
+        """The prompt that asks for a summary, while the window is owed one."""
+        self._overflow: int | None = None
+        """The tokens of what every prompt shows, if it does not fit."""
+        self.change_head(head, tools)
 
     @classmethod
     def of(
@@ -77,120 +114,392 @@ class ContextWindow(Window):
             window.append(turn)
         return window
 
-    def _begin(self, state: WindowState) -> None:
-        self._now = Contents(state, state.selected(0))
+    def change_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], *, begins: bool = True) -> None:
+        """Begin all further views with another head and other tools, from the next appended turn on.
+
+        With `begins` so does the view before the first turn, which was not sent yet.
+        """
+        self.tools, self.tools_tokens = tuple(tools), self.counter.tools(tools)
+        self._plain_head, self._heads = list(head), dict[str | None, tuple[list[Form], int]]()
+        if begins and not self.turns:
+            self.use_head(None)
+            self._playing = self._played(Selection([range(0)]))
+
+    def use_head(self, manual: str | None) -> None:
+        """Begin prompts with the head, which shows the manual once it has been read."""
+        if manual not in self._heads:
+            messages = self._plain_head if manual is None else with_manual(self._plain_head, manual)
+            tokens = self.counter.messages(messages) + self.tools_tokens + PRIMING
+            self._heads = {manual: (list(map(Form, messages)), tokens)}
+        self.head, self.head_tokens = self._heads[manual]
+
+    # Messages and their levels.
+
+    def add(self, turn: Turn) -> None:
+        """Add a complete turn, nothing of which has aged."""
+        if turn.reply_tokens is not None:
+            turn.whole[0].is_counted(self.counter, turn.reply_tokens)
+        self.turns.append(turn)
+        self.now += turn.whole
+        self.starts.append(len(self.now))
+        self.use_head(turn.manual)
+
+    def age(self, oldest: int, trimmed_before: int = 0, elided: int = 0) -> None:
+        """Give every message the level that these ages mean."""
+        ages = oldest, trimmed_before, elided
+        if ages == (before := (self.oldest, self.trimmed_before, self.elided)):
+            return
+        if any(age < was for age, was in zip(ages, before, strict=True)):  # only where a record is read
+            self._aged = 0
+        self.oldest, self.trimmed_before, self.elided = ages
+        latest, most = max(oldest, trimmed_before, *before[:2]), max(elided, before[2])
+        for index in range(self._aged, len(self.turns)):
+            turn, start, stop = self.turns[index], self.starts[index], self.starts[index + 1]
+            seen = list(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
+            if seen != self.now[start:stop]:
+                self.now[start:stop] = seen
+                del self._sums[start + 1 :]
+            pictures = turn.first_picture + len(turn.pictured)
+            if index == self._aged and self._is_settled(turn, pictures):
+                self._aged += 1
+            if turn.step >= latest and pictures >= most:
+                break  # no later turn was shown in part, or is
+
+    def _is_settled(self, turn: Turn, pictures: int) -> bool:
+        """Whether no message of a turn changes its level any more; `pictures` are those up to its end."""
+        if self.budget.history is not None and turn.step >= self.oldest:
+            return False
+        if self.strategies.trimming is not None and turn.step >= self.trimmed_before:
+            return False
+        return self.strategies.eliding is None or pictures <= self.elided
+
+    def tokens(self, row: range) -> int:
+        """Return the tokens of messages in a row as a prompt shows them now."""
+        sums, stop = self._sums, row.stop
+        if len(sums) <= stop:
+            sizes = [form.tokens(self.counter) for form in self.now[len(sums) - 1 : stop]]
+            sums[-1:] = accumulate(sizes, initial=sums[-1])
+        return sums[stop] - sums[row.start]
+
+    def row(self, first: int, stop: int) -> range:
+        """Return the numbers of the messages of the turns from one to before another."""
+        return range(self.starts[first], self.starts[stop])
+
+    def turns_of(self, row: range) -> range:
+        """Return the turns that messages in a row belong to."""
+        return range(max(self.turn_of(row.start), 0), self.turn_of(row.stop - 1) + 1)
+
+    def turn_of(self, number: int) -> int:
+        """Return the turn of a message; -1 for messages before the first turn."""
+        return bisect_right(self.starts, number) - 1
+
+    def item(self, number: int) -> Item | None:
+        """Return the item that a message is; None for replies, and for messages before the first one."""
+        turn = self.turn_of(number)
+        place = number - self.starts[turn]
+        return self.turns[turn].items[place - 1] if turn >= 0 and place else None
+
+    def result_of(self, call_id: str) -> int | None:
+        """Return the number of the result of a call of the conversation; None for another id."""
+        for number in range(self._read, len(self.now)):
+            message = self.now[number].message
+            if message["role"] == "tool":
+                self._results[message["tool_call_id"]] = number
+        self._read = len(self.now)
+        return self._results.get(call_id)
+
+    def pieces(self, turns: Iterable[range], texts: Mapping[int, Form]) -> list[Piece]:
+        """Return the messages of rows of turns, with texts before some turns."""
+        pieces: list[Piece] = []
+        for row in turns:
+            edges = [*sorted({row.start, *(turn for turn in texts if turn in row)}), row.stop]
+            for first, stop in pairwise(edges):
+                if first in texts:
+                    pieces.append(texts[first])
+                pieces.append(self.row(first, stop))
+        return pieces
+
+    def forms(self, chosen: Selection) -> list[Form]:
+        """Return the messages that a selection shows, as they are now."""
+        forms: list[Form] = []
+        hidden = {*chosen.masked} if chosen.pinned is None else {*chosen.masked, chosen.pinned}
+        for piece in chosen.pieces:
+            if isinstance(piece, Form):
+                forms.append(self.text(piece))
+            elif hidden and not hidden.isdisjoint(turns := self.turns_of(piece)):
+                for turn in turns:
+                    now = self.now[self.starts[turn] : self.starts[turn + 1]]
+                    forms += chosen.seen(self.turns[turn]) if turn in hidden else now
+            else:
+                forms += self.now[piece.start : piece.stop]
+        return forms
+
+    def text(self, form: Form) -> Form:
+        """Return a strategy's own message as it is shown: a result has the date of its call, whatever it says."""
+        message = form.message
+        number = self.result_of(message["tool_call_id"]) if message["role"] == "tool" else None
+        if number is None or (item := self.item(number)) is None:
+            return form
+        now = self.now[number].message
+        if now is item.message or not ((is_masked := now is item.masked) or pictures_of(message)):
+            return form
+        text = "" if is_masked else text_of(message)
+        return Form({**message, "content": text or item.masked["content"]})
+
+    # What is shown.
+
+    def follow(self, rule: Rule, *, by_words: bool = False) -> None:
+        """Have a rule make every prompt to play in place of the window.
+
+        With `by_words` a message is the same as in the prompt before if it says the same, and not only if it is in the
+        same place of the conversation.
+        """
+        self._rule, self._by_words, self._before = rule, by_words, None
 
     def append(self, turn: Turn) -> None:
         """Add a complete turn and decide what is shown after it, and whether a summary is asked for first."""
-        before, self._before, self._leaving = self._now, self._now, None
-        summary, was_first = before.summary, before.selection.first
-        state = self._after(turn, before.state)
-        self._stretches.append(state.last, has_step=turn.step > before.state.step)
-        self._anchor(state)
-        first = self._first(state, was_first, 0 if summary is None else summary.tokens)
-        self._now = Contents(state, state.selected(first), summary)
-        if self._form is not None and first > max(was_first, state.anchors) and not self._overflows:
-            leaving = replace(before.selection, last=first - 1)
-            self._leaving = Contents(before.state, leaving, summary, self._form.question)
+        before = self.newest
+        self.add(turn)
+        if turn.shows and turn.shows[-1] == turn.step:
+            self.newest = len(self.turns) - 1
+        strategies, trimmed, elided = self.strategies, 0, 0
+        oldest = strategies.ageing.oldest(turn.step, self.budget.history, self.oldest)
+        if strategies.trimming is not None:
+            trimmed = strategies.trimming.trimmed_before(turn.step, self.trimmed_before)
+        if strategies.eliding is not None:
+            elided = strategies.eliding.elided(turn.first_picture + len(turn.pictured), self.elided)
+        self.age(oldest, trimmed, elided)
+        self._pin(turn)
+        if self._rule is None:
+            self._move(before)
 
     def view(self) -> View:
-        """Return the next prompt: to play, or for a summary where the window is owed one.
+        """Return the next prompt: to play, or for words that are needed first, as its purpose says.
 
-        The prompt for a summary is the last one to play without the turns that stay, and a question. If the pinned
-        parts of a prompt do not fit, this is a `PromptOverflowError`.
+        `PromptOverflowError` if what every prompt shows does not fit; `StrategyError` if a custom strategy fails.
         """
-        if self._overflows:
-            state = self._now.state
-            tokens = state.tokens(state.last) + self._reserve
-            raise PromptOverflowError(f"The pinned parts of the prompt take {tokens} tokens.")
-        before, contents = self._before, self._leaving or self._now
-        state, chosen, question = contents.state, contents.selection, contents.question
-        tokens = state.selection_tokens(chosen) + (0 if contents.summary is None else contents.summary.tokens)
-        prefix = 0
-        if question is not None:
-            prefix = tokens - PRIMING
-            tokens += question.tokens(self._counter)
-        elif before is not None:
-            own = tokens - state.head.tokens
-            prefix = self._prefix(before.state.head, before.forms, state.head, contents.forms, own)
-        return View(
-            tools=self._tools,
-            tokens=tokens,
-            shown_steps=state.visible(chosen),
-            dropped_turns=state.turns - len(chosen),
-            prefix_tokens=prefix,
+        if self._rule is not None:
+            return self._made(self._rule)
+        if self._overflow is not None:
+            raise PromptOverflowError(f"The pinned parts of the prompt take {self._overflow} tokens.")
+        return self._asking or self._playing
+
+    def answer(self, reply_text: str) -> Event:
+        """Take the reply to a prompt for words; return what the record needs of it.
+
+        Of a summary this is what is shown of it, and from where on turns stay. An answer of which nothing is left to
+        show leaves the earlier summary as it is; the turns still leave.
+        """
+        if self._rule is not None:
+            self._reply = {"role": "assistant", "content": reply_text}
+            return {}
+        form = self.strategies.summaries
+        assert self._asking is not None
+        assert form is not None
+        self._asking = None
+        self.summaries += 1
+        was = self._summary
+        if (text := form.cut(reply_text)) and (was is None or was.text != text):
+            self._summary = form.show(text)
+        self._playing = self._played(self._newest_turns())
+        summary = self._summary
+        shown = {"text": "", "tokens": 0} if summary is None else {"text": summary.text, "tokens": summary.tokens}
+        is_cut = text != reply_text and bool(reply_text.strip())
+        return {"covers": self._run.first, **shown, "cut": is_cut, "empty": not text}
+
+    def close(self) -> None:
+        """End a rule that may wait for a reply that never comes."""
+        if self._making is not None:
+            self._making.close()
+
+    def _made(self, rule: Rule) -> View:
+        making = self._making = self._making or rule()
+        reply, self._reply = self._reply, None
+        try:
+            return making.send(reply)
+        except StopIteration as end:
+            self._making = None
+            view = self._before = self._played(end.value)
+        cap = self.budget.prompt_tokens
+        if cap is not None and view.tokens > cap:
+            always = self.always_tokens
+            raise StrategyError(
+                f"The choice takes {view.tokens - always} tokens, and there is room for {cap - always}."
+            )
+        return view
+
+    # What is pinned.
+
+    def _pin(self, turn: Turn) -> None:
+        """Pin a strategy's turn, and then first turns, as far as they fit beside what every prompt shows."""
+        strategies, last, cap = self.strategies, len(self.turns) - 1, self.budget.prompt_tokens
+        self.pinned, self._pinned_tokens, self._first_turns = None, 0, 0
+        room = math.inf if cap is None else cap - strategies.reserve
+        if strategies.pinning is not None:
+            pinned = strategies.pinning.pinned(turn)
+            if pinned is not None and pinned not in (last, self.newest):
+                tokens = self.masked_tokens(pinned)
+                if self._prompt_tokens(last) + tokens <= room:
+                    self.pinned, self._pinned_tokens = pinned, tokens
+        if strategies.first_turns:
+            numbers = range(1, min(strategies.first_turns, last) + 1)
+            room -= self._prompt_tokens(last)
+            self._first_turns = bisect_right(numbers, room, key=self._first_tokens)
+
+    def _prompt_tokens(self, first: int) -> int:
+        """V: tokens of head, the run from `first` to the newest turn, and the pinned turns before it."""
+        total = self.head_tokens + self.tokens(self.row(first, len(self.turns)))
+        if self.newest is not None and self.newest < first:
+            total += self.tokens(self.row(self.newest, self.newest + 1))
+        if self.pinned is not None and self.pinned < first:
+            total += self._pinned_tokens
+        return total + self._first_tokens(min(self._first_turns, first)) if self._first_turns else total
+
+    def _first_tokens(self, stop: int) -> int:
+        """Tokens of the first turns to before `stop`, without those that are pinned for another reason."""
+        others = [turn for turn in {self.newest, self.pinned} if turn is not None and turn < stop]
+        return self.tokens(self.row(0, stop)) - sum(self.tokens(self.row(turn, turn + 1)) for turn in others)
+
+    @property
+    def always(self) -> set[int]:
+        """The turns that every prompt shows."""
+        pinned = (len(self.turns) - 1, self.newest, self.pinned)
+        return {turn for turn in pinned if turn is not None and turn >= 0}
+
+    @property
+    def always_tokens(self) -> int:
+        """The tokens of the head and the turns that every prompt shows."""
+        return self._prompt_tokens(len(self.turns) - 1) if self.turns else self.head_tokens
+
+    def masked_tokens(self, turn: int) -> int:
+        """Return the tokens of a turn with every observation masked."""
+        return self._sum(self.turns[turn].seen(self.turns[turn].step + 1, trimmed_before=self.trimmed_before))
+
+    # The built-in rule.
+
+    def _move(self, newest_before: int | None) -> None:
+        """Move the run on; where that makes turns leave, a summary may be asked for first."""
+        run, was_first, summary = self._run, self._run.first, self._summary
+        summary_tokens = 0 if summary is None else summary.tokens
+        run.append(self.turns, self._prompt_tokens, oldest=self.oldest, pinned=self.pinned, summary=summary_tokens)
+        before = self._before = self._playing
+        self._asking = self._overflow = None
+        self._playing = self._played(self._newest_turns())
+        if run.overflows:
+            self._overflow = self._prompt_tokens(len(self.turns) - 1) + self.strategies.reserve
+        elif self.strategies.summaries is not None and run.first > max(was_first, self._first_turns):
+            self._asking = self._request(before, newest_before)
+
+    def _newest_turns(self) -> Selection:
+        first, count, firsts = self._run.first, len(self.turns), self._first_turns
+        pinned = {turn for turn in (self.newest, self.pinned) if turn is not None and turn < first}
+        masked = self.pinned if self.pinned in pinned else None
+        pinned.update(range(min(firsts, first)))
+        rows = [range(turn, turn + 1) for turn in sorted(pinned)] + [range(first, count)]
+        texts = {}
+        if self._summary is not None:  # it stands after the first turns
+            texts[next(row.start for row in rows if row.start >= firsts or row.start == first)] = self._summary.form
+        ages = self.oldest, self.trimmed_before, self.elided
+        return Selection(rows, self.pieces(rows, texts), *ages, pinned=masked, facts={"anchors": firsts})
+
+    def _request(self, before: View, newest: int | None) -> View:
+        """Return the prompt for a summary: the one before without the turns that stay, and a question.
+
+        `newest` is the turn that showed the newest observation then.
+        """
+        assert self.strategies.summaries is not None
+        question = self.strategies.summaries.question
+        assert question is not None
+        chosen, first = before.selection, self._run.first
+        *pinned, run = chosen.turns
+        stay = len(self.row(first, run.stop))
+        forms = before.forms[: len(before.forms) - stay]
+        tokens = before.tokens - self._sum(before.forms[len(forms) :])
+        chosen = replace(chosen, turns=[*pinned, range(run.start, first)])
+        return replace(
+            before,
+            tokens=tokens + question.tokens(self.counter),
+            shown_steps=self._reach(chosen, forms, newest),
+            dropped_turns=run.stop - len(chosen),
+            prefix_tokens=tokens - PRIMING,
             selection=chosen,
-            forms=[*state.head.forms, *contents.forms],
-            turns=self._index.turns,
-            purpose="play" if question is None else "summary",
+            forms=[*forms, question],
+            purpose="summary",
             summaries=self.summaries,
         )
 
-    def answer(self, reply_text: str) -> Event:
-        """Take a summary; return what is shown of it and from where on turns stay, for the record.
+    def _reach(self, chosen: Selection, forms: Sequence[Form], newest: int | None) -> int:
+        """How many observations messages show without a gap up to the newest.
 
-        An answer of which nothing is left to show leaves the earlier summary as it is; the turns still leave.
+        Observations of first turns before the run are not counted, except in the latest turn that shows the newest.
         """
-        assert self._leaving is not None
-        assert self._form is not None
-        self._leaving = None
-        self.summaries += 1
-        was = self._now.summary
-        if (text := self._form.cut(reply_text)) and (was is None or was.text != text):
-            self._now = replace(self._now, summary=self._form.show(text))
-        summary = self._now.summary
-        shown = {"text": "", "tokens": 0} if summary is None else {"text": summary.text, "tokens": summary.tokens}
-        is_cut = text != reply_text and bool(reply_text.strip())
-        return {"covers": self._now.selection.first, **shown, "cut": is_cut, "empty": not text}
+        run = chosen.turns[-1]
+        shown: Sequence[Form] = forms[len(forms) - len(self.row(run.start, run.stop)) :]
+        if newest is not None and newest < run.start:
+            shown = chosen.seen(self.turns[newest])
+        first = next((form.step for form in shown if form.step is not None), None)
+        return 0 if first is None else self.turns[run.stop - 1].step + 1 - first
 
-    def _anchor(self, state: WindowState) -> None:
-        """Pin as many of the first turns as fit beside the other pinned parts."""
-        if most := self._strategies.first_turns:
-            cap = self.budget.prompt_tokens
-            state.pin_first(most, math.inf if cap is None else cap - self._reserve)
+    # Prompts.
 
-    # Selection of the turns to keep.
+    def _played(self, chosen: Selection) -> View:
+        """Return the prompt to play that shows a selection."""
+        shown = self.forms(chosen)
+        own = [self.text(piece) for piece in chosen.pieces if isinstance(piece, Form)] if self._rule else []
+        steps = {form.step for form in shown if form.step is not None} if self._rule else None
+        return View(
+            tools=self.tools,
+            tokens=self.head_tokens + self._sum(shown),
+            shown_steps=self._reach(chosen, shown, self.newest) if steps is None else len(steps),
+            dropped_turns=len(self.turns) - len(chosen),
+            prefix_tokens=self._prefix(shown),
+            selection=chosen,
+            forms=[*self.head, *shown],
+            head=self.head,
+            turns=self.turns,
+            text_tokens=self._sum(own),
+            summaries=self.summaries,
+        )
 
-    def _first(self, state: WindowState, before: int, summary: int) -> int:
-        """The first turn to keep, given the one before this turn: with slack it stays while the limits hold."""
-        if self._share != 1 and self._holds(state, before, summary):
-            self._overflows = False
-            return before
-        cap, pins = self.budget.prompt_tokens, state.tokens(state.last)
-        self._overflows = cap is not None and pins + self._reserve > cap
-        return state.last if self._overflows else self._fill(state, before, pins)
+    def _sum(self, forms: Iterable[Form]) -> int:
+        return sum([form.tokens(self.counter) for form in forms])
 
-    def _holds(self, state: WindowState, first: int, summary: int) -> bool:
-        """Whether the view that begins at `first` is within the limits, and leaves room to ask for another summary."""
-        cap, question = self.budget.prompt_tokens, 0 if self._form is None else self._form.question_tokens
-        if self._ageing.drops and first < max(state.boundary, self._stretches.first):
-            return False
-        return cap is None or state.tokens(first) + question + summary <= cap
+    def tools_beside(self, forms: Iterable[Form]) -> tuple[ToolSpec, ...]:
+        """Return the tools that are sent with a rule's question: none if there are no calls in it."""
+        return self.tools if any(calls_of(form.message) for form in forms) else ()
 
-    def _fill(self, state: WindowState, before: int, pins: int) -> int:
-        """Return the first turn to keep when unpinned turns may take a share of the room and of the history.
+    def question(self, chosen: Selection, facts: Mapping[str, Any]) -> View:
+        """Return the prompt of a rule's question, which shows a selection."""
+        forms = self.forms(chosen)
+        tools = self.tools_beside(forms)
+        tokens = PRIMING + self._sum(forms) + (self.tools_tokens if tools else 0)
+        return View(
+            tools=tools,
+            tokens=tokens,
+            shown_steps=0,
+            dropped_turns=0,
+            prefix_tokens=0,
+            selection=chosen,
+            forms=forms,
+            turns=self.turns,
+            purpose="compaction",
+            facts=facts,
+        )
 
-        `before` is the one before this turn, and `pins` are the tokens of the pinned parts.
-        """
-        history, cap, last, low = self.budget.history, self.budget.prompt_tokens, state.last, 0
-        if history is not None and self._ageing.drops:
-            low = min(last, self._index.first_from(state.step - math.ceil(self._share * history)))
-            low = max(low, self._stretches.first_after_move)
-        if cap is None:
-            return low
-        most = pins + math.floor(self._share * (cap - self._reserve - pins))
+    def _prefix(self, shown: Sequence[Form]) -> int:
+        """The tokens at the beginning of a prompt that are the same in the one before: head, then messages."""
+        before = self._before
+        if before is None:
+            return 0
+        tokens, is_same = self._same_head(before)
+        same = common_beginning(shown, before.forms[len(before.head) :], is_equal=self._by_words) if is_same else 0
+        return tokens + self._sum(shown[:same])
 
-        def first_that_fits(low: int, high: int) -> int:
-            """From `high` back the total only grows: search for where it passes the room, first near where it did."""
-            near, step = min(max(low, before), high), 1
-            while near < high and state.tokens(near) > most:
-                low, near, step = near + 1, min(near + step, high), 2 * step
-            return low + bisect_left(range(low, near), x=True, key=lambda at: state.tokens(at) <= most)
-
-        notes = state.notes
-        if notes is None or notes < low:
-            return first_that_fits(low, last)
-        first = first_that_fits(notes + 1, last)
-        if first > notes + 1 or state.tokens(notes) > most:
-            return first
-        return first_that_fits(low, notes)
+    def _same_head(self, before: View) -> tuple[int, bool]:
+        """The tokens of tools and messages that the head begins with as before, and whether all of it is the same."""
+        if before.head is self.head:
+            return self.head_tokens - PRIMING, True
+        if before.tools != self.tools:
+            return 0, False
+        pairs = takewhile(lambda pair: pair[0].message == pair[1].message, zip(self.head, before.head, strict=False))
+        return self.tools_tokens + self.counter.messages(form.message for form, _ in pairs), False

@@ -32,7 +32,7 @@ class AgentSession(ToolConversation):
         foreign_tools: other tools of the host's agent. They are counted and shown; their calls are left to the host,
             which gives their results to `add`.
         summaries: whether the host makes another model call where a prompt asks for a summary
-            (`Prompt.asks_for_summary`). Without it, a budget that asks for summaries is refused.
+            (`Prompt.purpose`). Without it, a budget that asks for summaries is refused.
         pictures: whether the host gives its model the pictures of results (`ToolResult.picture`) and of prompts
             (`Prompt.pictures`). Without it, an episode whose observations are pictures is refused.
     """
@@ -82,7 +82,7 @@ class AgentSession(ToolConversation):
             except Exception as error:
                 self.fail(error)
                 raise
-            if not prompt.asks_for_summary:
+            if prompt.purpose == "play":
                 return reply
             self.receive(reply)
         return None
@@ -98,7 +98,7 @@ class AgentSession(ToolConversation):
             except Exception as error:
                 self.fail(error)
                 raise
-            if not prompt.asks_for_summary:
+            if prompt.purpose == "play":
                 return reply
             await self.areceive(reply)
         return None

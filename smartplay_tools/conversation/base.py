@@ -187,7 +187,7 @@ class BaseConversation(ABC):
         """
         if self._pending is not None:
             return True
-        return self._view is not None and self._view.asks_for_summary and not self.episode.done
+        return self._view is not None and self._view.purpose != "play" and not self.episode.done
 
     @property
     def result(self) -> EpisodeResult | None:
@@ -197,7 +197,7 @@ class BaseConversation(ABC):
     def prompt(self) -> Prompt | None:
         """Return the next prompt, or None when the episode is over; a spent budget ends the episode here.
 
-        Where the budget has `summary_tokens`, a prompt may ask for a summary (`asks_for_summary`), and where it has a
+        Where the budget has `summary_tokens`, a prompt may ask for a summary (`Prompt.purpose`), and where it has a
         compactor, for the answer to a question. It is answered with `receive`, as any other; that reply is not a turn,
         and the prompt to play comes later.
 
@@ -315,7 +315,7 @@ class BaseConversation(ABC):
         if not self._pictures:
             return NO_PICTURES
         kept = self._pictures
-        while not view.asks_for_summary and len(kept) > self._most_pictures:
+        while view.purpose == "play" and len(kept) > self._most_pictures:
             del kept[next(iter(kept))]
         named = [part["sha256"] for form in view.forms for part in pictures_of(form.message)]
         return {sha256: kept[sha256] for sha256 in named}

@@ -122,7 +122,7 @@ def play(
             conversation.give_up(error)
             break
         conversation.receive(reply)
-        if on_turn is not None and not prompt.asks_for_summary:
+        if on_turn is not None and prompt.purpose == "play":
             on_turn(conversation)
     return _result(conversation)
 
@@ -150,7 +150,7 @@ async def aplay(
             conversation.give_up(error)
             break
         await conversation.areceive(reply)
-        if on_turn is not None and not prompt.asks_for_summary:
+        if on_turn is not None and prompt.purpose == "play":
             on_turn(conversation)
     return _result(conversation)
 

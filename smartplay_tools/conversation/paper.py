@@ -163,7 +163,7 @@ class PaperConversation(BaseConversation):
             shown_steps=step - first + 1,
             dropped_turns=first - oldest,
             prefix_tokens=prefix,
-            selection=Selection((), turns, turns - 1, first),
+            selection=Selection([range(turns, turns)], oldest=first),
             forms=[Form(message) for message in messages],
         )
 

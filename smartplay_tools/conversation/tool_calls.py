@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools.context.base import Window
 from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.strategies import Strategies
+from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import View
 from smartplay_tools.context.window import ContextWindow
@@ -60,19 +61,33 @@ class ToolConversation(BaseConversation):
         self._edits: dict[int, str] = {}
         facts = {"compacts": True} if strategies.compacts else {}
         super().__init__(episode, player=player, head=whole_head, tools=tools, **facts)
-        given = whole_head, tools, episode.budget, episode.counter, strategies
-        self._window: Window
-        if strategies.compacts:
-            from smartplay_tools.context.compacting import CompactingWindow
+        # A compactor may also rewrite what stands between the system message and the first reply.
+        always = 1 if strategies.compacts else len(whole_head)
+        given = tools, episode.budget, episode.counter, strategies
+        self._window = ContextWindow(whole_head[:always], *given, lead=whole_head[always:])
+        if isinstance(strategies.custom, Strategy):
+            from smartplay_tools.context.choosing import choosing
 
-            window = CompactingWindow(*given, self._ids, self._ledger.record)
-            self._window, self._ledger.at_end = window, window.close
-        elif strategies.custom is not None:
-            from smartplay_tools.context.choosing import ChoosingWindow
+            self._window.follow(choosing(self._window, strategies.custom))
+        elif strategies.compacts:
+            self._rewrite(strategies)
 
-            self._window = ChoosingWindow(*given)
-        else:
-            self._window = ContextWindow(*given)
+    def _rewrite(self, strategies: Strategies) -> None:
+        """Have a compactor make the prompts of the window."""
+        from smartplay_tools.context.compacting import Compacting
+        from smartplay_tools.context.compaction import Compactor
+
+        window, compactor = self._window, strategies.custom
+        assert isinstance(compactor, Compactor)
+        compacting = Compacting(
+            window,
+            compactor if strategies.calls_compactor else None,
+            recorded=strategies.recorded_rewritings,
+            ids=self._ids,
+            record=self._ledger.record,
+        )
+        window.follow(compacting.make, by_words=True)
+        self._ledger.at_end = window.close
 
     def _use_head(
         self, episode: Episode, head: Sequence[Mapping[str, Any]], foreign_tools: Sequence[ToolSpec]
@@ -143,7 +158,7 @@ class ToolConversation(BaseConversation):
         """
         with self.episode.lock:
             pending = self._prepare()
-            if pending is not None and pending.view.asks_for_summary:
+            if pending is not None and pending.view.purpose != "play":
                 self._take_words(pending, reply)
                 return ()
             calls = self._record_reply(reply, pending)
@@ -203,15 +218,13 @@ class ToolConversation(BaseConversation):
 
     def _shown(self, view: View) -> dict[str, Any]:
         chosen = view.selection
-        turns = chosen.ranges
         encoded = self._tools_bytes if view.tools else tools_bytes(())
         sha256 = prompt_sha256(Form.lines(view.forms), encoded)
         if not self._has_strategies:
-            return {"turns": turns, "masked": view.masked_results, "sha256": sha256}
+            return {"turns": chosen.ranges, "masked": view.masked_results, "sha256": sha256}
         # What is masked follows from these; a list of it would grow with the window.
-        why = {"oldest": chosen.oldest, "notes": chosen.hidden, **self._ledger.strategies.recorded(chosen)}
-        why |= view.facts
-        return {"turns": turns, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
+        why = {"oldest": chosen.oldest, **self._ledger.strategies.recorded(chosen), **view.facts}
+        return {"turns": chosen.ranges, "purpose": view.purpose, **why, "summary": view.summaries, "sha256": sha256}
 
     def _complete_turn(self) -> None:
         if self._builder.waiting:
@@ -274,7 +287,7 @@ class ToolConversation(BaseConversation):
         )
         if arguments is not call.arguments:
             self._builder.edit(position, arguments.text)
-        self._builder.add_result(position, result.text, result.data)
+        self._builder.add_result(position, result.text, result.data, is_error=result.is_error)
         if result.picture is not None:
             self._keep_picture(result.picture)
         if not self._builder.waiting:

@@ -51,10 +51,10 @@ class ReaderPlayer:
             )
         episode, reading = self._conversation.episode, Reading(prompt)
         steps = episode.stats.steps
-        if reading.observations and not prompt.asks_for_summary:
+        if reading.observations and prompt.purpose == "play":
             self._steps[reading.observations[-1]] = steps
         seen = visible(reading, steps, self._steps)
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             return Reply({"role": "assistant", "content": self._lines(seen, summary_cap(reading), prompt.max_tokens)})
         if not seen:
             return Reply(call("observe"))

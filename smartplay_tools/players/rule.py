@@ -75,7 +75,7 @@ class RulePlayer:
         reading = Reading(prompt)
         if prompt.purpose == "compaction":
             return Reply({"role": "assistant", "content": newest_quoted(reading) or self._summary(reading)})
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             return Reply({"role": "assistant", "content": self._summary(reading)})
         if reading.is_over:
             return Reply({"role": "assistant", "content": "The game is over."})

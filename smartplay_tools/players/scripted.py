@@ -63,7 +63,7 @@ class ActingPlayer(ABC):
 
     def reply(self, prompt: Prompt) -> Reply:
         """Call the tool for the action or, without tools, answer with its name."""
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             notes = newest_quoted(Reading(prompt))
             return Reply(
                 {"role": "assistant", "content": "I keep no memory of what leaves." if notes is None else notes}

@@ -18,15 +18,16 @@ from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import Own, RewrittenHistory, flat
+from smartplay_tools.context.rewriting import flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import ships
 from smartplay_tools.context.turns import Form, Item, Turn
-from smartplay_tools.context.view import numbers_in, with_manual
-from smartplay_tools.records.prompts import oldest_of, rewritten_prompts, selection_of
+from smartplay_tools.context.view import Selection, numbers_in, with_manual
+from smartplay_tools.context.window import ContextWindow
+from smartplay_tools.records.prompts import oldest_of, pinned_in, rewritten_prompts, selection_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
 from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
@@ -111,10 +112,10 @@ class Accounts:
 
     @cached_property
     def _spoken(self) -> list[Tokens]:
-        """The tokens that bare replies save in the turns before each."""
+        """The tokens that trimmed replies save in the turns before each."""
 
         def saved(turn: Turn, whole: Tokens) -> Tokens:
-            return _minus(whole, self._parts_of_reply(turn, turn.bare.message)) if turn.is_wordy else _NOTHING
+            return _minus(whole, self._parts_of_reply(turn, turn.trimmed.message)) if turn.is_wordy else _NOTHING
 
         return _sums(map(saved, self._turns, self._replies))
 
@@ -135,14 +136,14 @@ class Accounts:
         if head.get("compacts"):
             return _plus(tokens, self._rewritten[view["turn"]])
         tokens[_SUMMARY] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
-        oldest, notes = oldest_of(view, self._turns), view.get("notes")
+        oldest, pinned = oldest_of(view, self._turns), pinned_in(view)
         if self._budget.strategy is not None or view.get("pictures"):
             return self._parts_by_turn(view, tokens)
         spoken = bisect_left(self._steps, view.get("words", 0))
         for first, last in view["turns"]:
             if spoken > first:
                 tokens = _minus(tokens, _minus(self._spoken[min(last + 1, spoken)], self._spoken[first]))
-            if first == last == notes:
+            if first == last == pinned:
                 tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
                 continue
             # Of all turns only the first that is not older can be masked in part.
@@ -158,7 +159,7 @@ class Accounts:
 
     def _parts_by_turn(self, view: ViewEvent, tokens: Tokens) -> Tokens:
         """Add the parts of turn after turn, and the texts that a custom strategy has chosen."""
-        hidden = {*numbers_in(view.get("hidden", [])), view["notes"]}
+        hidden = {*numbers_in(view.get("hidden", [])), pinned_in(view)}
         for number in numbers_in(view["turns"]):
             turn = self._turns[number]
             oldest = turn.step + 1 if number in hidden else view["oldest"]
@@ -173,20 +174,19 @@ class Accounts:
     def _rewritten(self) -> dict[int, Tokens]:
         """The parts of the prompts to play that a compactor has made, without their heads, by turn."""
         rewritten = rewritten_prompts(self._record.events, self._turns)
-        return {view["turn"]: self._parts_of_history(history) for view, history in rewritten}
+        return {view["turn"]: self._parts_of_pieces(window, chosen) for view, window, chosen in rewritten}
 
-    def _parts_of_history(self, history: RewrittenHistory) -> Tokens:
-        """The parts of what a compactor's history shows: messages of the conversation, and its own as texts."""
+    def _parts_of_pieces(self, window: ContextWindow, chosen: Selection) -> Tokens:
+        """The parts of what a compactor shows: messages of the conversation, and its own as texts."""
         tokens = _NOTHING.copy()
-        for piece in history.shown:
-            for form, number in zip(history.forms([piece]), flat([piece]), strict=True):
-                turn, place = (-1, 0) if isinstance(number, Own) else history.place_of(number)
-                if turn >= 0 and not place:
-                    tokens = _plus(tokens, self._replies[turn])
-                    continue
-                part = _TEXTS if isinstance(number, Own) else _TASK
-                part = _part_of(self._turns[turn].items[place - 1], form) if turn >= 0 else part
-                tokens[part] += form.tokens(self._counter)
+        for place, form in zip(flat(chosen.pieces), window.forms(chosen), strict=True):
+            turn = -1 if isinstance(place, Form) else window.turn_of(place)
+            item = None if isinstance(place, Form) else window.item(place)
+            if turn >= 0 and item is None:
+                tokens = _plus(tokens, self._replies[turn])
+                continue
+            part = _TEXTS if isinstance(place, Form) else _TASK
+            tokens[part if item is None else _part_of(item, form)] += form.tokens(self._counter)
         return tokens
 
     def departures(self) -> Iterator[Departure]:
@@ -234,7 +234,7 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        spoken = turn.spoken(self._counter) if turn.step < view.get("words", 0) else 0
+        spoken = turn.trimming_saves(self._counter) if turn.step < view.get("words", 0) else 0
         return sum(self._parts_of(turn, oldest, view.get("pictures", 0))) - spoken
 
     def _summary(self, view: ViewEvent) -> int:
@@ -258,12 +258,12 @@ class Accounts:
     def _parts_of(self, turn: Turn, oldest: int, pictures: int = 0) -> Tokens:
         """The parts of a turn whose observations before `oldest` are masked, and whose first pictures are left out."""
         tokens = self._replies[turn.number].copy()
-        for item, form in zip(turn.items, turn.seen(oldest, pictures=pictures)[1:], strict=True):
+        for item, form in zip(turn.items, turn.seen(oldest, elided=pictures)[1:], strict=True):
             tokens[_part_of(item, form)] += form.tokens(self._counter)
         return tokens
 
     def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:
-        """The parts of a turn's reply as it was said, or as it is shown bare."""
+        """The parts of a turn's reply as it was said, or as it is shown trimmed."""
         tokens = _NOTHING.copy()
         words = {name: value for name, value in reply.items() if name != "tool_calls"}
         tokens[_WORDS if text_of(words) or reasoning_of(words) else _CALLS] = self._counter.message(words)
@@ -292,8 +292,9 @@ def _minus(tokens: Tokens, fewer: Tokens) -> Tokens:
     return list(map(sub, tokens, fewer))
 
 
-ShownAs = Literal["whole", "bare", "masked", "notes", "gone"]
-"""In full; without the words of its reply; with an observation masked; only for its notes; not at all."""
+ShownAs = Literal["whole", "trimmed", "masked", "notes", "pinned", "gone"]
+"""In full; without the words of its reply; with an observation masked; only for its notes; only because a strategy has
+pinned it; not at all."""
 
 
 def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
@@ -305,16 +306,16 @@ def shown_turns(record: Record, view: ViewEvent) -> list[ShownAs]:
     if record.is_paper:
         return shown
     turns, chosen = record.turns, selection_of(view, record.turns)
-    rewritten = (history for event, history in rewritten_prompts(record.events, turns) if event["turn"] == view["turn"])
-    forms = next(({*history.forms(history.shown)} for history in rewritten), None)
+    rewritten = (each for each in rewritten_prompts(record.events, turns) if each[0]["turn"] == view["turn"])
+    forms = next(({*window.forms(pieces)} for _, window, pieces in rewritten), None)
     for number in chosen:
         if number >= view["turn"]:  # a request for a summary is about the turn before it
             continue
         turn = turns[number]
-        if number == chosen.hidden:
-            shown[number] = "notes"
+        if number == chosen.pinned:
+            shown[number] = "pinned" if view.get("notes") is None else "notes"
         elif chosen.masked_items(turn) or (forms is not None and not forms.issuperset(turn.whole)):
             shown[number] = "masked"
         else:
-            shown[number] = "bare" if turn.step < chosen.words else "whole"
+            shown[number] = "trimmed" if turn.step < chosen.trimmed_before else "whole"
     return shown

@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import groupby, zip_longest
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from smartplay_tools.context.compaction import AsRecorded
+from smartplay_tools.context.compaction import GivenHistory, Room
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
@@ -84,7 +84,7 @@ class Driver:
         """
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
         compacted = is_compacted(recorded)
-        stand_in = AsRecorded() if compacted and compactor == "recorded" else None
+        stand_in = _NotCalled() if compacted and compactor == "recorded" else None
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
@@ -93,6 +93,7 @@ class Driver:
         self.episode = Episode.from_config(
             config, tokenizer=tokenizer, transcript=self.record, is_recorded=True, carried=carried, strategy=stand_in
         )
+        self.episode.ledger.strategies.calls_compactor = stand_in is None
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":
             self._rewritings.extend(_rewritings(self.recorded))
@@ -237,6 +238,14 @@ class Driver:
                 turn = f", turn {was['turn']}" if "turn" in was else ""
                 where = f"Event {number} ({was['event']}{turn})"
                 yield from _field_differences(where, unchained(was), unchained(now), was["event"])
+
+
+class _NotCalled:
+    """Stands for the compactor of a record, where its rewritings are taken from the record."""
+
+    def compact(self, history: GivenHistory, room: Room) -> Any:
+        """Nobody calls it."""
+        raise NotImplementedError
 
 
 def _rewritings(events: Iterable[Event]) -> Iterator[tuple[bool, list[Any] | None]]:

@@ -19,11 +19,12 @@ from typing import Any
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import RewrittenHistory, from_record
-from smartplay_tools.context.strategies.summaries import summaries_of
+from smartplay_tools.context.rewriting import Rewriting, from_record
+from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder
-from smartplay_tools.context.view import Head, Selection, numbers_in, with_manual
+from smartplay_tools.context.view import Selection, numbers_in
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
@@ -33,7 +34,7 @@ from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, p
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 from smartplay_tools.types.call_ids import CallIds
-from smartplay_tools.types.messages import Message, calls_of, pictures_of, read_calls, text_of
+from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 
@@ -70,14 +71,16 @@ def sent_prompts(
                 yield rebuilder.rebuild(at.event)
 
 
-def rewritten_prompts(events: Sequence[Event], turns: Sequence[Turn]) -> Iterator[tuple[Event, RewrittenHistory]]:
-    """Yield every prompt to play whose messages a compactor has rewritten: its view, and the history that it shows."""
+def rewritten_prompts(
+    events: Sequence[Event], turns: Sequence[Turn]
+) -> Iterator[tuple[Event, ContextWindow, Selection]]:
+    """Yield every prompt to play whose messages a compactor has rewritten: its view, the messages, what it shows."""
     if is_compacted(events):
         rebuilder = Rebuilder(events, turns)
         for event in events:
             rebuilder.take(event)
             if event["event"] == "view" and purpose_of(event) == "play":
-                yield event, rebuilder.history_of(event)
+                yield event, rebuilder.window, rebuilder.reach(event)
 
 
 def _prompts_of_the_paper(events: Sequence[Event]) -> Iterator[SentPrompt]:
@@ -119,14 +122,17 @@ def is_compacted(events: Sequence[Event]) -> bool:
 
 
 def selection_of(view: Mapping[str, Any], turns: Sequence[Turn]) -> Selection:
-    """Return the selection of turns that a `view` event describes, without the texts between them."""
-    *earlier, (first, last) = view["turns"] or [(0, -1)]
-    shown = Selection(tuple(numbers_in(earlier)), first, last, oldest_of(view, turns), view.get("notes"))
-    shown.words, shown.pictures, shown.anchors = (view.get(name, 0) for name in ("words", "pictures", "anchors"))
-    shown.masked = frozenset(numbers_in(view.get("hidden", ())))
-    if shown.oldest or shown.words or shown.pictures or shown.masked or view.get("texts"):
-        shown.first_whole = len(turns)
-    return shown
+    """Return the selection of turns that a `view` event describes, without the messages."""
+    rows = [range(first, last + 1) for first, last in view["turns"] or [(0, -1)]]
+    masked = frozenset(numbers_in(view.get("hidden", ())))
+    trimmed_before, elided = (view.get(name, 0) for name in ("words", "pictures"))
+    return Selection(rows, (), oldest_of(view, turns), trimmed_before, elided, masked, pinned_in(view))
+
+
+def pinned_in(view: Mapping[str, Any]) -> int | None:
+    """Return the turn that a strategy had pinned in a prompt, by whichever name it has in the record."""
+    pinned: int | None = view["notes"] if view.get("notes") is not None else view.get("pinned")
+    return pinned
 
 
 def oldest_of(view: Mapping[str, Any], turns: Sequence[Turn]) -> int:
@@ -147,24 +153,35 @@ class Rebuilder:
         self._turns, self._pictures = turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
-        self._version = words.version
-        self._history: RewrittenHistory | None = None
-        """With a compactor: the history that it has made, after `_read` turns."""
-        self._read = 0
-        # What a prompt says does not depend on how it is counted.
-        self._form = summaries_of(ResolvedBudget(**events[0]["budget"]), shared_counter("approximate"), words)
+        self._version, self._budget = words.version, ResolvedBudget(**events[0]["budget"])
+        self._counter = shared_counter("approximate")  # what a prompt says does not depend on how it is counted
+        self._strategies = Strategies(self._budget, self._counter, words)
+        self._window: ContextWindow | None = None
+        self._rewriting: Rewriting | None = None
+        """With a compactor: what it has made of the messages."""
+
+    @property
+    def window(self) -> ContextWindow:
+        """The window whose messages are those of the latest prompt."""
+        if self._window is None:
+            raise ValueError("it comes before the head of a conversation")
+        return self._window
 
     def take(self, event: Event) -> None:
         """Take the next event; a `head` and a `rewrite` event change what the following prompts show."""
         if event["event"] == "head":
-            self._head: list[Message] = event["messages"]
-            self._tools = tuple(ToolSpec(**tool) for tool in event["tools"])
-            self._tools_bytes = tools_bytes(self._tools)
-            self._heads: dict[str | None, Head] = {}
-            if event.get("compacts"):
-                self._history, self._head = RewrittenHistory(self._head[1:]), self._head[:1]
-        elif event["event"] == "rewrite":
-            self._rewritten(event["turn"]).take(event)
+            tools = tuple(ToolSpec(**tool) for tool in event["tools"])
+            self._tools_bytes = tools_bytes(tools)
+            if self._window is not None:
+                self._window.change_head(event["messages"], tools)
+                return
+            always = 1 if event.get("compacts") else len(event["messages"])
+            head, lead = event["messages"][:always], event["messages"][always:]
+            self._window = ContextWindow(head, tools, self._budget, self._counter, self._strategies, lead=lead)
+            self._rewriting = Rewriting(self._window) if event.get("compacts") else None
+        elif event["event"] == "rewrite" and self._rewriting is not None:
+            self._add(event["turn"])
+            self._rewriting.take(event)
 
     def rebuild(self, view: Event) -> SentPrompt:
         """Return the prompt that a view shows."""
@@ -179,45 +196,37 @@ class Rebuilder:
 
     def parts(self, view: Event) -> tuple[tuple[ToolSpec, ...], list[Form]]:
         """Return the tools and the messages of the prompt that a view shows."""
-        asked = purpose_of(view)
+        chosen, window = self.reach(view), self.window
+        forms = window.forms(chosen)
+        if purpose_of(view) == "compaction":
+            return window.tools_beside(forms), forms
+        return window.tools, [*window.head, *forms]
+
+    def reach(self, view: Event) -> Selection:
+        """Give the messages the levels that they had in the prompt of a view; return what it shows."""
+        asked, window, form = purpose_of(view), self.window, self._strategies.summaries
         seen = view["turn"] - (asked == "summary")
-        head = [] if asked == "compaction" else self._head_of(self._turns[seen - 1].manual if seen else None).forms
-        if self._history is not None:
-            history = self.history_of(view)
-            pieces = from_record(view["messages"]) if asked == "compaction" else history.shown
-            forms = [*head, *history.forms(pieces)]
-            has_tools = asked == "play" or any(calls_of(form.message) for form in forms)
-            return self._tools if has_tools else (), forms
-        chosen, summary = selection_of(view, self._turns), None
-        chosen.texts = {turn: Form(text_message(text)) for turn, text in view.get("texts", ())}
-        if self._form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
-            summary = self._form.show(text).form
-        question = [self._form.question] if self._form is not None and asked == "summary" else []
+        self._add(seen)
+        window.use_head(self._turns[seen - 1].manual if seen else None)
+        chosen = selection_of(view, self._turns)
+        window.age(chosen.oldest, chosen.trimmed_before, chosen.elided)
+        if self._rewriting is not None:
+            pieces = from_record(view["messages"]) if asked == "compaction" else None
+            return self._rewriting.selection(pieces)
+        texts = {turn: Form(text_message(text)) for turn, text in view.get("texts", ())}
+        if form is not None and view["summary"] and (text := self._summaries[view["summary"] - 1]):
+            anchors = view.get("anchors", 0)
+            front = next((row.start for row in chosen.turns if row.start >= anchors), chosen.turns[-1].start)
+            texts[front] = form.show(text).form
+        pieces = window.pieces(chosen.turns, texts)
+        if form is not None and form.question is not None and asked == "summary":
+            pieces.append(form.question)
+        return replace(chosen, pieces=pieces)
 
-        def whole(first: int, stop: int) -> list[Form]:
-            return [form for turn in self._turns[first:stop] for form in turn.whole]
-
-        return self._tools, [*head, *chosen.forms(self._turns, whole, summary), *question]
-
-    def _rewritten(self, stop: int) -> RewrittenHistory:
-        """The history after some turns."""
-        assert self._history is not None
-        for turn in self._turns[self._read : stop]:
-            self._history.append(turn)
-        self._read = stop
-        return self._history
-
-    def history_of(self, view: Event) -> RewrittenHistory:
-        """Return the history that a compactor has made, as the prompt of a view shows it."""
-        history = self._rewritten(view["turn"])
-        history.age(view["oldest"], view.get("pictures", 0))
-        return history
-
-    def _head_of(self, manual: str | None) -> Head:
-        if manual not in self._heads:
-            messages = self._head if manual is None else with_manual(self._head, manual)
-            self._heads[manual] = Head(tuple(messages), 0)
-        return self._heads[manual]
+    def _add(self, stop: int) -> None:
+        """Add the turns up to before one."""
+        for turn in self._turns[len(self.window.turns) : stop]:
+            self.window.add(turn)
 
 
 @dataclass(frozen=True)
@@ -281,7 +290,7 @@ def _turns_of_a_host(calls: Sequence[CallEvent], words: Wording) -> Sequence[Tur
         message = _asking(own, taken)
         builder.open(number, message, read_calls(message, taken))
         for call in own:
-            builder.add_result(call["position"], call["text"], call["data"])
+            builder.add_result(call["position"], call["text"], call["data"], is_error=call["is_error"])
     builder.close()
     return builder.turns
 

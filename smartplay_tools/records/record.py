@@ -530,7 +530,7 @@ class Record:
 
         Prompts for a summary are not among them: what they ask for is not a turn.
         """
-        return [sent for sent, _ in self.answered if not sent.prompt.asks_for_summary]
+        return [sent for sent, _ in self.answered if sent.prompt.purpose == "play"]
 
     @cached_property
     def answered(self) -> list[tuple[SentPrompt, Message]]:

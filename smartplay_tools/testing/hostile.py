@@ -64,7 +64,7 @@ class Judge:
             if message.get("tool_call_id") in self._step_of
             and message["content"] not in in_any_version("observation_left")
         }
-        if prompt.asks_for_summary or not self._step_of:
+        if prompt.purpose != "play" or not self._step_of:
             return
         newest = max(self._step_of.values())
         oldest = min(shown, default=newest)
@@ -91,7 +91,7 @@ def hostile_episode(budget: Budget, number: int) -> list[Event]:
             judge.judge(prompt)
             conversation.receive(_reply(chance, prompt))
             judge.take()
-            if not prompt.asks_for_summary and chance.random() < 0.2:
+            if prompt.purpose == "play" and chance.random() < 0.2:
                 conversation.add({"role": "user", "content": "Go on."})
         conversation.prompt()
     require(episode.end_reason != "strategy_error", f"{episode.result and episode.result.error}")
@@ -126,7 +126,7 @@ def _episode(chance: random.Random, budget: Budget) -> dict[str, Any]:
 
 
 def _reply(chance: random.Random, prompt: Prompt) -> Message:
-    if prompt.asks_for_summary:
+    if prompt.purpose != "play":
         return {"role": "assistant", "content": chance.choice(WORDS)}
     added = [tool.name for tool in prompt.tools if tool.name not in TOOL_NAMES]
     names = ["act", "act", "act", "observe", "read_manual", "fly", *added]

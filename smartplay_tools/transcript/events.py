@@ -123,6 +123,8 @@ class ViewEvent(TypedDict):
     """With strategies: observations before this one are masked."""
     notes: NotRequired[Count | None]
     """With strategies: the pinned turn with the notes, of which every observation is masked."""
+    pinned: NotRequired[Count | None]
+    """With another strategy that pins a turn: that turn, of which every observation is masked."""
     words: NotRequired[Count]
     """With `own_words`: replies of turns older than this step are bare."""
     pictures: NotRequired[Count]

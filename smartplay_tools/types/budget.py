@@ -248,11 +248,11 @@ RecordedBudget = Annotated[Budget, BeforeValidator(_with_later_fields)]
 
 
 class ResolvedBudget(Budget):
-    """A budget in numbers: "game" and "auto" are resolved for one game and one head."""
+    """A budget in numbers: "game" and "auto" are resolved for one game and one head. By default there is no limit."""
 
-    history: Count | None
-    result_tokens: Cap | None
-    manual_tokens: Cap | None
+    history: Count | None = None
+    result_tokens: Cap | None = None
+    manual_tokens: Cap | None = None
     """Cap on the manual, for which "auto" is more than for other results."""
-    tool_calls: Cap | None
+    tool_calls: Cap | None = None
     stalled_turns: Cap | None = None

@@ -49,17 +49,9 @@ class Prompt:
         return list(map(copy_of, self.shared))
 
     @property
-    def asks_for_summary(self) -> bool:
-        """Whether words are asked for, and not the next reply of the play.
-
-        They are a summary of the turns that are about to leave, or the answer to a compactor's question (`purpose`).
-        """
-        return self.purpose != "play"
-
-    @property
     def tool_choice(self) -> Literal["auto", "none"]:
         """The provider's tool choice: a summary is written in words, even if the tools are sent with its prompt."""
-        return "none" if self.asks_for_summary and self.tools else "auto"
+        return "none" if self.purpose != "play" and self.tools else "auto"
 
     def settings(
         self, own: Mapping[str, Any] = MappingProxyType({}), *, cap: str = "max_tokens", no_tools: Any = "none"
@@ -79,7 +71,7 @@ class Prompt:
             settings[cap] = min(self.max_tokens, own.get(cap) or self.max_tokens)
         if self.tool_choice == "none":
             settings["tool_choice"] = no_tools
-        elif self.asks_for_summary:
+        elif self.purpose != "play":
             for name in ("tool_choice", "parallel_tool_calls"):  # a provider refuses them without tools
                 settings.pop(name, None)
         elif own.get("tool_choice") in ("none", no_tools):

@@ -56,7 +56,7 @@ class Watched:
 
     def reply(self, prompt: sp.Prompt) -> sp.Reply:
         reply = self.player.reply(prompt)
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             self.asked.append((prompt, reply.message["content"]))
         return reply
 

@@ -71,8 +71,8 @@ class Strategies:
         """Decides what happens to turns that are too old."""
         self.pinning = deciding["pinned"]
         """The strategy that pins a turn; None without one."""
-        self.stripping, self.picturing = deciding["bare"], deciding["left_out"]
-        """The strategies that strip old replies of their words, and leave out older pictures; None without one."""
+        self.trimming, self.eliding = deciding["trimmed_before"], deciding["elided"]
+        """The strategies that trim old replies, and elide older pictures; None without one."""
         self.shortening, self.summaries = deciding["shorten"], deciding["show"]
         """The strategies that show a part of a long result, and ask for summaries of what leaves; None without one."""
         self.first_turns = max((strategy.first_turns for strategy in asked), default=0)
@@ -90,6 +90,8 @@ class Strategies:
 
         Each is whether it asked a question, and the messages (`RewriteEvent.messages`).
         """
+        self.calls_compactor = True
+        """Whether a compactor is called, and does not only stand for what a record says it did."""
         self._budget = budget
 
     def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:
@@ -128,7 +130,12 @@ class Strategies:
 
     def recorded(self, chosen: Selection) -> dict[str, Any]:
         """Return the facts about a selection that the record of its prompt needs."""
-        return {name: fact for strategy in self.asked.values() for name, fact in strategy.recorded(chosen).items()}
+        pinned: dict[str, Any] = {"notes": None}
+        if self.pinning is not None:
+            pinned[self.pinning.records_pin_as] = chosen.pinned
+        return pinned | {
+            name: fact for strategy in self.asked.values() for name, fact in strategy.recorded(chosen).items()
+        }
 
 
 def refusal(budget: Budget, history: int | None, observation: str) -> str | None:

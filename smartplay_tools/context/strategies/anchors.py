@@ -25,7 +25,7 @@ class Anchors(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return how many of them stay."""
-        return {"anchors": chosen.anchors}
+        return {"anchors": chosen.facts.get("anchors", 0)}
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:

@@ -63,6 +63,8 @@ class BudgetStrategy:
     """The field of `Budget` that asks for it."""
     option_help: ClassVar[str]
     """The help of the command-line option with that name."""
+    records_pin_as = "pinned"
+    """The field of a `view` event that has the turn that it pins."""
     reserve = 0
     """The tokens that a window leaves free when it moves."""
     tools: Sequence[StrategyTool] = ()
@@ -109,12 +111,12 @@ class BudgetStrategy:
         """Return the turn to pin after this one, with its observations masked, where it fits; None for none."""
         raise NotImplementedError
 
-    def bare(self, step: int, before: int) -> int:
-        """Return w: replies of turns older than this one are bare at a step; `before` is w before the latest turn."""
+    def trimmed_before(self, step: int, before: int) -> int:
+        """Return w: replies of turns older than this are trimmed at a step; `before` is w before the latest turn."""
         raise NotImplementedError
 
-    def left_out(self, shown: int, before: int) -> int:
-        """Return p: of the `shown` pictures so far, the first p are left out; `before` is p before the latest turn."""
+    def elided(self, shown: int, before: int) -> int:
+        """Return p: of the `shown` pictures so far, the first p are elided; `before` is p before the latest turn."""
         raise NotImplementedError
 
     def shorten(self, text: str, first_cap: int, cap: int) -> str:
@@ -132,8 +134,8 @@ class BudgetStrategy:
 
 DECISIONS: Mapping[str, str] = {
     "pinned": "pin a turn",
-    "bare": "strip old replies of their words",
-    "left_out": "leave out pictures",
+    "trimmed_before": "trim old replies",
+    "elided": "elide pictures",
     "shorten": "decide what is shown of a result that is too long",
     "show": "ask for summaries",
 }

@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, overload, runtime_checkable
 
-from smartplay_tools.context.turns import Turn
-from smartplay_tools.context.view import Selection
+from smartplay_tools.context.turns import Form, Turn
 from smartplay_tools.types.messages import Message, copy_of
 
 
@@ -21,23 +20,44 @@ class PastTurn:
 
     number: int
     """Its number, by which a choice names it; the first is 0."""
-    step: int
-    """The newest observation at its end."""
-    shows: tuple[int, ...]
-    """The observations that its results show, in their order."""
+    turn: Turn = field(repr=False)
     tokens: int
     """Its tokens as it would be shown now, old observations masked."""
     masked_tokens: int
     """Its tokens with all its observations masked."""
     is_pinned: bool
     """Whether it is shown in any case; its tokens are not part of the room."""
-    turn: Turn = field(repr=False)
-    selection: Selection = field(repr=False)
+    forms: Sequence[Form] = field(repr=False)
+
+    @property
+    def step(self) -> int:
+        """The newest observation at its end."""
+        return self.turn.step
+
+    @property
+    def shows(self) -> tuple[int, ...]:
+        """The observations that its results show, in their order."""
+        return self.turn.shows
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """The names of the tools that it calls, in the order of its calls."""
+        return self.turn.tools
+
+    @property
+    def errors(self) -> int:
+        """How many of its calls were refused."""
+        return self.turn.errors
+
+    @property
+    def rewards(self) -> tuple[float, ...]:
+        """The rewards of the steps that it has played, in their order."""
+        return self.turn.rewards
 
     @property
     def messages(self) -> list[Message]:
         """Its messages as they would be shown now, as copies."""
-        return [copy_of(form.message) for form in self.selection.seen(self.turn)]
+        return [copy_of(form.message) for form in self.forms]
 
 
 class PastTurns(Sequence[PastTurn]):
@@ -104,7 +124,7 @@ class Strategy(Protocol):
     """
 
     def choose(self, past: Past, room: int | None) -> Choice:
-        """Return what the next prompt shows; called once after every turn, in order.
+        """Return what the next prompt to play shows; called once for each, from the first turn on.
 
         `room` is the tokens that `prompt_tokens` leaves after the head and the pinned turns; None without a cap.
         """

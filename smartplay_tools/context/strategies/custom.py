@@ -73,8 +73,7 @@ class Custom(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return the turns that it masks, and its texts."""
-        texts = [[turn, form.message["content"]] for turn, form in chosen.texts.items()]
-        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": texts}
+        return {"hidden": ranges_of(sorted(chosen.masked)), "texts": chosen.facts.get("texts", [])}
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ class Notes(BudgetStrategy):
 
     name = "notes_tokens"
     option_help = "Cap on notes, which the agent takes with a tool; none: no such tool."
+    records_pin_as = "notes"
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.notes_tokens is not None

@@ -13,7 +13,7 @@ from smartplay_tools.types import Budget
 
 
 class Pictures(BudgetStrategy):
-    """Leaves out all but the newest pictures, whether or not their turns are still shown."""
+    """Elides all but the newest pictures, whether or not their turns are still shown."""
 
     name = "newest_pictures"
     option_help = "The number of newest pictures that stay visible; older observations keep their words alone."
@@ -31,8 +31,8 @@ class Pictures(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return p."""
-        return {"pictures": chosen.pictures}
+        return {"pictures": chosen.elided}
 
-    def left_out(self, shown: int, before: int) -> int:
-        """Return p: of the `shown` pictures so far, the first p are left out; `before` is p before the latest turn."""
+    def elided(self, shown: int, before: int) -> int:
+        """Return p: of the `shown` pictures so far, the first p are elided; `before` is p before the latest turn."""
         return moved(shown - 1, before, self._past, self._share) if shown else 0

@@ -24,8 +24,8 @@ class Thoughts(BudgetStrategy):
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return w."""
-        return {"words": chosen.words}
+        return {"words": chosen.trimmed_before}
 
-    def bare(self, step: int, before: int) -> int:
-        """Return w: replies of turns older than this one are bare at a step; `before` is w before the latest turn."""
+    def trimmed_before(self, step: int, before: int) -> int:
+        """Return w: replies of turns older than this are trimmed at a step; `before` is w before the latest turn."""
         return moved(step, before, self._limit, self._share)

@@ -147,7 +147,7 @@ def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, li
             "export it as sft-chains, sft-episodes or atif."
         )
     for sent, reply in episode.answered:
-        if summaries or not sent.prompt.asks_for_summary:
+        if summaries or sent.prompt.purpose == "play":
             yield sent, list(map(plain, sent.prompt.messages)), plain(reply)
 
 

@@ -41,7 +41,8 @@ TEXT_HEIGHT = 335
 
 PAPER, INK, SOFT = "#f4f5f7", "#1b2230", "#5a6474"
 SEEN, MARKED, GONE = "#3b7dd8", "#e08a1e", "#d3d8e0"
-COLOURS: Mapping[ShownAs, str] = {"whole": SEEN, "bare": MARKED, "masked": MARKED, "notes": MARKED, "gone": GONE}
+IN_PART: Sequence[ShownAs] = ("trimmed", "masked", "notes", "pinned")
+COLOURS: Mapping[ShownAs, str] = {"whole": SEEN, "gone": GONE, **dict.fromkeys(IN_PART, MARKED)}
 PICTURES = "rgb_array"
 
 

@@ -49,7 +49,7 @@ class BlindPlayer:
             raise InvalidArgumentError(
                 "The blind player needs its setting, so it must be attached to a conversation: use `play` or eval."
             )
-        if prompt.asks_for_summary:
+        if prompt.purpose != "play":
             return Reply({"role": "assistant", "content": "-"})
         action = self._actions[self._episode.stats.steps % len(self._actions)]
         return Reply(call("act", action=action) if prompt.tools else {"role": "assistant", "content": action})

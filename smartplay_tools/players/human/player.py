@@ -29,7 +29,7 @@ Asked = Literal["call", "action", "words"]
 
 def asked_for(prompt: Prompt) -> Asked:
     """Return what a prompt asks for."""
-    if prompt.asks_for_summary:
+    if prompt.purpose != "play":
         return "words"
     if prompt.tools:
         return "call"

@@ -100,7 +100,7 @@ def notes_cap(reading: Reading) -> int | None:
 def summary_cap(reading: Reading) -> int | None:
     """Return how many tokens the summary may have that the prompt asks for, None where it asks for none."""
     prompt = reading.prompt
-    return _cap_in(text_of(prompt.shared[-1])) if prompt.asks_for_summary and prompt.shared else None
+    return _cap_in(text_of(prompt.shared[-1])) if prompt.purpose != "play" and prompt.shared else None
 
 
 def _cap_in(text: str) -> int | None:

@@ -97,7 +97,7 @@ class BrowserPlayer:
         game = None if self._conversation is None else self._conversation.episode.game
         return {
             "asks": asked_for(prompt),
-            "summary": prompt.asks_for_summary,
+            "summary": prompt.purpose != "play",
             "messages": prompt.messages,
             "tools": [tool.to_json() for tool in prompt.tools],
             "actions": Reading(prompt).actions,

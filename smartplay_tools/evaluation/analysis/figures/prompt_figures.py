@@ -22,9 +22,10 @@ __all__ = ["prompt_rows", "tokens_by_part"]
 
 LOOKS: dict[ShownAs, tuple[str, str, str]] = {
     "whole": ("#0072B2", "white", "shown whole"),
-    "bare": ("#56B4E9", "black", "shown without its words"),
+    "trimmed": ("#56B4E9", "black", "shown without its words"),
     "masked": ("#E69F00", "black", "shown, its observation masked"),
     "notes": ("#CC79A7", "black", "kept for its notes"),
+    "pinned": ("#CC79A7", "black", "pinned by a strategy"),
     "gone": ("#E6E6E6", "#8A8A8A", "gone"),
 }
 """The colour of a cell, that of the number in it, and what it means."""

@@ -15,10 +15,11 @@ from dataclasses import asdict
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.rewriting import Own, RewrittenHistory
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens.counter import shared_counter
-from smartplay_tools.context.turns import BROUGHT_BACK
+from smartplay_tools.context.turns import BROUGHT_BACK, Form
+from smartplay_tools.context.view import Selection
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.games.specs import GAMES
@@ -106,8 +107,8 @@ def turns(record: Record) -> list[dict[str, Any]]:
         contents[view["turn"]][kind] = {name: value for name, value in view.items() if name not in _LEFT_OUT}
         if (head := record.head_of[view["turn"]]) is not record.heads[0]:  # the host has changed its part
             contents[view["turn"]]["head"] = head["messages"]
-    for shown_by, history in rewritten_prompts(record.events, [] if record.is_paper else record.turns):
-        contents[shown_by["turn"]]["view"]["messages"] = _on_page(history)
+    for shown_by, window, chosen in rewritten_prompts(record.events, [] if record.is_paper else record.turns):
+        contents[shown_by["turn"]]["view"]["messages"] = _on_page(window, chosen)
     for summary in record.summaries:
         shown = {name: summary[name] for name in ("covers", "message", "text", "cut", "empty")}
         contents[summary["turn"]]["summary"] = shown
@@ -160,11 +161,11 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     return {"turns": turns, "departures": [asdict(departure) for departure in counted.departures()]}
 
 
-def _on_page(history: RewrittenHistory) -> list[Any]:
+def _on_page(window: ContextWindow, chosen: Selection) -> list[Any]:
     """Return what a compactor's prompt shows: rows of messages by their numbers, and its own as they are shown."""
     return [
-        history.forms([piece])[0].message if isinstance(piece, Own) else [piece.start, piece.stop - 1]
-        for piece in history.shown
+        window.text(piece).message if isinstance(piece, Form) else [piece.start, piece.stop - 1]
+        for piece in chosen.pieces
     ]
 
 

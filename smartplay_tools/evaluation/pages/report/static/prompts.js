@@ -52,11 +52,11 @@ function summaryIn(episode, view) {
 }
 
 // The results of a view whose observation was masked, as [turn, item]: listed, or those that are older than the view's
-// oldest observation. Of the turn with the notes, which is pinned before the others, all are, and of those that a
-// strategy of the user's has masked.
+// oldest observation. Of the turn that a strategy has pinned all are, and of those that a strategy of the user's has
+// masked.
 function markedResults(episode, view) {
   if (view.oldest === undefined) return view.masked ?? [];
-  const isHidden = (at) => at === view.notes || isWithin(view.hidden ?? [], at);
+  const isHidden = (at) => at === pinnedIn(view) || isWithin(view.hidden ?? [], at);
   return itemsIn(episode, view).filter(([at, item, { call }]) => {
     const isEmpty = isLeftOut(episode, view, at, item) && call.text.startsWith(page.words[episode.prompts].picture_shown);
     const isReplaced = call?.observation_step !== undefined && view.messages && !isWithin(view.messages, numberOf(episode, at) + 1 + item);

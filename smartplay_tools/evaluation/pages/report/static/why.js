@@ -50,6 +50,7 @@ function whyWords(episode, now, turn) {
       `${plural(episode.budget.history, "step")}, so a marker stood in its place${tokens(size?.[1])}` +
       `${size ? ` instead of ${number(size[0])}` : ""}.`,
     notes: () => `Turn ${turn} was kept for the notes in it; a marker stood in place of each of its observations.`,
+    pinned: () => `A strategy had pinned turn ${turn}; a marker stood in place of each of its observations.`,
     dropped: () => `${leftWords(episode, now, turn)}${summaryIn(episode, episode.turns[now].view) ? " A summary stood in its place." : ""}`,
   };
   return words[states[turn]]();
@@ -67,7 +68,7 @@ function leftWords(episode, now, turn) {
       `With a history of ${number(keeps)} it would have stayed${cap === null ? "" : ", if the cap had had room for it"}.`
     );
   if (reason === "pin")
-    return `${begin}it had been kept for its notes, or as the latest turn with the current observation, and no longer was.`;
+    return `${begin}it had been pinned, as that with the notes or with the current observation, or by a strategy, and no longer was.`;
   if (reason === "choice") return `${begin}the strategy ${episode.budget.strategy} did not choose it.`;
   if (reason === "block")
     return `${begin}older turns had to go, and with a slack of ${slack} a window gives up a block of turns at once, so that it then stands still for a while.`;

@@ -14,9 +14,14 @@ function visibility(episode, number) {
   for (const [first, last] of view.turns) states.fill("seen", first, last + 1);
   const marked = markedResults(episode, view);
   for (const [turn] of marked) states[turn] = "marked";
-  if (Number.isInteger(view.notes)) states[view.notes] = "notes";
+  if (isPinned(view)) states[pinnedIn(view)] = pinOf(view);
   return { unit: "turn", states, marked };
 }
+
+// The turn that a strategy had pinned in a prompt, if there was one: that with the notes, or another strategy's.
+const pinnedIn = (view) => view.notes ?? view.pinned;
+const isPinned = (view) => Number.isInteger(pinnedIn(view));
+const pinOf = (view) => (Number.isInteger(view.notes) ? "notes" : "pinned");
 
 // Neighbours of one state as [state, first, last].
 function runs(states) {
@@ -38,12 +43,13 @@ function inWords(states, state, unit) {
 function sentence(episode, number) {
   const { unit, states, marked: results } = visibility(episode, number);
   const view = episode.turns[number].view;
-  const kinds = ["seen", "marked", "notes", "dropped"];
-  const [seen, marked, notes, dropped] = kinds.map((state) => inWords(states, state, unit));
+  const kinds = ["seen", "marked", "notes", "pinned", "dropped"];
+  const [seen, marked, notes, pinned, dropped] = kinds.map((state) => inWords(states, state, unit));
   const parts = [seen ? `The prompt showed ${seen} in full` : `The prompt showed no earlier ${unit} in full`];
-  const count = results.filter(([turn]) => turn !== view.notes).length;
+  const count = results.filter(([turn]) => turn !== pinnedIn(view)).length;
   if (marked) parts.push(`${marked} with ${plural(count, "observation")} replaced by a marker`);
   if (notes) parts.push(`${notes} for the notes in it`);
+  if (pinned) parts.push(`${pinned}, pinned by a strategy, with every observation masked`);
   if (dropped) parts.push(`${summaryIn(episode, view) ? "a summary in place of" : "nothing of"} ${dropped}`);
   const own = view.messages?.filter((piece) => !Array.isArray(piece)).length;
   if (own) parts.push(`${plural(own, "message")} of the compactor's own`);
@@ -124,7 +130,7 @@ function band(box, episode, number, ask) {
 
 // Where each cell begins: they share the width as they share the tokens, or evenly where those are not known.
 function places(episode, states, past, left, width) {
-  const size = (state, at) => episode.turns[at].size?.[state === "marked" || state === "notes" ? 1 : 0] ?? 1;
+  const size = (state, at) => episode.turns[at].size?.[["marked", "notes", "pinned"].includes(state) ? 1 : 0] ?? 1;
   const isCounted = episode.departures !== null;
   const ends = [0];
   states.forEach((state, at) => ends.push(ends[at] + (at < past ? 0 : isCounted ? size(state, at) : 1)));
@@ -224,7 +230,7 @@ function paintMap(episode, pen, x, height, sharp, paints) {
     if (now > (paper ? 1 : 0)) fill("dropped", 0, now - 1);
     for (const [first, last] of paper ? [[view.first, view.step]] : view.turns) fill("seen", first, last);
     for (const [turn] of paper ? [] : markedResults(episode, view)) fill("marked", turn, turn);
-    if (Number.isInteger(view.notes)) fill("notes", view.notes, view.notes);
+    if (isPinned(view)) fill("notes", pinnedIn(view), pinnedIn(view));
     if ((view.summary ?? 0) > summaries) {
       pen.fillStyle = paints.summary;
       pen.fillRect(Math.round(x.start(at) * sharp), 0, Math.max(2, x.each) * sharp, 5 * sharp);
