@@ -6,11 +6,10 @@ Ollama cuts every prompt at its `num_ctx`, 4,096 tokens by default, and answers 
 
 from __future__ import annotations
 
-import logging
-
 from smartplay_tools.types import Usage
+from smartplay_tools.visible import logger
 
-log = logging.getLogger("smartplay_tools.players")
+log = logger("smartplay_tools.players")
 
 FAR_BELOW = 2 / 3
 """The tokenizers of models differ from that of the budgets by less than this."""

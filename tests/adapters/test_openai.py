@@ -153,11 +153,12 @@ def test_reasoning_goes_back_with_its_turn_and_leaves_with_it(tmp_path):
 
 
 def test_output_items_come_back_in_their_order():
+    sealed = {"encrypted_content": "gAAA"}
     output = [
-        {"type": "reasoning", "id": "rs_1", "summary": [{"type": "summary_text", "text": "Hm."}]},
+        {"type": "reasoning", "id": "rs_1", "summary": [{"type": "summary_text", "text": "Hm."}], **sealed},
         {"type": "message", "id": "msg_1", "role": "assistant", "content": [{"type": "output_text", "text": "First."}]},
         {"type": "function_call", "id": "fc_1", "call_id": "call_1", "name": "observe", "arguments": "{}"},
-        {"type": "reasoning", "id": "rs_2", "summary": []},
+        {"type": "reasoning", "id": "rs_2", "summary": [], **sealed},
         {"type": "message", "id": "msg_2", "role": "assistant", "content": [{"type": "output_text", "text": "Then."}]},
         {"type": "function_call", "id": "fc_2", "call_id": "call_2", "name": "act", "arguments": '{"action": "1"}'},
     ]

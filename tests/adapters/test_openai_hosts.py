@@ -280,7 +280,7 @@ def app():
     return TestClient(so.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), LOCAL)
 
 
-@pytest.mark.parametrize("content", [True, 1, [None], [[]], {"a": 1}])
+@pytest.mark.parametrize("content", [True, 1, [None], [[]]])
 def test_an_output_item_without_text_is_refused(app, content):
     items = [{"role": "user", "content": "Play."}, {"role": "assistant", "content": content}]
     answer = app.post("/v1/responses", json={"model": "rule", "input": items})

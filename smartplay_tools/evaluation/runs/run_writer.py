@@ -14,7 +14,6 @@ after a kill. The holder is written to a separate file, because on Windows other
 from __future__ import annotations
 
 import json
-import logging
 import os
 import shutil
 import socket
@@ -33,8 +32,9 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.lines import ends_of
 from smartplay_tools.transcript.times import delete_record, move_record
+from smartplay_tools.visible import logger
 
-log = logging.getLogger("smartplay_tools.evaluation")
+log = logger("smartplay_tools.evaluation")
 
 LOCK = ".lock"
 HOLDER = ".lock.holder"
