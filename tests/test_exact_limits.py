@@ -119,7 +119,7 @@ def asked(spare: int) -> tuple[int, int]:
         return history
 
     conversation = begin(strategy=named(compact), question_tokens=3 + 3 + 1 + 50 + spare)
-    if conversation.prompt().asks_for_summary:
+    if conversation.prompt().purpose != "play":
         conversation.receive({"role": "assistant", "content": "An answer."})
     return conversation.episode.stats.questions, conversation.episode.stats.refused_questions
 
@@ -151,7 +151,7 @@ def refused(spare: int) -> tuple[int, int]:
 
 def summarised(spare: int) -> int:
     conversation = begin(prompt_tokens=HEAD + 400, summary_tokens=20 + spare, slack=0.5)
-    while not conversation.prompt().asks_for_summary:
+    while conversation.prompt().purpose == "play":
         conversation.receive(reply())
     conversation.receive({"role": "assistant", "content": "word " * 19 + "word"})
     return conversation.episode.stats.cut_summaries
