@@ -20,7 +20,9 @@ from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.records import Record
+from smartplay_tools.records.driver import unchained
 from smartplay_tools.records.prompts import sent_prompts
+from smartplay_tools.transcript.hashing import chained_lines
 from smartplay_tools.types.messages import pictures_of
 from tests import fuzz, scripts
 from tests.evaluation.conftest import note_request
@@ -266,6 +268,28 @@ def test_a_prompt_is_read_beside_any_other(show, tmp_path):
     assert page.get_by_role("spinbutton", name="compared with the prompt of turn").input_value() == "31", (
         "it stays as far away"
     )
+
+
+def test_a_turn_that_another_strategy_than_notes_pins_is_called_pinned(show, tmp_path):
+    path, budget = tmp_path / "pins.jsonl", sp.Budget(notes_tokens=60, prompt_tokens=700)
+    with sp.Episode(RPS, seed=1, transcript=path, budget=budget) as episode:
+        conversation = sp.Conversation(episode)
+        conversation.receive(sp.call("take_notes", text="He likes Rock."))
+        while conversation.prompt() is not None:
+            conversation.receive(sp.call("act", action="1"))
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    views = {event["turn"]: event for event in events if event["event"] == "view"}
+    for view in views.values():
+        view["pinned"], view["notes"] = view["notes"], None
+    path.write_bytes(chained_lines([unchained(event) for event in events], "")[0])
+    turn, pinned = next((turn, view["pinned"]) for turn, view in views.items() if view["pinned"] is not None)
+    page = show(path, f"#episode=pins&turn={turn}")
+    assert_the_same_prompts(page, path)
+    assert f"turn {pinned}, pinned by a strategy" in page.locator("#sentence").inner_text()
+    assert page.locator("#band .cell.pinned title").text_content() == f"turn {pinned}: pinned"
+    page.evaluate("document.getElementById('why').open = true")
+    page.get_by_role("spinbutton", name="Turn", exact=True).fill(str(pinned))
+    assert f"A strategy had pinned turn {pinned}" in page.locator("#why-reason").inner_text()
 
 
 def test_the_tokens_of_prompts_are_stacked_by_part(show, tmp_path):
