@@ -197,7 +197,7 @@ def shown_unseen(parts: list[ast.AST], *, is_command: bool) -> Iterator[str]:
 def test_nothing_passes_by():
     """Commands print to streams that `cli` has made visible, and programs of their own (`__main__`) to their caller."""
     for path in [*modules(), *sorted((ROOT / "adapters").rglob("*.py"))]:
-        if path in (PACKAGE / "visible.py", PACKAGE / "terminal.py"):
+        if path in (PACKAGE / "visible.py", PACKAGE / "terminal.py", PACKAGE / "streams.py"):
             continue
         is_program = any(ast.unparse(node).startswith("if __name__ == '__main__'") for node in tree(path).body)
         found = [*shown_unseen([*ast.walk(tree(path))], is_command=path.is_relative_to(PACKAGE / "cli") or is_program)]
