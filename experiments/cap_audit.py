@@ -2,7 +2,7 @@
 
     python -m venv build/audit
     build/audit/bin/python -m pip install -e . -r experiments/cap-audit/requirements.txt
-    build/audit/bin/python experiments/cap_audit.py             # plays; a quarter of an hour
+    build/audit/bin/python experiments/cap_audit.py             # plays; ten minutes
     build/audit/bin/python experiments/cap_audit.py --publish   # the same, and rows and table go into the checkout
 
 Every trimmer gets the same histories of chat completions under the same caps, and what it returns is judged by code
@@ -34,8 +34,10 @@ SEEDS = ("first", "confirmed")
 """The histories that were looked at while this was written, and those of the table, made once afterwards."""
 KINDS = ("chat", "loop", "chinese", "json", "base64", "parallel", "huge")
 CAPS = (1_000, 2_000, 4_000, 8_000)
-EACH = 6
+EACH = 4
 """How many histories there are of a kind under a cap."""
+QUICK = 0.05
+"""Seconds."""
 
 
 def ours(*, keeps: bool = True, **settings: Any) -> Trimmer:
@@ -66,16 +68,19 @@ def given_history(seed: str, kind: str, cap: int, number: int) -> Messages:
 def judged(trim: Trimmer, given: Messages, cap: int) -> dict[str, Any]:
     """What a trimmer does with a history: the verdict, or the error that it raises, and how long it takes.
 
-    It is called twice, and the second call is timed, so texts that are counted once are counted.
+    The judge has counted the texts before. What takes less than `QUICK` is done twice, and the second time counts, so
+    that a manager has seen the conversation before, too.
     """
-    try:
-        trim(copy.deepcopy(given), cap)
-        mine = copy.deepcopy(given)
-        begin = time.perf_counter()
-        shown = trim(mine, cap)
-        taken = time.perf_counter() - begin
-    except Exception as error:
-        return {"refused": type(error).__name__}
+    taken = 0.0
+    for _ in range(2):
+        if taken < QUICK:
+            mine = copy.deepcopy(given)
+            begin = time.perf_counter()
+            try:
+                shown = trim(mine, cap)
+            except Exception as error:
+                return {"refused": type(error).__name__}
+            taken = time.perf_counter() - begin
     return {"refused": "", "ms": round(1_000 * taken, 2)} | verdict(given, shown, cap)
 
 

@@ -46,7 +46,6 @@ from haystack.components.agents.state import State
 from haystack.hooks.compaction import CompactionHook, SlidingWindowCompactor
 from haystack.token_counters import ApproximateTokenCounter
 from inspect_ai import model as inspect
-from inspect_ai.tool import ToolCall as InspectCall
 from langchain.agents.middleware import ClearToolUsesEdit
 from langchain_core.messages import convert_to_messages, convert_to_openai_messages, trim_messages as langchain_trim
 from langchain_core.messages.utils import count_tokens_approximately
@@ -81,29 +80,6 @@ def result(identity: str, content: str) -> dict[str, Any]:
 
 
 # The forms of messages of the frameworks.
-
-
-def to_haystack(message: dict[str, Any]) -> Any:
-    """A message of Haystack."""
-    text = message["content"]
-    if message["role"] == "tool":
-        origin = haystack.ToolCall(tool_name="tool", arguments={}, id=message["tool_call_id"])
-        return haystack.ChatMessage.from_tool(text, origin=origin)
-    if message["role"] == "assistant":
-        made = [haystack.ToolCall(name, json.loads(said), identity) for identity, name, said in calls(message)]
-        return haystack.ChatMessage.from_assistant(text, tool_calls=made)
-    make = haystack.ChatMessage.from_user if message["role"] == "user" else haystack.ChatMessage.from_system
-    return make(text)
-
-
-def of_haystack(message: Any) -> dict[str, Any]:
-    """A message of Haystack in chat form."""
-    role = message.role.value
-    if role == "tool":
-        return result(message.tool_call_result.origin.id, message.tool_call_result.result)
-    if role == "assistant":
-        return reply(message.text, [a_call(each.id, each.tool_name, each.arguments) for each in message.tool_calls])
-    return {"role": role, "content": message.text}
 
 
 def to_framework(message: dict[str, Any]) -> Any:
@@ -151,29 +127,6 @@ def of_autogen(message: Any) -> Messages:
             return [reply(message.content, [])]
         return [reply(message.thought, [a_call(each.id, each.name, each.arguments) for each in message.content])]
     return [{"role": "user" if isinstance(message, autogen.UserMessage) else "system", "content": message.content}]
-
-
-def to_inspect(message: dict[str, Any]) -> Any:
-    """A message of Inspect."""
-    text = message["content"]
-    match message["role"]:
-        case "tool":
-            return inspect.ChatMessageTool(content=text, tool_call_id=message["tool_call_id"])
-        case "assistant":
-            made = [InspectCall(id=i, function=name, arguments=json.loads(said)) for i, name, said in calls(message)]
-            return inspect.ChatMessageAssistant(content=text, tool_calls=made or None)
-        case "user":
-            return inspect.ChatMessageUser(content=text)
-    return inspect.ChatMessageSystem(content=text)
-
-
-def of_inspect(message: Any) -> dict[str, Any]:
-    """A message of Inspect in chat form."""
-    if message.role == "tool":
-        return result(message.tool_call_id, message.text)
-    if message.role == "assistant":
-        return reply(message.text, [a_call(e.id, e.function, e.arguments) for e in message.tool_calls or ()])
-    return {"role": message.role, "content": message.text}
 
 
 def to_pydantic(messages: Messages) -> list[Any]:
@@ -352,18 +305,18 @@ def inspect_trim(exact: bool) -> Trimmer:
     if exact:
 
         async def count_tokens(given: Any, config: Any = None) -> int:
-            return count(given) if isinstance(given, str) else prompt_tokens(list(map(of_inspect, given)))
+            return count(given) if isinstance(given, str) else prompt_tokens(await inspect.messages_to_openai(given))
 
         model.api.count_tokens = count_tokens  # type: ignore[method-assign]
 
     def trim(messages: Messages, cap: int) -> Messages:
-        given = list(map(to_inspect, messages))
+        given = wait(inspect.messages_from_openai(messages))
         handler = inspect.compaction(inspect.CompactionTrim(threshold=cap), given[:2], model=model)
         for number in range(2, len(given)):
             if given[number].role == "assistant":
                 with contextlib.suppress(RuntimeError):  # it says that it cannot go below the cap
                     wait(handler.compact_input(given[:number]))
-        return list(map(of_inspect, wait(handler.compact_input(given))[0]))
+        return wait(inspect.messages_to_openai(wait(handler.compact_input(given))[0]))
 
     return trim
 
@@ -373,16 +326,16 @@ class ExactCounter:
 
     def count(self, messages: Any, tools: Any = None) -> int:
         """Count as the judge does."""
-        return prompt_tokens(list(map(of_haystack, messages))) - 3
+        return prompt_tokens([message.to_openai_dict_format() for message in messages]) - 3
 
 
 def haystack_window(counter: Any) -> Trimmer:
     """`CompactionHook` of Haystack with `SlidingWindowCompactor`; the window of the model is the cap."""
 
     def trim(messages: Messages, cap: int) -> Messages:
-        state = State({}, {"messages": list(map(to_haystack, messages))})
+        state = State({}, {"messages": list(map(haystack.ChatMessage.from_openai_dict_format, messages))})
         CompactionHook(SlidingWindowCompactor(), context_window=cap, token_counter=counter).run(state)
-        return list(map(of_haystack, state.data["messages"]))
+        return [message.to_openai_dict_format() for message in state.data["messages"]]
 
     return trim
 
