@@ -117,7 +117,6 @@ def line(rows: Sequence[Row], versions: dict[str, str]) -> list[str]:
     """The line of a trimmer in the table."""
     sent = [row for row in rows if not row["refused"]]
     under = [row for row in sent if not row["over"]]
-    worst = max((row["used"] / row["cap"] for row in sent), default=0)
 
     def share(number: int) -> str:
         return f"{100 * number / len(rows):.0f}" if number in (0, len(rows)) else f"{100 * number / len(rows):.1f}"
@@ -125,12 +124,11 @@ def line(rows: Sequence[Row], versions: dict[str, str]) -> list[str]:
     good = sum(not any(row[fault] for fault in FAULTS) for row in sent)
     first = rows[0]
     return [
-        f"{first['package']} {versions[first['package']]} {first['trimmer']}",
+        f"{first['package']}=={versions[first['package']]} {first['trimmer']}",
         first["counter"],
         *(share(sum(row[fault] for row in sent)) for fault in SHOWN),
         share(len(rows) - len(sent)),
         share(good),
-        f"{worst:.1f}",
         f"{100 * fmean(1 - row['used'] / row['cap'] for row in under):.0f}" if under else "",
         f"{median(row['ms'] for row in sent):.1f}" if sent else "",
     ]
@@ -148,7 +146,7 @@ def by_trimmer(rows: Sequence[Row], seed: str) -> list[list[Row]]:
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """The table of the page, from the histories that were made after everything was written."""
     versions = rows[0]["packages"]
-    headings = ["trimmer", "counter", "over", "texts over", *SHOWN[2:], "refused", "usable", "worst", "unused", "ms"]
+    headings = ["trimmer", "counter", "over", "texts over", *SHOWN[2:], "refused", "usable", "unused", "ms"]
     lines = [line(own, versions) for own in by_trimmer(rows, SEEDS[-1])]
     return {"cap-audit": markdown_table(headings, lines)}
 
