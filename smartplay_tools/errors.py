@@ -253,14 +253,15 @@ SENSELESS = (
 
 
 @contextmanager
-def record_named(what: object = "The record") -> Iterator[None]:
+def record_named() -> Iterator[None]:
     """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
     try:
         yield
     except SmartPlayError:
         raise
     except SENSELESS as error:
-        raise TranscriptError(f"{what} cannot be replayed: {type(error).__name__}: {in_one_line(error)}.") from error
+        why = f"{type(error).__name__}: {in_one_line(error)}"
+        raise TranscriptError(f"The record cannot be replayed: {why}.") from error
 
 
 @contextmanager

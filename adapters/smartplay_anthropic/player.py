@@ -139,14 +139,11 @@ class AnthropicPlayer(ModelPlayer):
 
     def send(self, client: anthropic.Anthropic, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply."""
-        return self._read(client.messages.create(**request))
+        return codec.reply(client.messages.create(**request))
 
     async def asend(self, client: anthropic.AsyncAnthropic, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply as `send` does, without blocking the event loop."""
-        return self._read(await client.messages.create(**request))
-
-    def _read(self, answer: Any) -> Reply:
-        return codec.reply(answer)
+        return codec.reply(await client.messages.create(**request))
 
 
 class _RunnerTool:

@@ -16,7 +16,7 @@ from smartplay_tools.errors import extra_named
 with extra_named("ContextManagerMiddleware", "langchain"):
     from langchain.agents.middleware import AgentMiddleware, AgentState, ModelRequest, ModelResponse
     from langchain_core.language_models import BaseChatModel, LanguageModelInput
-    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, ToolMessage
+    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, ToolMessage, convert_to_messages
     from langchain_core.runnables import Runnable, RunnableConfig
     from langchain_core.tools import BaseTool
     from langchain_core.utils.function_calling import convert_to_openai_tool
@@ -26,6 +26,11 @@ from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
+
+Config = RunnableConfig | None
+
+_PASSING_BY = ("generate", "agenerate", "generate_prompt", "agenerate_prompt")
+"""The methods of a chat model that send a prompt and are no runnable's."""
 
 _ROLES = {"ai": "assistant", "human": "user", "system": "system", "tool": "tool"}
 _CALLS = ("tool_calls", "function_call")
@@ -73,13 +78,19 @@ class FittedModel(StandIn):
         schemas = [tool if isinstance(tool, dict) else convert_to_openai_tool(tool) for tool in tools]
         return _Fitted(bound, self.manager, schemas, settings.get("response_format"))
 
-    def invoke(self, messages: Any, config: RunnableConfig | None = None, **settings: Any) -> AIMessage:
-        """Send messages without tools."""
-        return self.request((), settings).invoke(messages, config)
+    def with_structured_output(self, schema: Any, **settings: Any) -> Runnable[Any, Any]:
+        """Do what the model's own does, with the requests that it makes held to the budget."""
+        return type(self._model).with_structured_output(cast("BaseChatModel", self), schema, **settings)
 
-    async def ainvoke(self, messages: Any, config: RunnableConfig | None = None, **settings: Any) -> AIMessage:
-        """Send messages without tools."""
-        return await self.request((), settings).ainvoke(messages, config)
+    def __or__(self, other: Any) -> Runnable[Any, Any]:
+        """Return a chain that begins with this model."""
+        return self.request((), {}) | other
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the model has; whatever would send a prompt by itself sends it as `request` does."""
+        if name in _PASSING_BY:
+            raise InvalidArgumentError(f"{name} would pass by the budget; use invoke, stream or batch.")
+        return getattr(self.request((), {}) if hasattr(Runnable, name) else self._model, name)
 
 
 class _Fitted(Runnable[LanguageModelInput, AIMessage]):
@@ -88,26 +99,26 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
     def __init__(self, bound: Runnable[Any, AIMessage], manager: ContextManager, tools: list[Any], schema: Any) -> None:
         self._bound, self._manager, self._tools, self._schema = bound, manager, tools, schema
 
-    def invoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
+    def invoke(self, input: Any, config: Config = None, **settings: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        prompt, messages = self._fitted(input)
-        return self._told(prompt, self._bound.invoke(messages, config))
+        prompt, messages = self._fitted(input, settings)
+        return self._told(prompt, self._bound.invoke(messages, config, **settings))
 
-    async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
+    async def ainvoke(self, input: Any, config: Config = None, **settings: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        prompt, messages = self._fitted(input)
-        return self._told(prompt, await self._bound.ainvoke(messages, config))
+        prompt, messages = self._fitted(input, settings)
+        return self._told(prompt, await self._bound.ainvoke(messages, config, **settings))
 
-    def stream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> Iterator[AIMessage]:  # noqa: A002
+    def stream(self, input: Any, config: Config = None, **settings: Any) -> Iterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        prompt, messages = self._fitted(input)
-        for piece in self._bound.stream(messages, config):
+        prompt, messages = self._fitted(input, settings)
+        for piece in self._bound.stream(messages, config, **settings):
             yield self._told(prompt, piece)
 
-    async def astream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
+    async def astream(self, input: Any, config: Config = None, **settings: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        prompt, messages = self._fitted(input)
-        async for piece in self._bound.astream(messages, config):
+        prompt, messages = self._fitted(input, settings)
+        async for piece in self._bound.astream(messages, config, **settings):
             yield self._told(prompt, piece)
 
     def _told(self, prompt: FittedPrompt, reply: AIMessage) -> AIMessage:
@@ -116,9 +127,11 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
             self._manager.reported(prompt, reply.usage_metadata["input_tokens"])
         return reply
 
-    def _fitted(self, messages: Sequence[BaseMessage]) -> tuple[FittedPrompt, list[BaseMessage]]:
+    def _fitted(self, given: Any, settings: Mapping[str, Any]) -> tuple[FittedPrompt, list[BaseMessage]]:
+        messages = convert_to_messages([given] if isinstance(given, str) else given)
         chat = [as_chat(message, number) for number, message in enumerate(messages)]
-        prompt = self._manager.fit(chat, tools=self._tools, output_schema=self._schema, form="chat")
+        schema = settings.get("response_format", self._schema)
+        prompt = self._manager.fit(chat, tools=self._tools, output_schema=schema, form="chat")
         return prompt, as_given(prompt, messages)
 
 

@@ -228,13 +228,6 @@ def _asked(error: Exception) -> str | None:
     return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
 
 
-def status_of(error: Exception) -> int | None:
-    """Return the HTTP status of a refused request; None for a failed connection or a broken answer."""
-    response = getattr(error, "response", None)
-    status = getattr(error, "status_code", None) or getattr(response, "status_code", None)
-    return status if isinstance(status, int) and status >= 400 else None
-
-
 def _wish(error: Exception) -> float | None:
     """The seconds that the server asks to wait; None if it does not say."""
     headers = _headers(error)

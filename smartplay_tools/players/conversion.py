@@ -17,15 +17,9 @@ from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import well_formed
-from smartplay_tools.types.messages import (
-    NEVER_TOO_MANY,
-    Message,
-    MessageToolCall,
-    calls_of,
-    pictures_of,
-    text_of,
-)
+from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, pictures_of, text_of
 from smartplay_tools.types.pictures import Picture, is_picture
+from smartplay_tools.types.request_limits import most, shortened
 
 __all__ = [
     "SYSTEM",
@@ -45,9 +39,6 @@ __all__ = [
 
 SYSTEM = ("system", "developer")
 """The roles of a message that gives instructions."""
-
-NEVER_ENDLESS = 10_000_000
-"""Every provider takes back as many characters of words."""
 
 P = TypeVar("P")
 
@@ -139,10 +130,8 @@ def sendable(message: Message) -> Message:
 
 def taken_back(messages: Sequence[Message]) -> Sequence[Message]:
     """Return messages of a prompt without what no provider takes back: surplus calls, and the end of endless words."""
-    if all(len(message.get("tool_calls", ())) <= NEVER_TOO_MANY and not _is_endless(message) for message in messages):
+    if all(len(message.get("tool_calls", ())) <= most("calls") and not _is_endless(message) for message in messages):
         return messages
-    from smartplay_tools.types.request_limits import most, shortened
-
     surplus: set[str] = set()
     kept: list[Message] = []
     for message in messages:
@@ -158,7 +147,7 @@ def taken_back(messages: Sequence[Message]) -> Sequence[Message]:
 
 def _is_endless(message: Message) -> bool:
     content = message["content"]
-    return isinstance(content, str) and len(content) > NEVER_ENDLESS
+    return isinstance(content, str) and len(content) > most("words")
 
 
 def _sendable_call(call: MessageToolCall) -> MessageToolCall:

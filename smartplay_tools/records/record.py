@@ -40,7 +40,6 @@ from smartplay_tools.transcript.events import (
     PictureEvent,
     QuestionEvent,
     ResumeEvent,
-    RevealEvent,
     SentEvent,
     SummaryEvent,
     UsageEvent,
@@ -434,8 +433,6 @@ class Record:
     """The tool calls as they were played, with their answers."""
     sent = _EventsOf[SentEvent]("sent")
     """The prompts of a host that owned the context, as they were counted."""
-    reveals = _EventsOf[RevealEvent]("reveal")
-    """The times that a privileged player was given the game itself."""
     pictures = _EventsOf[PictureEvent]("picture")
     """The pictures of the game that the player was shown."""
     resumes = _EventsOf[ResumeEvent]("resume")

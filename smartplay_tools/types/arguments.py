@@ -15,6 +15,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from smartplay_tools.types.request_limits import most, shortened
+
 __all__ = ["Arguments", "meaning", "object_in", "read", "value_in"]
 
 
@@ -65,9 +67,6 @@ canonical_text = encoder(sort_keys=True, separators=(",", ":"))
 
 LONGEST = 10_000
 """Longer text is malformed and is not parsed: no game needs it, and parsing takes time."""
-
-NEVER_LIMITED = 100_000
-"""Every provider takes back as many characters of arguments."""
 
 _LARGEST = 309
 """The number of digits of the largest double."""
@@ -137,14 +136,9 @@ def _read(text: str) -> Arguments:
 
 def _wrapped(text: str) -> str:
     wrapped = _encode({"arguments": well_formed(text)})
-    if len(wrapped) <= NEVER_LIMITED:
+    if len(wrapped) <= (longest := most("arguments")):
         return wrapped
-    from smartplay_tools.types.request_limits import most, shortened  # reads a table that most replies do not need
-
-    longest = most("arguments")  # a character has up to six in JSON
-    return (
-        wrapped if len(wrapped) <= longest else _encode({"arguments": shortened(well_formed(text), longest // 6 - 8)})
-    )
+    return _encode({"arguments": shortened(well_formed(text), longest // 6 - 8)})  # a character has up to six in JSON
 
 
 def _portable(text: str, canonical: str) -> str:

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Sequence
 class CallIds:
     """The ids that are taken in a conversation."""
 
-    def __init__(self, taken: Iterable[str] = ()) -> None:
-        self._taken = set(taken)
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
 
     def reserve(self, ids: Iterable[str]) -> None:
         """Take the ids of the example calls in a head, which keep their ids."""

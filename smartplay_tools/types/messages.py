@@ -17,6 +17,7 @@ from typing_extensions import TypedDict  # Pydantic, which checks recorded messa
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.arguments import DEEPEST, Arguments, Problem, as_text, read, well_formed
 from smartplay_tools.types.pictures import is_picture
+from smartplay_tools.types.request_limits import most
 
 __all__ = [
     "Call",
@@ -30,10 +31,6 @@ __all__ = [
     "text_of",
     "words_of",
 ]
-
-
-NEVER_TOO_MANY = 100
-"""Every provider takes back as many calls of one message."""
 
 
 class FunctionCall(TypedDict):
@@ -234,12 +231,9 @@ def read_calls(message: Message, ids: Sequence[str]) -> tuple[Call, ...]:
     """
     pairs = zip(calls_of(message), ids, strict=True)
     calls = tuple([Call(i, c["id"], c["function"]["name"], read(c["function"]["arguments"])) for c, i in pairs])
-    if len(calls) > NEVER_TOO_MANY:
-        from smartplay_tools.types.request_limits import most  # reads a table that most replies do not need
-
+    for call in calls[most("calls") :]:
         problem = Problem("too_many", {"most": str(most("calls"))})
-        for call in calls[most("calls") :]:
-            call.arguments = replace(call.arguments, values=None, problem=problem)
+        call.arguments = replace(call.arguments, values=None, problem=problem)
     return calls
 
 

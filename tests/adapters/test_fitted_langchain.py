@@ -12,6 +12,7 @@ from langchain.agents.middleware import AgentMiddleware, ModelRequest
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, SystemMessage, ToolMessage
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+from langchain_core.prompt_values import ChatPromptValue
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from pydantic import BaseModel
@@ -176,6 +177,42 @@ def test_a_model_in_a_graph_built_by_hand_is_held_to_the_cap_too():
     while calls := (reply := fitted.invoke(messages)).tool_calls:
         messages += [reply, *(read.invoke(call) for call in calls)]
     check(model, stored=messages)
+
+
+class Summary(BaseModel):
+    """What the book says."""
+
+    words: str
+
+
+@pytest.mark.parametrize(
+    "send",
+    [
+        lambda model, given: model.invoke(given, stop=["."]),
+        lambda model, given: model.invoke(ChatPromptValue(messages=given)),
+        lambda model, given: list(model.stream(given)),
+        lambda model, given: model.batch([given]),
+        lambda model, given: model.with_retry().invoke(given),
+        lambda model, given: (model | (lambda reply: reply)).invoke(given),
+        lambda model, given: list((model.with_config(tags=["a"]) | (lambda reply: reply)).stream(given)),
+        lambda model, given: model.with_structured_output(Summary).invoke(given),
+    ],
+)
+def test_no_method_of_a_model_passes_by_the_budget(send: Any):
+    model = Reader(sent=[], tools=[], pages=0)
+    given: list[BaseMessage] = [HumanMessage("Well?"), *[AIMessage("word " * 40), HumanMessage("So?")] * 5]
+    send(FittedModel(model, sp.ContextManager(120)), given)
+    assert (model.sent[0][0], 1 < len(model.sent[0]) < len(given)) == (given[0], True)
+
+
+def test_what_is_no_runnables_way_to_send_is_refused_and_a_text_is_a_message():
+    model = Reader(sent=[], tools=[], pages=0)
+    fitted = FittedModel(model, sp.ContextManager(120))
+    with pytest.raises(sp.InvalidArgumentError, match="generate would pass by the budget"):
+        fitted.generate([[HumanMessage("Well?")]])
+    fitted.invoke("Well?")
+    assert model.sent == [[HumanMessage("Well?")]]
+    assert fitted.pages == 0
 
 
 def test_thoughts_and_extra_fields_count_and_stay():

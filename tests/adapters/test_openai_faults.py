@@ -263,7 +263,27 @@ def as_stream(body):
     return "".join(f"data: {json.dumps(chunk)}\n\n" for chunk in chunks) + "data: [DONE]\n\n"
 
 
-class Deaf(Faulty):
+class Changing(Faulty):
+    """The endpoint of the rule player behind a server that changes its answers."""
+
+    kind = "application/json"
+
+    def changed(self, body):
+        """What is answered in place of a body."""
+        raise NotImplementedError
+
+    async def __call__(self, scope, receive, send):
+        sent = []
+
+        async def keep(event):
+            sent.append(event)
+
+        await super().__call__(scope, receive, keep)
+        body = json.loads(b"".join(event.get("body", b"") for event in sent))
+        await answer(self.changed(body), sent[0]["status"], kind=self.kind)(send, None)
+
+
+class Deaf(Changing):
     """The endpoint of the rule player behind a server that does not look at `stream`."""
 
     def __init__(self, streams, kind):
@@ -271,17 +291,15 @@ class Deaf(Faulty):
         self.streams, self.kind = streams, kind
 
     async def __call__(self, scope, receive, send):
-        asked, sent = json.loads((await receive())["body"]), []
+        asked = json.loads((await receive())["body"])
 
         async def whole():
             return {"type": "http.request", "body": json.dumps({**asked, "stream": False}).encode()}
 
-        async def keep(event):
-            sent.append(event)
+        await super().__call__(scope, whole, send)
 
-        await super().__call__(scope, whole, keep)
-        body = json.loads(b"".join(event.get("body", b"") for event in sent))
-        await answer(as_stream(body) if self.streams else body, kind=self.kind)(send, asked)
+    def changed(self, body):
+        return as_stream(body) if self.streams else body
 
 
 @pytest.mark.parametrize(
@@ -299,18 +317,10 @@ def test_a_stream_that_was_not_asked_for_is_read_and_so_is_the_reverse(player, s
 
 
 def test_a_server_that_cuts_prompts_is_said_once(caplog):
-    class Cutting(Faulty):
-        async def __call__(self, scope, receive, send):
-            sent = []
-
-            async def keep(event):
-                sent.append(event)
-
-            await super().__call__(scope, receive, keep)
-            body = json.loads(b"".join(event.get("body", b"") for event in sent))
-            body["usage"]["prompt_tokens"] = min(300, body["usage"]["prompt_tokens"])
-            body["usage"]["total_tokens"] = 0
-            await answer(body)(send, None)
+    class Cutting(Changing):
+        def changed(self, body):
+            count = min(300, body["usage"]["prompt_tokens"])
+            return {**body, "usage": {**body["usage"], "prompt_tokens": count, "total_tokens": 0}}
 
     with so.LocalEndpoint(app=Cutting()) as endpoint, sp.get_player("openai:rule", base_url=endpoint.base_url) as model:
         for seed in (7, 8):

@@ -15,7 +15,7 @@ from tests.adapters import rerouted
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import WAY, act, calling
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.test_openai_faults import Faulty, answer, assert_as_if_nothing_had_happened, play
+from tests.adapters.test_openai_faults import Changing, Faulty, answer, assert_as_if_nothing_had_happened, play
 
 SERVERS = {
     "by OpenAI": {"message": "Unsupported parameter: '{field}' is not supported with this model.", "param": "{field}"},
@@ -150,26 +150,19 @@ def test_a_cap_that_is_too_large_keeps_its_name(words, tmp_path):
     assert {name for _, body in faulty.requests for name in body if "max" in name} == {"max_tokens"}
 
 
-class Adding(Refusing):
+class Adding(Refusing, Changing):
     """The endpoint of the rule player behind a server that adds a field to its replies and refuses it in requests."""
 
     def __init__(self, refusal: Any, **added: Any) -> None:
         super().__init__(refusal)
         self.added = added
 
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        sent: list[Any] = []
-
-        async def keep(event: Any) -> None:
-            sent.append(event)
-
-        await super().__call__(scope, receive, keep)
-        body = json.loads(b"".join(event.get("body", b"") for event in sent))
+    def changed(self, body: dict[str, Any]) -> dict[str, Any]:
         for choice in body.get("choices", ()):
             choice["message"] |= self.added
-        items = body.get("output", ())
-        answered = body | ({"output": [{**item, **self.added} for item in items]} if items else {})
-        await answer(answered, sent[0]["status"])(send, None)
+        for item in body.get("output", ()):
+            item |= self.added
+        return body
 
 
 GROQ = {"message": "for 'role:assistant' the following must be satisfied[(property '{field}' is unsupported)]"}

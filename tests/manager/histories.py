@@ -12,30 +12,8 @@ Messages = list[dict[str, Any]]
 KINDS = ("task", "chat", "parallel", "big", "broken")
 """One request; many of them; up to 12 calls at once; results of thousands of tokens; lists that providers refuse."""
 
-WORDS = [
-    *[
-        "the",
-        "door",
-        "opens",
-        "north",
-        "key",
-        "lamp",
-        "You",
-        "see",
-        "a",
-        "wooden",
-        "chest",
-        "and",
-        "coin",
-        "score",
-        "0",
-        "step",
-        "日本",
-        "🙂",
-        "{}",
-    ],
-    "\n",
-]
+LINE = "the door opens north key lamp You see a wooden chest and coin score 0 step 日本 🙂 {}"
+WORDS = [*LINE.split(" "), "\n"]
 
 
 def text(rng: random.Random, size: int) -> str:

@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.pages.report.summary_tables import (
-    rules,
-)
+from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.types.groups import grouped
 
 Episode = Mapping[str, Any]
