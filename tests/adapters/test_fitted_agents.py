@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 from typing import Any
 
 import pytest
@@ -22,7 +21,7 @@ from pydantic import BaseModel
 from smartplay_openai.fitting import ContextManagerModel, window_filter
 
 import smartplay_tools as sp
-from tests.manager.histories import Messages
+from tests.manager.histories import Messages, text_of_page
 from tests.manager.judge import is_broken
 
 set_tracing_disabled(True)
@@ -34,8 +33,7 @@ SYSTEM, TASK = "You read a book page by page.", "Read all pages."
 @function_tool
 def read(page: int) -> str:
     """Read a page."""
-    rng = random.Random(page)
-    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
+    return text_of_page(page)
 
 
 class Reader(ScriptedModel):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from smartplay_langchain import ContextManagerMiddleware, FittedModel
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from tests.manager.histories import text_of_page
 
 CAP = 1_000
 SYSTEM = "You read a book page by page."
@@ -29,8 +29,7 @@ TASK = {"messages": [{"role": "user", "content": "Read all pages."}]}
 @tool
 def read(page: int) -> str:
     """Read a page."""
-    rng = random.Random(page)
-    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
+    return text_of_page(page)
 
 
 class Reader(BaseChatModel):

@@ -18,7 +18,7 @@ from tests.dialects.rules import Dialect
 from tests.dialects.said import Json, Said, readable
 from tests.dialects.scripts import HOSTILE, MIXED, SHORT
 from tests.dialects.server import DialectServer
-from tests.dialects.ways import PAIRS, Way, environment
+from tests.dialects.ways import PAIRS, Way, reached
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -46,12 +46,9 @@ def game(
     """Play a script; return the record and the server."""
     events: list[Any] = []
     with (
-        DialectServer(dialect, script, without=way.without(dialect)) as server,
-        pytest.MonkeyPatch.context() as variables,
+        reached(DialectServer(dialect, script, without=way.without(dialect))) as server,
         sp.Episode(GAME, seed=SEED, budget=budget, transcript=events) as episode,
     ):
-        for name, value in environment(server).items():
-            variables.setenv(name, value)
         way.play(server, episode, stream)
     return json.loads(json.dumps(events)), server
 
@@ -93,7 +90,7 @@ def test_a_short_game_is_played_to_its_end(way, dialect):
 @pytest.mark.slow
 @pytest.mark.parametrize(("way", "dialect"), PAIRS, ids=lambda value: value.name)
 def test_a_game_with_every_reply_is_played_to_its_end(way, dialect):
-    """Whole and, where there are streams, in pieces; frameworks with an environment of their own play there."""
+    """Whole and, where there are streams, in pieces; frameworks with an reached of their own play there."""
     way.skip_if_missing()
     played = [game(way, dialect, MIXED, stream) for stream in sorted({False, way.streams})]
     assert [check(*each)["steps"] for each in played] == [7] * len(played)

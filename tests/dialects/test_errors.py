@@ -18,7 +18,7 @@ from tests.dialects.said import Said
 from tests.dialects.scripts import act
 from tests.dialects.server import DialectServer
 from tests.dialects.test_dialects import game
-from tests.dialects.ways import WAYS, environment
+from tests.dialects.ways import WAYS, reached
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -96,20 +96,15 @@ def summing(self: Any, history: Any, room: Any) -> Any:
 
 
 @pytest.mark.parametrize("interface", ["chat", *(pytest.param(name, marks=pytest.mark.slow) for name in [*PLACES][1:])])
-@pytest.mark.parametrize(
-    "options", [{"prompt_tokens": 600, "slack": 0.5, "summary_tokens": 60}, {"strategy": "summing"}]
-)
+@pytest.mark.parametrize("options", ASKS)
 def test_a_broken_call_in_place_of_a_summary_or_an_answer_ends_nothing(interface, options):
     """The model's words are the summary, or the answer to the compactor, and are not asked for again."""
     sp.register_strategy("summing", type("Summing", (), {"compact": summing}))
     budget = sp.Budget(history=None, tool_calls=20, **options)
     with (
-        Asking(DIALECTS[PLACES[interface][1]], [Said(calls=(("act", '{"action": "1"}'),))]) as server,
-        pytest.MonkeyPatch.context() as variables,
+        reached(Asking(DIALECTS[PLACES[interface][1]], [Said(calls=(("act", '{"action": "1"}'),))])) as server,
         sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=1, budget=budget) as episode,
     ):
-        for name, value in environment(server).items():
-            variables.setenv(name, value)
         WAYS[PLACES[interface][0]].play(server, episode, False)
     result = episode.result
     assert (result.end_reason, result.steps) == ("tool_calls", 20)

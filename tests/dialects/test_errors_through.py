@@ -21,7 +21,7 @@ from tests.dialects.said import Said
 from tests.dialects.scripts import act
 from tests.dialects.server import DialectServer
 from tests.dialects.test_dialects import ONE_EACH
-from tests.dialects.ways import Way, environment, player
+from tests.dialects.ways import Way, player, reached
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -46,14 +46,11 @@ def played(way: Way, script: Sequence[Said | Failure], stream: bool, budget: sp.
     """Play a script at the first server of a way in, whatever it raises; return the result and the server."""
     dialect = next(dialect for other, dialect in ONE_EACH if other is way)
     with (
-        DialectServer(dialect, script, without=way.without(dialect)) as server,
-        pytest.MonkeyPatch.context() as variables,
+        reached(DialectServer(dialect, script, without=way.without(dialect))) as server,
         sp.Episode(GAME, seed=SEED, budget=budget, transcript=(events := [])) as episode,
+        contextlib.suppress(Exception),
     ):
-        for name, value in environment(server).items():
-            variables.setenv(name, value)
-        with contextlib.suppress(Exception):
-            way.play(server, episode, stream)
+        way.play(server, episode, stream)
     assert sp.replay(events).identical
     return episode.result, server
 
@@ -98,18 +95,16 @@ def test_a_refused_account_leaves_an_episode_of_the_window_open(about):
     """Its agent is told so; with the account in order, its next request is answered, and nothing is lost."""
     script = [act(0, ""), Failure(KINDS["player", about], "status"), *(act(at, "") for at in range(1, 7))]
     with (
-        DialectServer(DIALECTS["OpenAI"], script) as server,
-        pytest.MonkeyPatch.context() as variables,
+        reached(DialectServer(DIALECTS["OpenAI"], script)) as server,
         sp.Episode(GAME, seed=SEED, transcript=(events := [])) as episode,
+        player(server, stream=True) as model,
+        WindowEndpoint(model) as endpoint,
     ):
-        for name, value in environment(server).items():
-            variables.setenv(name, value)
-        with player(server, stream=True) as model, WindowEndpoint(model) as endpoint:
-            host = HostAgent(endpoint, endpoint.serve(episode))
-            host.answer(host.post())
-            with pytest.raises(AssertionError, match="player_refused"):
-                host.post()
-            host.play()
+        host = HostAgent(endpoint, endpoint.serve(episode))
+        host.answer(host.post())
+        with pytest.raises(AssertionError, match="player_refused"):
+            host.post()
+        host.play()
     assert (episode.result.end_reason, episode.result.steps) == ("terminated", 7)
     assert episode.result.tokens.provider.requests == 8
     assert sp.replay(events).identical

@@ -318,9 +318,14 @@ MEET = [(way, dialect) for way in WAYS.values() for dialect in DIALECTS.values()
 PAIRS = [(way, dialect) for way, dialect in MEET if "play" not in way.without(dialect)]
 
 
-def environment(server: DialectServer) -> dict[str, str]:
-    """The variables by which clients that ask for the real host reach the server."""
+@contextmanager
+def reached(server: DialectServer) -> Iterator[DialectServer]:
+    """Open a server, with the variables by which clients that ask for the real host reach it."""
     emptied = dict.fromkeys([name for name in os.environ if name.lower().endswith("_proxy")], "")
     # As tests/conftest.py says of fast tests.
     known = {"SSL_CERT_FILE": str(Path(__file__).parents[1] / "data" / "one_authority.pem")}
-    return {**emptied, **known, "HTTP_PROXY": server.url, "http_proxy": server.url, "NO_PROXY": "127.0.0.1,localhost"}
+    with server, pytest.MonkeyPatch.context() as variables:
+        ways = {"HTTP_PROXY": server.url, "http_proxy": server.url, "NO_PROXY": "127.0.0.1,localhost"}
+        for name, value in {**emptied, **known, **ways}.items():
+            variables.setenv(name, value)
+        yield server

@@ -21,6 +21,12 @@ def text(rng: random.Random, size: int) -> str:
     return " ".join(rng.choices(WORDS, k=size))
 
 
+def text_of_page(number: int) -> str:
+    """The text of a page of a book that agents read, short or long."""
+    rng = random.Random(number)
+    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
+
+
 def chat(rng: random.Random, kind: str) -> Messages:
     """A conversation of a kind, as chat completions have it."""
     messages: Messages = [{"role": "system", "content": text(rng, rng.choice([20, 60, 120]))}]
