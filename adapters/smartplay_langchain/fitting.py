@@ -84,7 +84,8 @@ class FittedModel(StandIn):
 
     def __or__(self, other: Any) -> Runnable[Any, Any]:
         """Return a chain that begins with this model."""
-        return self.request((), {}) | other
+        chain: Runnable[Any, Any] = self.request((), {}) | other
+        return chain
 
     def __getattr__(self, name: str) -> Any:
         """Return what the model has; whatever would send a prompt by itself sends it as `request` does."""
