@@ -219,11 +219,11 @@ def ends_table(cells: Cells) -> str:
         for game, name in GAMES.items():
             rows = [row for (_, *place), own in cells.items() if place[:2] == [player, game] for row in own]
             if rows:
-                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", *MISTAKES[:2])]
+                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", MISTAKES[0])]
                 reasons = Counter(row["end_reason"] for row in rows).most_common()
                 ended = ", ".join(f"{reason} {100 * count / len(rows):.0f} %" for reason, count in reasons)
                 lines.append([player, name, f"{len(rows)}", *sums, ended])
-    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "malformed", "ended as")
+    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "ended as")
     return markdown_table(headings, lines)
 
 
@@ -232,8 +232,8 @@ def locked_table(cells: Cells) -> str:
     lines = []
     for worlds in ("pilot", "fresh"):
         for player in MODELS:
-            for game, name in GAMES.items():
-                own = [cells.get((worlds, player, game, way), []) for way in ASKED]
+            for game in (HANDS, BANDIT):
+                name, own = GAMES[game], [cells.get((worlds, player, game, way), []) for way in ASKED]
                 last = [[row["last_acts"] for row in rows if row["last_acts"]] for rows in own]
                 if any(last):
                     counts = (f"{each.count(1)} of {len(each)}" if each else "" for each in last)
