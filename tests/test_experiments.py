@@ -17,7 +17,7 @@ from smartplay_tools.evaluation.runs.sweeps import sweep
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
 MARK = re.compile(r"<!-- table: (\S+) -->")
-OF_SERVERS = {"chat", "responses", "messages", "set", "rules"}
+OF_SERVERS = {"chat", "responses", "messages", "set", "errors", "rules"}
 """Tables of what clients do with servers' replies, which have tests of their own."""
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
