@@ -100,7 +100,7 @@ class Coin(sp.TextGame):
     manual = with_action_list("A coin is thrown at every step. Guess its side.", ACTIONS)
 
     def __init__(self, **options):
-        super().__init__(longest_observation=60, characters="It was Headstil.", **options)
+        super().__init__(longest_observation=60, characters="It was not thrown yet. HeadsTails", **options)
 
     def _reset(self):
         return "It was not thrown yet."
@@ -275,7 +275,7 @@ def test_an_adapter_is_added_by_the_documented_steps(tmp_path):
     (folder / "py.typed").touch()
     add(tmp_path / "pyproject.toml", 'trl = ["trl', "toy = []\n")
     add(tmp_path / "pyproject.toml", '    "adapters/smartplay_trl",', '    "adapters/smartplay_toy",\n')
-    listed = "| `smartplay_toy` | `run.send` | one request a prompt |\n"
+    listed = "| `smartplay_toy` | `run` | the budget |\n"
     add(tmp_path / "docs" / "budgets.md", "| `smartplay_verifiers.", listed)
     run(tmp_path, PLAY_TOY)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_architecture.py", "-k", "adapter or asks"]
