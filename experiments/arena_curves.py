@@ -151,9 +151,10 @@ def curves_table(rows: Sequence[Row]) -> str:
     lines = compared_lines(rows, (*STRATEGIES, "slack"), without=[CONTROL])
     dropping = {_place(line): _costs(line) for line in lines if line.compared.is_reference}
     whole = {_place(line)[:2]: interval(line.compared.means["score"]) for line in lines if _cap(line) is None}
+    decides = {_place(line)[:2] for line in lines if _cap(line) is not None and _is_decided(line)}
     table: dict[tuple[str, str, str], dict[int | None, Line]] = {}
     for line in lines:
-        if _cap(line) is not None:
+        if _cap(line) is not None and _place(line)[:2] in decides:
             table.setdefault((*_place(line)[:2], way_name(line.compared.cell)), {})[_cap(line)] = line
     shown: list[list[str]] = []
     for (game, player, way), cells in table.items():
@@ -164,7 +165,14 @@ def curves_table(rows: Sequence[Row]) -> str:
         name = f"{way} (full context {whole[game, player]})" if way == "dropping" else way
         shown.append([f"`{game}`", player, name, *effects, cost])
     headings = ["game", "player", "strategy", "smallest cap", "middle cap", "largest cap", "/".join(CACHES)]
-    return markdown_table(headings, shown)
+    undecided = sorted({f"`{player}` at `{game}`" for game, player in whole if (game, player) not in decides})
+    none = [f"No difference is decided for {', '.join(undecided)}."] if undecided else []
+    return "\n".join([markdown_table(headings, shown), *(["", *none] if none else [])])
+
+
+def _is_decided(line: Line) -> bool:
+    together = line.compared.together
+    return together is not None and not (together.low or 0) <= 0 <= (together.high or 0)
 
 
 def _cap(line: Line) -> int | None:

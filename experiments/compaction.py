@@ -319,6 +319,8 @@ def manual_table(cells: Cells) -> str:
     """What it costs that the manual can be lost: of the games that can be played with both, on the same worlds."""
     lines = []
     for way, longest in longest_of(cells, SMALL):
+        if way in CONTROLS:
+            continue  # under the window of this library a manual that was read stays
         line = [label(cells, SMALL, way, longest)]
         for game in ("RPS", "MESSENGER"):
             pinned, loose = (cells[f"{game}{suffix}", SMALL, longest, way] for suffix in ("", CAN_BE_LOST))

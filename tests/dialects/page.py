@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from smartplay_tools.players.server_errors import rows as rows_of_errors, server_error
+from smartplay_tools.players.server_errors import rows as rows_of_errors
 from smartplay_tools.types.groups import grouped
 from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
@@ -59,14 +58,10 @@ def rules() -> Iterator[list[str]]:
 
 
 def errors() -> Iterator[list[str]]:
-    """Each error of the table, by whose it is, with the beginning of what the server says; the table has its source."""
-    yield ["whose", "server", "what it says"]
-    for row in rows_of_errors():
-        status, _, body = row.says.partition(" ")
-        said = " ".join(server_error({"error": json.loads(body)}).words) or body
-        words = "; ".join([*([status] if status != "200" else []), *row.code, said])
-        whose = ": ".join(filter(None, (row.whose, row.about)))
-        yield [whose, row.provider, f"`{words.replace('|', '/').replace('`', '')[:60].strip()}`"]
+    """Whose the errors of the table are, and at which servers; the table has their words and sources."""
+    yield ["whose", "about", "servers"]
+    for (whose, about), same in grouped(rows_of_errors(), lambda row: (row.whose, row.about)).items():
+        yield [whose, about, ", ".join(dict.fromkeys(row.provider for row in same))]
 
 
 def renewed(page: str) -> str:
