@@ -303,16 +303,20 @@ def share(each: MeanEstimate | None) -> str:
 
 def memory_table(cells: Cells, stages: Sequence[str]) -> str:
     """Of the games with cards: what was in view, and right answers out of view, and by evictions survived."""
-    measures = {name: ANSWERS[name] for name in ("seen", UNSEEN)}
     lines = []
     for way, longest in longest_of(cells, SMALL):
         rows = [row for stage in stages for row in cells.get((stage, SMALL, longest, way), ())]
         if rows:
-            shown = [share(estimate(rows, measure, SHARE)) for measure in measures.values()]
-            survived = [estimate(rows, measure, SHARE) for measure in SURVIVED.values()]
-            percents = ["" if each is None else f"{100 * each.mean:.0f}" for each in survived]
-            lines.append([label(cells, SMALL, way, longest), *shown, *percents])
-    return markdown_table(["strategy", *measures, *SURVIVED], lines)
+            shown = share(estimate(rows, ANSWERS[UNSEEN], SHARE))
+            survived = [percent(estimate(rows, measure, SHARE)) for measure in SURVIVED.values()]
+            seen = percent(estimate(rows, ANSWERS["seen"], SHARE))
+            lines.append([label(cells, SMALL, way, longest), seen, shown, *survived])
+    return markdown_table(["strategy", "seen", UNSEEN, *SURVIVED], lines)
+
+
+def percent(each: MeanEstimate | None) -> str:
+    """Return a share in percent."""
+    return "" if each is None else f"{100 * each.mean:.0f}"
 
 
 def manual_table(cells: Cells) -> str:
@@ -325,7 +329,7 @@ def manual_table(cells: Cells) -> str:
         for game in ("RPS", "MESSENGER"):
             pinned, loose = (cells[f"{game}{suffix}", SMALL, longest, way] for suffix in ("", CAN_BE_LOST))
             less = paired_difference(loose, pinned, score)
-            line += [share(estimate(loose, manual_share, SHARE)), interval(less, "+")]
+            line += [percent(estimate(loose, manual_share, SHARE)), interval(less, "+")]
         lines.append(line)
     headings = [f"{game}: {what}" for game in ("RPS", "MESSENGER") for what in ("manual in view (%)", "less pinned")]
     return markdown_table(["strategy", *headings], lines)

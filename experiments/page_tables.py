@@ -189,7 +189,10 @@ def table_across(
     shown: Sequence[Column],
     without: Container[str] = (),
 ) -> str:
-    """Return the same with what is `shown` of a cell in columns of its own for each value `across`: its cap, say."""
+    """Return the same with what is `shown` of a cell in columns of its own for each value `across`: its cap, say.
+
+    Lines that differ in the last of the `columns` alone are one.
+    """
     values: dict[str, None] = {}
     places: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for line in compared_lines(rows, along, without):
@@ -198,10 +201,12 @@ def table_across(
         place[across(line)] = [show(line) for _, show in shown]
     headings = [*(heading for heading, _ in columns), *(f"{value}: {name}" for value in values for name, _ in shown)]
     blank = [""] * len(shown)
-    lines = (
-        [*place, *(cell for value in values for cell in cells.get(value, blank))] for place, cells in places.items()
-    )
-    return markdown_table(headings, lines)
+    merged: dict[tuple[str, ...], list[str]] = {}
+    for (*place, name), cells in places.items():
+        shown_cells = (*place, *(cell for value in values for cell in cells.get(value, blank)))
+        merged.setdefault(shown_cells, []).append(name)
+    at = len(columns) - 1
+    return markdown_table(headings, ([*row[:at], "; ".join(names), *row[at:]] for row, names in merged.items()))
 
 
 def compared_lines(rows: Sequence[Row], along: Sequence[str], without: Container[str] = ()) -> list[Line]:
