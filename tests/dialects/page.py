@@ -51,10 +51,13 @@ def to_set() -> Iterator[list[str]]:
 
 
 def rules() -> Iterator[list[str]]:
-    """Each rule; `rules.toml` has its source."""
-    yield ["server", "", "what"]
-    for (kind, text), same in grouped(RULES, lambda rule: (rule.kind, rule.rule)).items():
-        yield [", ".join(dict.fromkeys(name for rule in same for name in rule.dialects)), KINDS[kind], text]
+    """What each server does, or several alike; `rules.toml` has the source of each rule."""
+    yield ["server", *KINDS.values()]
+    same = grouped(RULES, lambda rule: (rule.kind, rule.rule))
+    servers = {rule: tuple(dict.fromkeys(name for each in own for name in each.dialects)) for rule, own in same.items()}
+    for names, own in grouped(servers, servers.__getitem__).items():
+        texts = grouped(own, lambda rule: rule[0])
+        yield [", ".join(names), *("; ".join(text for _, text in texts.get(kind, ())) for kind in KINDS)]
 
 
 def errors() -> Iterator[list[str]]:
