@@ -66,8 +66,7 @@ def table(name: str, rows: Sequence[Row]) -> str:
     place: Column = varied.replace("_", " "), lambda line: _limit(line.compared.cell.budget[varied])
     if players == {"rule", "rule-notes"}:
         return _with_notes(rows, along, [GAME, place], effect)
-    gain: Column = "gain (percentage points)", lambda line: _points(line.compared.differences.get("prefix_share"))
-    columns = [*heads, place, SCORE, effect, TOKENS, STABLE, *([gain] if name == "slack" else [])]
+    columns = [*heads, place, SCORE, effect, TOKENS, STABLE]
     table = comparison_table(rows, along, columns, without=[CONTROL] if name == "history" else [])
     return "\n".join([table, *(["", *_control(rows)] if name == "history" else [])])
 
@@ -138,10 +137,3 @@ def _difference(estimate: MeanEstimate | None) -> str:
         return text  # all pairs are equal, and the interval is what their number excludes
     least = mde(estimate.sd, estimate.episodes)
     return f"{text}, MDE {least:{',.0f' if least >= 100 else ',.2f'}}"
-
-
-def _points(estimate: MeanEstimate | None) -> str:
-    if estimate is None or estimate.low is None or estimate.high is None:
-        return ""
-    mean, low, high = (f"{100 * share:+.1f}" for share in (estimate.mean, estimate.low, estimate.high))
-    return mean if low == high else f"{mean} [{low}, {high}]"

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, repeat_previous
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.decisions import POWERS, mde, plan_pairs
+from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_dots,
@@ -241,27 +241,6 @@ def locked_table(cells: Cells) -> str:
     return markdown_table(["worlds", "player", "game", *ASKED], lines)
 
 
-DETECTED = {HANDS: 4.0, BANDIT: 2.0}
-"""The differences that questions ask for, in points."""
-
-
-def power_table(cells: Cells) -> str:
-    """How many worlds the pilot says it takes to see a difference between the smallest cap and none."""
-    lines = []
-    for stage in PILOT:
-        for game in stage.games:
-            each = difference(cells, "pilot", (stage.player, game, DROPPING, WIDEST))
-            if each is None:
-                continue
-            needed = plan_pairs(each, DETECTED[game])
-            counts = [needed, ""] if isinstance(needed, str) else [f"{count:,}" for count in needed.needed]
-            told = f"{DETECTED[game]:g}"
-            lines.append([stage.player, GAMES[game], interval(each, "+"), f"{each.sd:.1f}", told, *counts])
-    worlds = [f"worlds, power {100 * power:.0f} %" for power in POWERS]
-    headings = ["player", "game", f"{DROPPING} less no cap", "deviation", "points to be seen", *worlds]
-    return markdown_table(headings, lines)
-
-
 Question = tuple[str, str, str, str]
 """Of a model at a game: whether it scores otherwise in the first way than in the second."""
 
@@ -327,7 +306,6 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
         "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
         "models-locked": locked_table(cells),
-        "models-power": power_table(cells),
         "models-questions": questions_table(cells),
     }
 
