@@ -1,17 +1,15 @@
-"""Run the agents of the documentation, each in a separate virtual environment, with a scripted model.
+"""Run the clients of `examples/clients`, each in a separate environment, with a scripted model.
 
     python .ci/frameworks.py                                  # all of them
-    python .ci/frameworks.py coding-agents                    # those of a page
-    python .ci/frameworks.py python-agents#ag2                # one of them
-    python .ci/frameworks.py --envs /tmp/frameworks python-agents#strands-agents
+    python .ci/frameworks.py play_ag2.py play_openai.mjs      # these alone
+    python .ci/frameworks.py --envs /tmp/frameworks play_strands.py
 
-A section of a page names what to install, with versions, in its first block that begins with `pip install` or `npm
-install`, and has the agent in the first block of Python (`py`), JavaScript (`js`) or shell (`bash`). Both are used
-unchanged. `smartplay-tools agent`, in the Python that runs this script, starts the agent with the rule player behind
-the window endpoint, and with `--only-game-tools` where the section or its page's introduction has that. Where the
-framework manages the context and reads calls from text, an endpoint writes the rule player's calls as the framework
-asks for them. An agent has to win the game, and no prompt of the window endpoint may exceed its cap. Environments are
-kept, and reused while the section installs the same; one that installs smartplay-tools gets that of this checkout.
+A program says at its beginning what to install, with versions. `smartplay-tools agent`, in the Python that runs this
+script, starts it with the rule player behind the window endpoint, and with `--only-game-tools` where the first lines
+have that. Where the framework manages the context and reads calls from text, an endpoint writes the rule player's
+calls as the framework asks for them. An agent has to win the game, and no prompt of the window endpoint may exceed its
+cap. Environments are kept, and reused while the program installs the same; one that installs smartplay-tools gets that
+of this checkout.
 """
 
 from __future__ import annotations
@@ -34,19 +32,18 @@ import smartplay_tools as sp
 from smartplay_tools.types.messages import text_of
 
 ROOT = Path(__file__).parents[1]
-DOCS = ROOT / "docs"
-PAGES = ("python-agents", "javascript-agents", "coding-agents")
-"""Pages whose sections have a program that `smartplay-tools agent` starts."""
-TEXT_AGENTS = ("python-agents#dspy",)
+CLIENTS = ROOT / "examples" / "clients"
+"""The programs, each of which `smartplay-tools agent` starts."""
+TEXT_AGENTS = ("play_dspy.py",)
 """Agents that manage the context, and read their calls from the model's text."""
-NEEDS_PYTHON = {"coding-agents#openhands": (3, 12)}
+NEEDS_PYTHON = {"play_openhands.py": (3, 12)}
 """Agents whose packages need a later Python than ours."""
 
 OURS, ONLY_GAME_TOOLS = "smartplay-tools", "--only-game-tools"
 GAME, SEED, CAP, SECONDS = "Hanoi3Disk-v0", 7, 700, 600
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-SCRIPTS = {"js": "agent.mjs", "py": "agent_of_page.py", "bash": "agent.sh"}
-"""The file of an agent, by its language."""
+INSTALLS = re.compile(r"^\W*((?:pip|npm) install .+)$", flags=re.MULTILINE)
+STARTS = {".mjs": "node", ".sh": "bash"}
+"""What starts a program that is not Python, by the ending of its name."""
 QUIET = {
     "AGNO_TELEMETRY": "false",
     "ANONYMIZED_TELEMETRY": "false",
@@ -59,48 +56,23 @@ QUIET = {
 """Nothing is reported to anybody, and nobody's key is used."""
 
 
-def sections_of(page: str) -> dict[str, str]:
-    """Return the sections of a page that have an agent, by PAGE#ADDRESS."""
-    _, *pieces = re.split(r"^## (.+)$", text_of_page(page), flags=re.MULTILINE)
-    sections = {f"{page}#{address_of(title)}": text for title, text in zip(pieces[::2], pieces[1::2], strict=True)}
-    return {name: text for name, text in sections.items() if {kind for kind, _ in BLOCK.findall(text)} & set(SCRIPTS)}
+def agents() -> list[str]:
+    """Return the names of all programs."""
+    return sorted(path.name for path in CLIENTS.iterdir() if path.name.startswith("play_"))
 
 
-def text_of_page(page: str) -> str:
-    """Return the text of a page of `docs/`."""
-    return (DOCS / f"{page}.md").read_text(encoding="utf-8")
+def beginning_of(agent: str) -> str:
+    """Return the first lines of a program, up to the first that is empty below what it installs."""
+    text = (CLIENTS / agent).read_text(encoding="utf-8")
+    found = INSTALLS.search(text)
+    if found is None:
+        raise ValueError(f"{agent} does not say what to install")
+    return text[: text.index("\n\n", found.start())]
 
 
-def address_of(title: str) -> str:
-    """Return the address of a section within its page."""
-    return re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-")
-
-
-def agents_of(name: str) -> list[str]:
-    """Return the agents that a name on the command line stands for: itself, or all of a page."""
-    return [name] if "#" in name else list(sections_of(name))
-
-
-def text_of_agent(agent: str) -> str:
-    """Return the text of an agent's section."""
-    return sections_of(agent.partition("#")[0])[agent]
-
-
-def shows_only_game_tools(agent: str) -> bool:
-    """Whether the section, or the introduction of its page, has the option."""
-    introduction, *_ = text_of_page(agent.partition("#")[0]).split("\n## ")
-    return ONLY_GAME_TOOLS in introduction + text_of_agent(agent)
-
-
-def blocks_of(agent: str) -> tuple[str, str, str]:
-    """Return the command that installs an agent, its language, and the agent."""
-    install = ""
-    for kind, text in BLOCK.findall(text_of_agent(agent)):
-        if kind == "sh" and re.match(r"(pip|npm) install", text):
-            install = text.strip()
-        elif kind in SCRIPTS:
-            return install, kind, text
-    raise ValueError(f"{agent} has no agent")
+def install_of(agent: str) -> str:
+    """Return the command that installs what a program needs."""
+    return INSTALLS.findall(beginning_of(agent))[0]
 
 
 def environment(install: str, folder: Path) -> None:
@@ -142,11 +114,10 @@ def play(agent: str, envs: Path) -> str:
     """Have an agent play, and say how it did."""
     if sys.version_info < NEEDS_PYTHON.get(agent, ()):
         return f"left out: it needs Python {'.'.join(map(str, NEEDS_PYTHON[agent]))}"
-    install, kind, program = blocks_of(agent)
-    folder = envs / agent.replace("#", "-")
+    install, folder = install_of(agent), envs / agent.replace(".", "-")
     environment(install, folder)
-    (folder / SCRIPTS[kind]).write_text(program, encoding="utf-8")
-    command = [{"js": "node", "bash": "bash"}.get(kind) or python_of(folder), SCRIPTS[kind]]
+    shutil.copy(CLIENTS / agent, folder)
+    command = [STARTS.get(Path(agent).suffix) or python_of(folder), agent]
     begun = time.monotonic()
     played = with_texts(command, folder) if agent in TEXT_AGENTS else as_a_program(agent, command, folder)
     return f"{played}, {time.monotonic() - begun:.0f} s; {install}"
@@ -157,7 +128,7 @@ def as_a_program(agent: str, command: list[str], folder: Path) -> str:
     out = folder / "run"
     shutil.rmtree(out, ignore_errors=True)
     options = ["--prompt-tokens", str(CAP), "--timeout", str(SECONDS), "--out", str(out)]
-    options += [ONLY_GAME_TOOLS] if shows_only_game_tools(agent) else []
+    options += [ONLY_GAME_TOOLS] if ONLY_GAME_TOOLS in beginning_of(agent) else []
     started = [sys.executable, "-m", "smartplay_tools", "agent", GAME, *options, "--", *command]
     # The agent has this environment, too, and is not to find the packages of this script's Python in it.
     shown = run(started, folder, env={**os.environ, **QUIET}, timeout=2 * SECONDS)
@@ -216,10 +187,10 @@ class TextModel:
 def main() -> None:
     """Run the agents that the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", default=PAGES, help="pages of docs/, without .md; or PAGE#SECTION")
+    parser.add_argument("names", nargs="*", help="files of examples/clients; all of them if none is given")
     parser.add_argument("--envs", type=Path, default=Path(tempfile.gettempdir()) / "smartplay-frameworks")
     given = parser.parse_args()
-    for agent in (agent for name in given.names for agent in agents_of(name)):
+    for agent in given.names or agents():
         print(f"{agent:<40} {play(agent, given.envs)}", flush=True)
 
 

@@ -235,7 +235,8 @@ def reading_list(root: Path) -> list[Path]:
     listed = re.findall(r"`([\w/]+(?:\.py|/))`", section.partition("\n## ")[0])
     found = [root / PACKAGE / name.removeprefix(f"{PACKAGE}/") for name in listed]
     found = found or [*(root / PACKAGE / room for room in PROMPT_ROOMS), *(root / PACKAGE).glob("*.py")]
-    return [file for path in found for file in ([path] if path.is_file() else files(root, str(path.relative_to(root))))]
+    listed_files = ([path] if path.is_file() else files(root, str(path.relative_to(root))) for path in found)
+    return sorted({file for each in listed_files for file in each})
 
 
 def loaded(root: Path, session: str) -> int | str:

@@ -18,19 +18,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from page_tables import (
-    EPISODES,
     GAME,
-    SCORE,
-    STABLE,
     TOGETHER,
-    TOKENS,
     Column,
     Experiment,
     Line,
     arguments,
-    comparison_table,
+    compared_lines,
     complete,
     repeat_previous,
+    score_or,
+    table_across,
 )
 
 import smartplay_tools as sp
@@ -91,9 +89,11 @@ def main() -> None:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Every strategy beside plain dropping under the same cap, in Markdown; intervals hold together."""
-    columns = [GAME, PLAYER, WAY, EPISODES, SCORE, TOGETHER, TOKENS, STABLE]
-    shown = comparison_table(rows, (*STRATEGIES, "slack"), columns, without=[CONTROL])
+    """Every strategy beside plain dropping under the same cap, a cap a column; intervals hold together."""
+    less: Column = "less dropping", score_or(TOGETHER[1])
+    subjects = {SUBJECT[1](line) for line in compared_lines(rows, (), [CONTROL])}
+    columns = [GAME, *([] if subjects <= {"rule-notes, silent", "reader"} else [SUBJECT]), WAY]
+    shown = table_across(rows, (*STRATEGIES, "slack"), columns, _cap, [less], without=[CONTROL])
     return "\n".join([shown, "", *_control(rows)])
 
 
@@ -102,11 +102,12 @@ def _player(line: Line) -> str:
     return f"{cell.player}{', silent' if cell.player_options.get('words') is False else ''}"
 
 
-PLAYER: Column = "player", _player
-WAY: Column = (
-    "cap: strategy",
-    lambda line: f"{line.compared.cell.budget['prompt_tokens']:,}: {way_name(line.compared.cell)}",
-)
+def _cap(line: Line) -> str:
+    return f"{line.compared.cell.budget['prompt_tokens']:,}"
+
+
+SUBJECT: Column = "player", _player
+WAY: Column = "strategy", lambda line: way_name(line.compared.cell)
 
 
 def _control(rows: Sequence[Row]) -> list[str]:

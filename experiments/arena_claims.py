@@ -144,12 +144,12 @@ def table(rows: Sequence[Row]) -> str:
     for claim, outcome in zip(CLAIMS, outcomes(rows), strict=True):
         claimed = "more" if claim.better else "less"
         window = f"{CAP} tokens" if claim.history is None else f"{CAP} tokens, {claim.history} past steps"
-        facts = ["-", "-", "not played"]
+        facts = ["-", "not played"]
         if outcome is not None:
             shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
-            facts = [str(outcome.seeds), shown, outcome.of(claim)]
+            facts = [shown, outcome.of(claim)]
         lines.append([f"`{claim.game}`", _name(claim), window, claimed, *facts])
-    return markdown_table(("game", "player and strategy", "window", "claim", "seeds", TOGETHER[0], "outcome"), lines)
+    return markdown_table(("game", "player and strategy", "window", "claim", TOGETHER[0], "outcome"), lines)
 
 
 EXPERIMENT = Experiment("arena-claims", lambda rows: {"arena-claims": table(rows)})

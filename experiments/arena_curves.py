@@ -11,31 +11,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from page_tables import (
-    EPISODES,
-    GAME,
-    PLAYER,
-    SCORE,
     TOGETHER,
-    Column,
     Experiment,
     Line,
     arguments,
-    comparison_table,
+    compared_lines,
     complete,
+    interval,
+    markdown_table,
     priced,
     records_of,
+    score_or,
 )
 
 import smartplay_tools as sp
 from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.names import way_name
-from smartplay_tools.evaluation.analysis.pairs import tokens
 from smartplay_tools.evaluation.costs.tariffs import tariffs_of
 from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -147,31 +144,57 @@ def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, s
 
 
 def curves_table(rows: Sequence[Row]) -> str:
-    """Every strategy beside dropping under the same cap, in Markdown; intervals of differences hold together."""
-    costs = ((cache, partial(_cost, at)) for at, cache in enumerate(CACHES))
-    less: Column = (
-        TOGETHER[0],
-        lambda line: "" if line.compared.cell.budget["prompt_tokens"] is None else TOGETHER[1](line),
-    )
-    columns = [GAME, PLAYER, ("cap: strategy", _way), EPISODES, SCORE, less, *MEANS, *costs]
-    return comparison_table(rows, (*STRATEGIES, "slack"), columns, without=[CONTROL])
+    """Every strategy beside dropping under the same cap, in Markdown; intervals of differences hold together.
+
+    Costs are in percent of those of dropping under the middle cap, one for each cache.
+    """
+    lines = compared_lines(rows, (*STRATEGIES, "slack"), without=[CONTROL])
+    dropping = {_place(line): _costs(line) for line in lines if line.compared.is_reference}
+    whole = {_place(line)[:2]: interval(line.compared.means["score"]) for line in lines if _cap(line) is None}
+    decides = {_place(line)[:2] for line in lines if _cap(line) is not None and _is_decided(line)}
+    table: dict[tuple[str, str, str], dict[int | None, Line]] = {}
+    for line in lines:
+        if _cap(line) is not None and _place(line)[:2] in decides:
+            table.setdefault((*_place(line)[:2], way_name(line.compared.cell)), {})[_cap(line)] = line
+    shown: list[list[str]] = []
+    for (game, player, way), cells in table.items():
+        caps = STAGES[game].caps
+        effects = [_less(cells[cap]) if cap in cells else "" for cap in caps]
+        middle = cells.get(caps[1])
+        cost = "" if middle is None else _dearer(_costs(middle), dropping[_place(middle)])
+        name = f"{way} (full context {whole[game, player]})" if way == "dropping" else way
+        shown.append([f"`{game}`", player, name, *effects, cost])
+    headings = ["game", "player", "strategy", "smallest cap", "middle cap", "largest cap", "/".join(CACHES)]
+    undecided = sorted({f"`{player}` at `{game}`" for game, player in whole if (game, player) not in decides})
+    none = [f"No difference is decided for {', '.join(undecided)}."] if undecided else []
+    return "\n".join([markdown_table(headings, shown), *(["", *none] if none else [])])
 
 
-def _way(line: Line) -> str:
-    cap = line.compared.cell.budget["prompt_tokens"]
-    return "full context" if cap is None else f"{cap:,}: {way_name(line.compared.cell)}"
+def _is_decided(line: Line) -> bool:
+    together = line.compared.together
+    return together is not None and not (together.low or 0) <= 0 <= (together.high or 0)
 
 
-def _cost(at: int, line: Line) -> str:
-    return line.mean(lambda row: row["costs"][at])
+def _cap(line: Line) -> int | None:
+    cap: int | None = line.compared.cell.budget["prompt_tokens"]
+    return cap
 
 
-MEANS: tuple[Column, ...] = (
-    ("tokens", lambda line: line.mean(tokens)),
-    ("largest prompt", lambda line: f"{max(row['peak_prompt_tokens'] for row in line.rows):,}"),
-    ("calls of memory", lambda line: line.mean(lambda row: row["memory_calls"], 1)),
-    ("ended by the cap", lambda line: str(sum(row["end_reason"] == "prompt_tokens" for row in line.rows))),
-)
+def _place(line: Line) -> tuple[str, str, int | None]:
+    return line.compared.cell.game, line.compared.cell.player, _cap(line)
+
+
+def _less(line: Line) -> str:
+    ended = sum(row["end_reason"] == "prompt_tokens" for row in line.rows)
+    return score_or(TOGETHER[1])(line) + (f", {ended} ended" if ended else "")
+
+
+def _costs(line: Line) -> list[float]:
+    return [fmean(row["costs"][at] for row in line.rows) for at in range(len(CACHES))]
+
+
+def _dearer(costs: Sequence[float], than: Sequence[float]) -> str:
+    return "/".join(f"{100 * own / other - 100:+.0f}" for own, other in zip(costs, than, strict=True))
 
 
 EXPERIMENT = Experiment("arena-curves", lambda rows: {"arena-curves": curves_table(rows)})

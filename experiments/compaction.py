@@ -37,7 +37,7 @@ from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
-from smartplay_tools.records.remembered import SEEN, UNSEEN
+from smartplay_tools.records.remembered import UNSEEN
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import USUAL, Bounds, MeanEstimate, Method, mean_estimate
 from smartplay_tools.types.groups import grouped
@@ -211,7 +211,7 @@ def label(cells: Cells, cap: int, way: str, longest: int) -> str:
     """Return the name of a way with the cap on its questions, and whether it never did anything."""
     rows = [row for (_, *place), own in cells.items() if place == [cap, longest, way] for row in own]
     asks = any(each.asks for each in WAYS if each.name == way)
-    return f"{way}{f', questions up to {longest:,}' if asks else ''}{'' if acts(way, rows) else ' (never acts)'}"
+    return f"{way}{f' ({longest:,})' if asks else ''}{'' if acts(way, rows) else ' (never acts)'}"
 
 
 def acts(way: str, rows: Iterable[Row]) -> bool:
@@ -232,12 +232,17 @@ def less_dropping(cells: Cells, place: tuple[str, int, int, str], method: Method
 
 
 def scores_table(cells: Cells, cap: int) -> str:
-    """The score of dropping, and the difference of every other way to it, game by game."""
-    stages = [stage.name for stage in STAGES if stage.cap == cap]
+    """The score of dropping, and the difference of every other way to it, game by game.
+
+    A way that asks has a line for the lower cap on its questions only where that decides something.
+    """
+    stages = [stage.name for stage in STAGES if stage.cap == cap and stage.name in SHOWN[cap]]
+    highest = dict(longest_of(cells, cap))
     lines = []
     for way, longest in lines_of(cells, cap):
-        places = [(stage, cap, longest, way) for stage in stages]
-        lines.append([label(cells, cap, way, longest), *(_score(cells, place) for place in places)])
+        own, best = ([_score(cells, (stage, cap, each, way)) for stage in stages] for each in (longest, highest[way]))
+        if any(own) and (longest == highest[way] or own != best) and set(own) != {"never acts"}:
+            lines.append([label(cells, cap, way, longest), *own])
     return markdown_table(["strategy", *stages], lines)
 
 
@@ -249,6 +254,12 @@ def _score(cells: Cells, place: tuple[str, int, int, str]) -> str:
         return interval(estimate(cells[place], score))
     return interval(less_dropping(cells, place), "+") if acts(way, cells[place]) else "never acts"
 
+
+SHOWN = {
+    SMALL: ("k = 8", "k = 32", "CountRecall", *(f"{game}{CAN_BE_LOST}" for game in ("RPS", "MESSENGER"))),
+    LARGE: ("k = 80", "CountRecall, two decks"),
+}
+"""The games of the tables of scores: where a manual is pinned, or under the larger cap, little is decided in others."""
 
 WORK: Mapping[str, tuple[Measure, Bounds | None]] = {
     "prompts over the cap (%)": (lambda row: row.get("over_prompts", 0) / row["turns"], SHARE),
@@ -268,9 +279,19 @@ def work_table(cells: Cells, cap: int) -> str:
             continue
         rows = [row for (_, *place), own in cells.items() if place == [cap, longest, way] for row in own]
         ended = sum(row["end_reason"] in ENDED for row in rows)
-        shown = [share(estimate(rows, *each)) if each[1] else interval(estimate(rows, *each)) for each in WORK.values()]
-        lines.append([label(cells, cap, way, longest), *shown, f"{ended} of {len(rows)}"])
+        shown = [share(estimate(rows, *each)) if each[1] else _mean(estimate(rows, *each)) for each in WORK.values()]
+        lines.append([label(cells, cap, way, longest), *shown, f"{ended}"])
+    lines = [line for line, later in zip(lines, [*lines[1:], [""]], strict=True) if not _is_same(line, later)]
     return markdown_table(["strategy", *WORK, "ended early"], lines)
+
+
+def _is_same(line: Sequence[str], later: Sequence[str]) -> bool:
+    """Whether two lines are of one way, and its cap on questions decided nothing."""
+    return line[0].partition(" (")[0] == later[0].partition(" (")[0] and line[1:] == later[1:]
+
+
+def _mean(each: MeanEstimate | None) -> str:
+    return "" if each is None else f"{each.mean:,.{0 if each.mean >= 100 else 1}f}"
 
 
 def share(each: MeanEstimate | None) -> str:
@@ -281,26 +302,34 @@ def share(each: MeanEstimate | None) -> str:
 
 
 def memory_table(cells: Cells, stages: Sequence[str]) -> str:
-    """Of the games with cards: what was in view, and right answers in view, out of it, and by evictions survived."""
-    measures = {**{name: ANSWERS[name] for name in ("seen", SEEN, UNSEEN)}, **SURVIVED}
+    """Of the games with cards: what was in view, and right answers out of view, and by evictions survived."""
     lines = []
     for way, longest in longest_of(cells, SMALL):
         rows = [row for stage in stages for row in cells.get((stage, SMALL, longest, way), ())]
         if rows:
-            shown = [share(estimate(rows, measure, SHARE)) for measure in measures.values()]
-            lines.append([label(cells, SMALL, way, longest), *shown])
-    return markdown_table(["strategy", *measures], lines)
+            shown = share(estimate(rows, ANSWERS[UNSEEN], SHARE))
+            survived = [percent(estimate(rows, measure, SHARE)) for measure in SURVIVED.values()]
+            seen = percent(estimate(rows, ANSWERS["seen"], SHARE))
+            lines.append([label(cells, SMALL, way, longest), seen, shown, *survived])
+    return markdown_table(["strategy", "seen", UNSEEN, *SURVIVED], lines)
+
+
+def percent(each: MeanEstimate | None) -> str:
+    """Return a share in percent."""
+    return "" if each is None else f"{100 * each.mean:.0f}"
 
 
 def manual_table(cells: Cells) -> str:
     """What it costs that the manual can be lost: of the games that can be played with both, on the same worlds."""
     lines = []
     for way, longest in longest_of(cells, SMALL):
+        if way in CONTROLS:
+            continue  # under the window of this library a manual that was read stays
         line = [label(cells, SMALL, way, longest)]
         for game in ("RPS", "MESSENGER"):
             pinned, loose = (cells[f"{game}{suffix}", SMALL, longest, way] for suffix in ("", CAN_BE_LOST))
             less = paired_difference(loose, pinned, score)
-            line += [share(estimate(loose, manual_share, SHARE)), interval(less, "+")]
+            line += [percent(estimate(loose, manual_share, SHARE)), interval(less, "+")]
         lines.append(line)
     headings = [f"{game}: {what}" for game in ("RPS", "MESSENGER") for what in ("manual in view (%)", "less pinned")]
     return markdown_table(["strategy", *headings], lines)
@@ -383,7 +412,6 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
         "compaction-1500": scores_table(cells, SMALL),
         "compaction-4000": scores_table(cells, LARGE),
         "compaction-work-1500": work_table(cells, SMALL),
-        "compaction-work-4000": work_table(cells, LARGE),
         "compaction-memory": memory_table(cells, ("k = 8", "k = 32")),
         "compaction-manual": manual_table(cells),
         "compaction-claims": claims_table(cells),

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from statistics import fmean
 
 from context_questions import CONTROL, QUESTIONS
 from page_tables import (
-    EPISODES,
     GAME,
     PLAYER,
     SCORE,
@@ -17,10 +15,13 @@ from page_tables import (
     TOKENS,
     Column,
     Line,
+    compared_lines,
     comparison_table,
     difference,
     interval,
     markdown_table,
+    score_or,
+    table_across,
 )
 
 from smartplay_tools.evaluation.analysis.decisions import mde
@@ -52,36 +53,37 @@ def table(name: str, rows: Sequence[Row]) -> str:
     """The answer to a question, in Markdown."""
     if name == "money":
         return _money(rows)
-    along = {"slack": ("slack",), "strategies": tuple(STRATEGIES)}.get(name, ("history", "prompt_tokens", "slack"))
+    effect: Column = "difference [95 %]", difference(lambda each: _difference(each.differences.get("score")))
+    players = {row["player"] for row in rows} - ({CONTROL} if name == "history" else set())
+    heads = [GAME, *([PLAYER] if len(players) > 1 else [])]
+    if name == "strategies":
+        rules = "/".join(rule.label for rule in TARIFFS[name])
+        shown: list[Column] = [("less dropping [95 %]", score_or(effect[1])), (rules, _costs)]
+        strategy: Column = "strategy", lambda line: strategy_name(line.compared.cell)
+        return table_across(rows, tuple(STRATEGIES), [*heads, strategy], _cap, shown)
+    along = ("slack",) if name == "slack" else ("history", "prompt_tokens", "slack")
     varied = {"prompt-tokens": "prompt_tokens", "slack": "slack"}.get(name, "history")
     place: Column = varied.replace("_", " "), lambda line: _limit(line.compared.cell.budget[varied])
-    less = "difference [95 %]"
-    further: list[Column] = []
-    if name == "slack":
-        further = [("gain (percentage points)", lambda line: _points(line.compared.differences.get("prefix_share")))]
-    if name == "strategies":
-        place, less = ("cap: strategy", _strategy), "less dropping [95 %]"
-        further = [(rule.label, partial(_cost_under, at)) for at, rule in enumerate(TARIFFS[name])]
-    effect: Column = less, difference(lambda each: _difference(each.differences.get("score")))
-    columns = [GAME, PLAYER, place, EPISODES, SCORE, effect, TOKENS, STABLE, *further]
-    more = {"history": _control, "crafter": _notes, "messenger": _notes}.get(name)
-    shown = comparison_table(rows, along, columns, without=[CONTROL] if name == "history" else [])
-    return "\n".join([shown, *(["", *more(rows)] if more else [])])
+    if players == {"rule", "rule-notes"}:
+        return _with_notes(rows, along, [GAME, place], effect)
+    columns = [*heads, place, SCORE, effect, TOKENS, STABLE]
+    table = comparison_table(rows, along, columns, without=[CONTROL] if name == "history" else [])
+    return "\n".join([table, *(["", *_control(rows)] if name == "history" else [])])
 
 
-def _strategy(line: Line) -> str:
-    cell = line.compared.cell
-    return f"{_limit(cell.budget['prompt_tokens'])}: {strategy_name(cell)}"
+def _cap(line: Line) -> str:
+    return _limit(line.compared.cell.budget["prompt_tokens"])
 
 
-def _cost_under(at: int, line: Line) -> str:
-    return short(fmean(row["costs"][at] for row in line.rows))
+def _costs(line: Line) -> str:
+    costs = zip(*(row["costs"] for row in line.rows), strict=True)
+    return "/".join(short(fmean(each)) for each in costs)
 
 
 def _money(rows: Sequence[Row]) -> str:
     """What an episode of every window costs under the rules of caches, the least of a game and a rule in bold."""
     rules = TARIFFS["money"]
-    headings = ("game", "player", "cap, slack", "episodes", "score", "tokens", *(rule.label for rule in rules))
+    headings = ("game", "cap, slack", "score", "tokens", *(rule.label for rule in rules))
     lines: list[tuple[str, ...]] = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         costs = [[fmean(row["costs"][at] for row in own) for at in range(len(rules))] for _, own in cells]
@@ -89,7 +91,7 @@ def _money(rows: Sequence[Row]) -> str:
         for (cell, own), amounts in zip(cells, costs, strict=True):
             window = f"{_limit(cell.budget['prompt_tokens'])}, {cell.budget['slack']:g}"
             score, used = fmean(row["score"] for row in own), fmean(map(tokens, own))
-            facts = (f"`{game}`", cell.player, window, str(len(own)), f"{score:,.4g}", short(used))
+            facts = (f"`{game}`", window, f"{score:,.4g}", short(used))
             bold = ("**" if amount == best else "" for amount, best in zip(amounts, least, strict=True))
             lines.append((*facts, *(f"{mark}{short(own)}{mark}" for mark, own in zip(bold, amounts, strict=True))))
     return markdown_table(headings, lines)
@@ -106,19 +108,20 @@ def _control(rows: Sequence[Row]) -> list[str]:
     return [f"The control, `{CONTROL}`: {len(pairs):,} pairs, of which {changed} differ in score."] if pairs else []
 
 
-def _notes(rows: Sequence[Row]) -> list[str]:
-    """The effect of notes with each history, seed by seed."""
-    headings = ("history", "game", "pairs", "score of rule-notes less that of rule [95 %]")
-    lines: list[tuple[str, ...]] = []
-    with_notes, without = (
-        {(cell.game, cell.budget["history"]): own for cell, own in by_cell(rows) if cell.player == name}
-        for name in ("rule-notes", "rule")
-    )
-    for game, history in with_notes:
-        effect = paired_difference(with_notes[game, history], without.get((game, history), []), MEASURES["score"])
-        if effect is not None:
-            lines.append((str(history), f"`{game}`", str(effect.episodes), _difference(effect)))
-    return [markdown_table(headings, lines)] if lines else []
+def _with_notes(rows: Sequence[Row], along: Sequence[str], places: Sequence[Column], effect: Column) -> str:
+    """The score of `rule` with each history, and the effect of notes on it, seed by seed."""
+    lines = compared_lines(rows, along)
+    notes = {tuple(show(line) for _, show in places): line for line in lines if line.compared.cell.player != "rule"}
+    table: list[list[str]] = []
+    for line in lines:
+        if line.compared.cell.player == "rule":
+            place = [show(line) for _, show in places]
+            other = notes[tuple(place)]
+            less = paired_difference(other.rows, line.rows, MEASURES["score"])
+            own = [show(line) for _, show in (SCORE, effect, TOKENS)]
+            table.append([*place, *own, SCORE[1](other), TOKENS[1](other), _difference(less)])
+    with_notes = ["rule-notes", TOKENS[0], "rule-notes less rule"]
+    return markdown_table([*(name for name, _ in places), "rule", effect[0], TOKENS[0], *with_notes], table)
 
 
 def _limit(value: float | None) -> str:
@@ -134,10 +137,3 @@ def _difference(estimate: MeanEstimate | None) -> str:
         return text  # all pairs are equal, and the interval is what their number excludes
     least = mde(estimate.sd, estimate.episodes)
     return f"{text}, MDE {least:{',.0f' if least >= 100 else ',.2f'}}"
-
-
-def _points(estimate: MeanEstimate | None) -> str:
-    if estimate is None or estimate.low is None or estimate.high is None:
-        return ""
-    mean, low, high = (f"{100 * share:+.1f}" for share in (estimate.mean, estimate.low, estimate.high))
-    return mean if low == high else f"{mean} [{low}, {high}]"

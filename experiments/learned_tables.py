@@ -169,12 +169,16 @@ def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
     together = bonferroni(sum(values is not None for _, each in rows for values in each))
     lines = []
     for (cell, other), each in rows:
-        shown = [
-            "not run" if values is None else _interval(mean_estimate(values, BOUNDS, together), "+") for values in each
-        ]
+        shown = ["not run" if values is None else _decided(mean_estimate(values, BOUNDS, together)) for values in each]
         shown += ["" for _ in SEEDS[len(each) :]]
         lines.append((_name(cell), _name(other), *shown, _any_seed(each)))
     return markdown_table(("this", "less this", *(f"seed {seed}" for seed in SEEDS), "any seed"), lines)
+
+
+def _decided(estimate: MeanEstimate) -> str:
+    """A difference, in bold where its interval does not contain 0."""
+    mark = "" if (estimate.low or 0) <= 0 <= (estimate.high or 0) else "**"
+    return f"{mark}{estimate.mean:+.1f}{mark}"
 
 
 def _of_seed(pair: Compared, seed: int) -> Compared:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, repeat_previous
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.decisions import POWERS, mde, plan_pairs
+from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_dots,
@@ -219,11 +219,11 @@ def ends_table(cells: Cells) -> str:
         for game, name in GAMES.items():
             rows = [row for (_, *place), own in cells.items() if place[:2] == [player, game] for row in own]
             if rows:
-                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", *MISTAKES[:2])]
+                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", MISTAKES[0])]
                 reasons = Counter(row["end_reason"] for row in rows).most_common()
                 ended = ", ".join(f"{reason} {100 * count / len(rows):.0f} %" for reason, count in reasons)
                 lines.append([player, name, f"{len(rows)}", *sums, ended])
-    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "malformed", "ended as")
+    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "ended as")
     return markdown_table(headings, lines)
 
 
@@ -232,34 +232,13 @@ def locked_table(cells: Cells) -> str:
     lines = []
     for worlds in ("pilot", "fresh"):
         for player in MODELS:
-            for game, name in GAMES.items():
-                own = [cells.get((worlds, player, game, way), []) for way in ASKED]
+            for game in (HANDS, BANDIT):
+                name, own = GAMES[game], [cells.get((worlds, player, game, way), []) for way in ASKED]
                 last = [[row["last_acts"] for row in rows if row["last_acts"]] for rows in own]
                 if any(last):
                     counts = (f"{each.count(1)} of {len(each)}" if each else "" for each in last)
                     lines.append([worlds, player, name, *counts])
     return markdown_table(["worlds", "player", "game", *ASKED], lines)
-
-
-DETECTED = {HANDS: 4.0, BANDIT: 2.0}
-"""The differences that questions ask for, in points."""
-
-
-def power_table(cells: Cells) -> str:
-    """How many worlds the pilot says it takes to see a difference between the smallest cap and none."""
-    lines = []
-    for stage in PILOT:
-        for game in stage.games:
-            each = difference(cells, "pilot", (stage.player, game, DROPPING, WIDEST))
-            if each is None:
-                continue
-            needed = plan_pairs(each, DETECTED[game])
-            counts = [needed, ""] if isinstance(needed, str) else [f"{count:,}" for count in needed.needed]
-            told = f"{DETECTED[game]:g}"
-            lines.append([stage.player, GAMES[game], interval(each, "+"), f"{each.sd:.1f}", told, *counts])
-    worlds = [f"worlds, power {100 * power:.0f} %" for power in POWERS]
-    headings = ["player", "game", f"{DROPPING} less no cap", "deviation", "points to be seen", *worlds]
-    return markdown_table(headings, lines)
 
 
 Question = tuple[str, str, str, str]
@@ -327,7 +306,6 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
         "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
         "models-ends": ends_table(cells),
         "models-locked": locked_table(cells),
-        "models-power": power_table(cells),
         "models-questions": questions_table(cells),
     }
 

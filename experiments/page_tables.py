@@ -177,13 +177,46 @@ def comparison_table(
 
     Cells are compared with the widest of those that differ in the fields `along` of the budget alone.
     """
+    lines = ([show(line) for _, show in columns] for line in compared_lines(rows, along, without))
+    return markdown_table([heading for heading, _ in columns], lines)
+
+
+def table_across(
+    rows: Sequence[Row],
+    along: Sequence[str],
+    columns: Sequence[Column],
+    across: Callable[[Line], str],
+    shown: Sequence[Column],
+    without: Container[str] = (),
+) -> str:
+    """Return the same with what is `shown` of a cell in columns of its own for each value `across`: its cap, say.
+
+    Lines that differ in the last of the `columns` alone are one.
+    """
+    values: dict[str, None] = {}
+    places: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    for line in compared_lines(rows, along, without):
+        values[across(line)] = None
+        place = places.setdefault(tuple(show(line) for _, show in columns), {})
+        place[across(line)] = [show(line) for _, show in shown]
+    headings = [*(heading for heading, _ in columns), *(f"{value}: {name}" for value in values for name, _ in shown)]
+    blank = [""] * len(shown)
+    merged: dict[tuple[str, ...], list[str]] = {}
+    for (*place, name), cells in places.items():
+        shown_cells = (*place, *(cell for value in values for cell in cells.get(value, blank)))
+        merged.setdefault(shown_cells, []).append(name)
+    at = len(columns) - 1
+    return markdown_table(headings, ([*row[:at], "; ".join(names), *row[at:]] for row, names in merged.items()))
+
+
+def compared_lines(rows: Sequence[Row], along: Sequence[str], without: Container[str] = ()) -> list[Line]:
+    """Return the cells of rows with their comparisons, without those of some players."""
     members = {cell.key(): own for cell, own in by_cell(rows)}
-    lines = [
+    return [
         Line(compared, members[compared.cell.key()])
         for compared in compare_windows(rows, along=along)
         if compared.cell.player not in without
     ]
-    return markdown_table([heading for heading, _ in columns], ([show(line) for _, show in columns] for line in lines))
 
 
 GAME: Column = "game", lambda line: f"`{line.compared.cell.game}`"
@@ -205,6 +238,11 @@ def difference(show: Callable[[WindowComparison], str]) -> Callable[[Line], str]
 
 
 TOGETHER: Column = "less dropping [95 %, all together]", difference(lambda each: interval(each.together, "+"))
+
+
+def score_or(shown: Callable[[Line], str]) -> Callable[[Line], str]:
+    """Return a column's score for the cell that others are compared with, and what `shown` returns for the others."""
+    return lambda line: SCORE[1](line) if line.compared.is_reference else shown(line)
 
 
 def mean_score(rows: Sequence[Row]) -> MeanEstimate:

@@ -40,10 +40,8 @@ PROGRAM = re.compile(r"(smartplay-tools|npx|make|pip|python|export|\.ci/)")
 """How the lines of a block without a language begin if they are commands."""
 
 OTHERS = {
-    "python-agents.md": "`.ci/frameworks.py` installs every framework of the page and runs its agent",
-    "javascript-agents.md": "`.ci/frameworks.py` does the same",
+    "clients.md": "`.ci/frameworks.py` installs every framework of the page and runs its program",
     "add-a-strategy.md": "its sweep plays for minutes; tests/test_custom_strategies.py plays such files",
-    "coding-agents.md": "`.ci/frameworks.py` does the same; some of these programs need an account",
 }
 """Pages that are run elsewhere; `tests/adapters/test_frameworks.py` tests the program that runs most of them."""
 

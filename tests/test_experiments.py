@@ -17,7 +17,7 @@ from smartplay_tools.evaluation.runs.sweeps import sweep
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
 MARK = re.compile(r"<!-- table: (\S+) -->")
-OF_SERVERS = {"chat", "responses", "messages", "set", "rules"}
+OF_SERVERS = {"chat", "responses", "messages", "set", "errors", "rules"}
 """Tables of what clients do with servers' replies, which have tests of their own."""
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
@@ -181,18 +181,21 @@ def test_the_same_questions_go_to_another_player(tmp_path, monkeypatch, capsys):
     context = importlib.import_module("context")
     context.main()
     shown = capsys.readouterr().out
-    assert shown.count("| random |") == 2 * len(context.QUESTIONS["slack"]["vary"]["slack"])
+    assert shown.count("| `") == 2 * len(context.QUESTIONS["slack"]["vary"]["slack"])
     assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
 
 
-def test_a_custom_strategy_is_the_same_as_the_windows_own():
+def test_a_custom_strategy_is_the_same_as_the_windows_own(experiments):
     """Showing the first three turns and the newest ones is what `first_turns=3` does, as far as the cap decides."""
     rows = [line.strip("| ").split(" | ") for line in published("arena") if line.startswith("| `")]
-    own, custom = ([row for row in rows if name in row[2]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
-    assert [row[3:5] for row in own] == [row[3:5] for row in custom]
-    assert [row[3:] for row in own if row[2].startswith("700")] == [
-        row[3:] for row in custom if row[2].startswith("700")
-    ]
+    own, custom = ([row for row in rows if name in row[1]] for name in ("first turns 3", "FirstAndNewest:turns=3"))
+    assert [row[2:] for row in own] == [row[2:] for row in custom]
+    under_cap = [row for row in experiments["arena"].rows() if row["budget"]["prompt_tokens"] == 700]
+    own, custom = (
+        [row["tokens"] for row in under_cap if row["budget"].get(field)] for field in ("first_turns", "strategy")
+    )
+    assert own
+    assert own == custom
     assert "of which 0 differ in score" in published("arena")[-1]
 
 

@@ -27,7 +27,7 @@ from smartplay_tools.records.rows import row_of
 from smartplay_tools.transcript.hashing import chained_lines
 from smartplay_tools.types import Budget
 
-PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
+PAGE = Path(__file__).parents[1] / "docs" / "records.md"
 MESSENGER = "MessengerL1-v0"
 
 

@@ -1,8 +1,9 @@
-"""The documented steps that add a strategy and a rule are complete: followed in a copy, they work in every place."""
+"""The recipes of docs/architecture.md are complete: followed to the letter in a copy, they work in every place."""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,8 @@ from smartplay_tools.context import strategies
 from smartplay_tools.episode import config
 
 PACKAGE = Path(smartplay_tools.__file__).parent
+ROOT = Path(__file__).parents[1]
+IN_A_CHECKOUT = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="not in a checkout")
 
 LANDMARKS = '''
 """Landmarks: every n-th turn is pinned until the next one."""
@@ -83,6 +86,90 @@ assert any("echo" in line for line in shown.partition("different from the paper"
 command("replay", "with")
 """
 
+COIN = '''
+"""Coin: guess the side of a coin."""
+
+import smartplay_tools as sp
+from smartplay_tools.games import with_action_list
+
+ACTIONS = ("Heads", "Tails")
+
+
+class Coin(sp.TextGame):
+    actions = ACTIONS
+    manual = with_action_list("A coin is thrown at every step. Guess its side.", ACTIONS)
+
+    def __init__(self, **options):
+        super().__init__(longest_observation=60, characters="It was not thrown yet. HeadsTails", **options)
+
+    def _reset(self):
+        return "It was not thrown yet."
+
+    def _step(self, action):
+        side = int(self.np_random.integers(2))
+        self.score += action == side
+        return f"It was {ACTIONS[side]}.", float(action == side), False, False
+
+    def _state(self):
+        return self.score
+
+
+SPEC = sp.GameSpec(
+    id="Coin-v0", family="coin", entry_point=Coin, history=5, rollout=8, trials=2, score_bounds=(0, 8), worst_step=0
+)
+'''
+
+PLAY_COIN = """
+from smartplay_tools.testing import check_game
+
+check_game("coin.py:SPEC")
+command("play", "coin.py:SPEC", "--player", "random", "--quiet", "--transcript", "coin.jsonl")
+command("replay", "coin.jsonl", "--game", "coin.py:SPEC")
+command("eval", "--games", "coin.py:SPEC", "--players", "random", "--executor", "inline", "--out", "run", "--quiet")
+"""
+
+TOY = '''
+"""Toy: a framework whose agent is a function from messages to a message."""
+
+from smartplay_tools import AgentSession, Reply, schema
+
+__all__ = ["run"]
+
+
+def run(agent, episode):
+    """Play an episode with an agent."""
+    session = AgentSession(episode, player="toy", summaries=True)
+
+    def send(prompt):
+        return Reply(agent(prompt.messages, [schema(tool, "openai") for tool in prompt.tools]))
+
+    while (reply := session.ask(send)) is not None:
+        for call in session.receive(reply):
+            session.answer(call.id)
+    return session.result
+'''
+
+PLAY_TOY = """
+import sys
+
+sys.path.insert(0, "adapters")
+import smartplay_toy
+import smartplay_tools as sp
+
+CALL = {"name": "act", "arguments": '{"action": "Rock"}'}
+call = {"role": "assistant", "content": None, "tool_calls": [{"id": "1", "type": "function", "function": CALL}]}
+with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=700), transcript="toy.jsonl") as episode:
+    assert smartplay_toy.run(lambda messages, tools: call, episode).steps == 50
+assert sp.replay("toy.jsonl").identical
+"""
+
+PLAY_COLUMN = """
+command("eval", "--games", GAME, "--players", "rule", "--trials", "1", "--prompt-tokens", "500", "--executor", "inline",
+        "--out", "run", "--quiet")
+shown = command("results", "run", "--all", "--explain")
+assert "lim." in shown and "limited: prompts" in shown, shown
+"""
+
 BEGIN = """
 from typer.testing import CliRunner
 
@@ -142,8 +229,8 @@ def test_a_rule_is_added_by_the_four_documented_steps(tmp_path):
     session = package / "episode" / "game_session.py"
     add(
         session,
-        "        self.game_seconds += time.perf_counter()",
-        '        text = f"You chose {action}. {text}" if self.echoes else text\n',
+        "            self.game_seconds += time.perf_counter()",
+        '            text = f"You chose {action}. {text}" if self.echoes else text\n',
     )
     add(session, "        self.observation = observation\n", '        self.echoes = config.echo == "on"\n')
     add(
@@ -153,3 +240,53 @@ def test_a_rule_is_added_by_the_four_documented_steps(tmp_path):
     )
     add(package / "evaluation" / "runs" / "run_options.py", "    carry: CarriedStore", "    echo: str\n")
     run(tmp_path, PLAY_ECHO)
+
+
+def steps_of(recipe: str) -> int:
+    """The number of steps that a recipe of the page has."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    _, _, section = page.partition(f"### {recipe}\n")
+    return len(re.findall(r"^\d\. ", section.partition("\n### ")[0], flags=re.MULTILINE))
+
+
+@IN_A_CHECKOUT
+def test_the_page_has_the_steps_that_are_followed():
+    recipes = {"Add a game": 2, "Add a strategy": 3, "Add a rule": 4, "Add an adapter": 4, "Add a column": 3}
+    assert {recipe: steps_of(recipe) for recipe in recipes} == recipes
+
+
+@pytest.mark.slow
+def test_a_game_is_added_by_the_documented_steps(tmp_path):
+    (tmp_path / "coin.py").write_text(COIN, encoding="utf-8")
+    run(tmp_path, PLAY_COIN)
+
+
+@pytest.mark.slow
+@IN_A_CHECKOUT
+def test_an_adapter_is_added_by_the_documented_steps(tmp_path):
+    copied(tmp_path)
+    for name in ("adapters", "docs", "examples", "tests", ".ci"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("_build", "data"))
+    for name in ("README.md", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    folder = tmp_path / "adapters" / "smartplay_toy"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(TOY, encoding="utf-8")
+    (folder / "py.typed").touch()
+    add(tmp_path / "pyproject.toml", 'trl = ["trl', "toy = []\n")
+    add(tmp_path / "pyproject.toml", '    "adapters/smartplay_trl",', '    "adapters/smartplay_toy",\n')
+    listed = "| `smartplay_toy` | `run` | the budget |\n"
+    add(tmp_path / "docs" / "budgets.md", "| `smartplay_verifiers.", listed)
+    run(tmp_path, PLAY_TOY)
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_architecture.py", "-k", "adapter or asks"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_a_column_is_added_by_the_documented_steps(tmp_path):
+    folder = copied(tmp_path) / "evaluation" / "analysis"
+    add(folder / "summary.py", '    "cut_results",\n)', '    "limited_prompts",\n')
+    add(folder / "details.py", '    ("idle", _count("idle_replies")),', '    ("lim.", _count("limited_prompts")),\n')
+    add(folder / "terms.toml", '"malf." =', '"lim." = "limited: prompts that left something out"\n')
+    run(tmp_path, PLAY_COLUMN)

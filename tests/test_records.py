@@ -233,7 +233,7 @@ def test_counters_and_turns_are_folds_over_the_events(recorded):
 
 
 def test_kinds_of_events_are_those_that_are_typed_and_documented():
-    page = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "records.md").read_text(encoding="utf-8")
     _, _, section = page.partition("| event | what it holds |")
     documented = re.findall(r"^\| `(\w+)` \|", section.partition("\n\n")[0], flags=re.MULTILINE)
     typed = [get_args(get_type_hints(kind)["event"])[0] for kind in EVENTS]

@@ -122,7 +122,7 @@ def test_what_is_public_is_documented(site):
             assert [name for name in public_names(adapter) if f"`{name}`" not in page] == []
             continue
         own = [name for name in importlib.import_module(adapter).__all__ if name not in sp.__all__]
-        assert missing(site / "api-adapters.html", (f"{adapter}.{name}" for name in own)) == []
+        assert missing(site / "api.html", (f"{adapter}.{name}" for name in own)) == []
     commands = (f"smartplay-tools-{name}" for name in get_command(app).commands)
     assert missing(site / "command-line.html", commands) == []
 

@@ -19,6 +19,7 @@ TITLES = {
     "04_openai_responses": "Call OpenAI's Responses interface in a loop of your own",
     "05_openai_many_games_at_once": "Play many games at once with one client",
     "06_budget_sweep": "Measure what a smaller context costs",
+    "07_draw_what_prompts_show": "Draw what prompts show under several strategies",
     "10_langchain_agent": "Play with a LangChain agent",
     "11_langgraph": "Play with a LangGraph graph",
     "12_agents_sdk": "Play with OpenAI's Agents SDK",

@@ -3,7 +3,7 @@
 A record has two kinds of information. The events about what happened (`start`, `message`, `usage`, `summary`,
 `question`, `choice`, `call`, `reveal`, `picture`, `end`) can be replayed on a new game. The events about what was shown
 (`head`, `rewrite`, `view`) allow every prompt to be rebuilt exactly. A test compares the table in
-`docs/architecture.md` with these classes.
+`docs/records.md` with these classes.
 
 `event_fault` checks an event once, when its line is read: its fields have the types of its class, so what reads events
 need not check them. A value can still be out of place, such as a turn that does not exist; `ErrorLocation` reports that

@@ -83,7 +83,7 @@ class Window:
 
     hold: Hold
     through: str
-    """How its line in `docs/what-is-enforced.md` begins."""
+    """How its line in `docs/interfaces.md` begins."""
     broken_json: bool = True
     """Whether its format can transport arguments that are not JSON."""
     lacks: Mapping[str, str] = field(default_factory=dict)
@@ -454,13 +454,13 @@ def calls_of(script: Script) -> list[tuple[str, Any]]:
 
 
 OURS, HOSTS = "This package manages the context", "The host manages the context"
-"""The sections of `docs/what-is-enforced.md` with a line for each interface."""
+"""The sections of `docs/interfaces.md` with a line for each interface."""
 
 
 def table(section: str) -> dict[str, dict[str, str]]:
-    """The lines of a section's table in `docs/what-is-enforced.md` by their first cell, each cell by its column."""
-    page = Path(__file__).parents[2] / "docs" / "what-is-enforced.md"
-    (text,) = re.findall(rf"^## {section}\n(.*?)(?=^## )", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    """The lines of a section's table in `docs/interfaces.md` by their first cell, each cell by its column."""
+    page = Path(__file__).parents[2] / "docs" / "interfaces.md"
+    (text,) = re.findall(rf"^### {section}\n(.*?)(?=^##)", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     lines = [line.strip("|").split("|") for line in text.splitlines() if line[:1] == "|"]
     columns, _, *rows = [[cell.strip() for cell in line] for line in lines]
     return {cells[0]: dict(zip(columns, cells, strict=True)) for cells in rows}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from smartplay_tools.players.server_errors import rows as rows_of_errors, server_error
+from smartplay_tools.players.server_errors import rows as rows_of_errors
+from smartplay_tools.types.groups import grouped
 from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
 
@@ -23,11 +23,17 @@ def table(rows: Iterable[Iterable[str]]) -> str:
 
 def matrix(interface: str) -> Iterator[list[str]]:
     """Servers of an interface by the ways in: yes, or the number of what has to be set, or no."""
-    ways = [way.name for way in WAYS.values() if way.interface == interface]
-    yield ["server", *ways]
-    for dialect in DIALECTS.values():
-        if dialect.interface == interface:
-            yield [dialect.name, *(_cell([LIMITS.index(limit) for limit in limits(way, dialect)]) for way in ways)]
+    servers = [dialect for dialect in DIALECTS.values() if dialect.interface == interface]
+    columns = {
+        way.name: tuple(_cell([LIMITS.index(limit) for limit in limits(way.name, server)]) for server in servers)
+        for way in WAYS.values()
+        if way.interface == interface
+    }
+    ways = grouped(columns, columns.__getitem__)  # those that do the same everywhere share a column, and servers a row
+    rows = dict(zip((server.name for server in servers), zip(*ways, strict=True), strict=True))
+    yield ["server", *map(", ".join, ways.values())]
+    for cells, names in grouped(rows, rows.__getitem__).items():
+        yield [", ".join(names), *cells]
 
 
 def _cell(numbers: list[int]) -> str:
@@ -45,28 +51,20 @@ def to_set() -> Iterator[list[str]]:
 
 
 def rules() -> Iterator[list[str]]:
-    """Each rule with its source."""
-    yield ["server", "", "what", "source"]
-    for rule in RULES:
-        sources = ", ".join(map(_link, rule.source.split(", ")))
-        yield [", ".join(rule.dialects), KINDS[rule.kind], rule.rule, sources]
+    """What each server does, or several alike; `rules.toml` has the source of each rule."""
+    yield ["server", *KINDS.values()]
+    same = grouped(RULES, lambda rule: (rule.kind, rule.rule))
+    servers = {rule: tuple(dict.fromkeys(name for each in own for name in each.dialects)) for rule, own in same.items()}
+    for names, own in grouped(servers, servers.__getitem__).items():
+        texts = grouped(own, lambda rule: rule[0])
+        yield [", ".join(names), *("; ".join(text for _, text in texts.get(kind, ())) for kind in KINDS)]
 
 
 def errors() -> Iterator[list[str]]:
-    """Each error of the table, by whose it is, with the beginning of what the server says."""
-    yield ["whose", "about", "server", "what it says", "source"]
-    for row in rows_of_errors():
-        status, _, body = row.says.partition(" ")
-        said = " ".join(server_error({"error": json.loads(body)}).words) or body
-        words = "; ".join([*([status] if status != "200" else []), *row.code, said])
-        sources = ", ".join(map(_link, row.source.split(", ")))
-        yield [row.whose, row.about, row.provider, f"`{words.replace('|', '/').replace('`', '')[:90]}`", sources]
-
-
-def _link(source: str) -> str:
-    """A source as a link, where it is a thread; threads of GitHub are numbered alike."""
-    thread = re.fullmatch(r"([\w.-]+/[\w.-]+)#(\d+)", source)
-    return f"[{source}](https://github.com/{thread[1]}/issues/{thread[2]})" if thread else source
+    """Whose the errors of the table are, and at which servers; the table has their words and sources."""
+    yield ["whose", "about", "servers"]
+    for (whose, about), same in grouped(rows_of_errors(), lambda row: (row.whose, row.about)).items():
+        yield [whose, about, ", ".join(dict.fromkeys(row.provider for row in same))]
 
 
 def renewed(page: str) -> str:

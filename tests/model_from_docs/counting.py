@@ -35,7 +35,7 @@ def _depth(value: Any) -> int:
 
 
 def read_object(text: str) -> dict[str, Any] | None:
-    """Return the arguments of a call; None where docs/architecture.md calls them malformed."""
+    """Return the arguments of a call; None where docs/records.md calls them malformed."""
     if not text:
         return {}
     if len(text) > LONGEST:
