@@ -148,8 +148,7 @@ def passing_app(
 class ContextEndpoint(Server):
     """The endpoint on an address of this machine; `run` serves until it is stopped, `with` serves in a thread.
 
-        manager = sp.ContextManager(prompt_tokens=8_000)
-        with ContextEndpoint("https://api.openai.com/v1", manager) as endpoint:
+        with ContextEndpoint("https://api.openai.com/v1", sp.ContextManager(8_000)) as endpoint:
             client = OpenAI(base_url=endpoint.base_url)
 
     Arguments:
