@@ -5,16 +5,20 @@
 A request to chat completions, Responses or Messages is read as far as its prompt. If all of it fits, its bytes go
 upstream as they came; otherwise the list of messages is another, and the rest of the body is the same. Every other
 request, every header and every answer, streams included, passes as it is. The endpoint keeps nothing: a fitted prompt
-follows from the request alone. It listens on this machine only and sends to the upstream only, with the client's key.
+follows from the request alone. With a manager that records, each prompt is written down, and the tokens that an answer
+reports for it; nothing else of a request is, and no header. It listens on this machine only and sends to the upstream
+only, with the client's key.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import warnings
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,7 +29,9 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
+from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
+from smartplay_tools.errors import SmartPlayWarning, TranscriptError
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web import Server, check_address, guarded
 
@@ -44,6 +50,9 @@ STORED = ("previous_response_id", "conversation", "prompt")
 
 Told = Callable[[str, FittedPrompt], None]
 """Is told the path of a request and its prompt."""
+
+Counted = Callable[[int], None]
+"""Is told the tokens of a prompt that an answer has reported; called in a thread."""
 
 
 @dataclass(frozen=True)
@@ -119,18 +128,23 @@ def passing_app(
     async def pass_on(request: Request) -> Response:
         content = await request.body()
         surface = surface_of(request.url.path) if request.method == "POST" else None
+        counted: Counted | None = None
         if surface is not None and (body := object_in(content)) is not None:
             try:
                 prompt = await asyncio.to_thread(surface.fitted, body, manager)
             except (PromptOverflowError, InvalidArgumentError) as error:
                 return _json(surface.refusal(error), 400)
+            except TranscriptError as error:
+                return _json(surface.refusal(error), 500)
             if prompt is not None:
                 if told is not None:
                     told(request.url.path, prompt)
+                if prompt.recorded_as is not None:
+                    counted = partial(_record_count, manager, prompt)
                 given = body[surface.messages]
                 if not isinstance(given, str) and prompt.messages != given:
                     content = json.dumps({**body, surface.messages: prompt.messages}).encode()
-        return await _answer(client, request, _target(base, request), content, surface)
+        return await _answer(client, request, _target(base, request), content, surface, counted)
 
     async def admit(request: Request) -> Response | None:
         return None
@@ -196,30 +210,56 @@ def _target(base: str, request: Request) -> str:
     return base + path + (f"?{request.url.query}" if request.url.query else "")
 
 
+def _record_count(manager: ContextManager, prompt: FittedPrompt, tokens: int) -> None:
+    """Record the tokens of a prompt; its answer has passed, so that a record that cannot be written is a warning."""
+    try:
+        manager.reported(prompt, tokens)
+    except TranscriptError as error:
+        warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
+
+
 async def _answer(
-    client: httpx2.AsyncClient, request: Request, target: str, content: bytes, surface: Surface | None
+    client: httpx2.AsyncClient,
+    request: Request,
+    target: str,
+    content: bytes,
+    surface: Surface | None,
+    counted: Counted | None,
 ) -> Response:
-    """The upstream's answer, piece by piece as it comes."""
+    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed."""
     headers = [(name, value) for name, value in request.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
     sent = client.build_request(request.method, target, headers=headers, content=content or None)
     try:
         answer = await client.send(sent, stream=True)
     except httpx2.TransportError as error:
-        problem = f"The upstream {urlsplit(target).netloc} does not answer: {type(error).__name__} {error}".rstrip()
+        where = urlsplit(target).netloc.rpartition("@")[2]  # without a password
+        problem = f"The upstream {where} does not answer: {type(error).__name__} {error}".rstrip()
         form = surface or SURFACES["/chat/completions"]
         return _json(form.refusal(InvalidArgumentError(problem)), 502)
+
+    reader = PromptTokens(surface.form, answer.headers) if surface is not None and counted is not None else None
 
     async def pieces() -> AsyncIterator[bytes]:
         try:
             async for piece in answer.aiter_raw():
                 yield piece
+                if reader is not None:
+                    reader.take(piece)
         finally:
+            if reader is not None and counted is not None:
+                # In a thread, and not awaited: the end of the answer does not wait for a disk.
+                asyncio.get_running_loop().run_in_executor(None, _tell, reader, counted)
             await answer.aclose()
 
     passed = StreamingResponse(pieces(), answer.status_code)
     kept = [(name.lower(), value) for name, value in answer.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
     passed.raw_headers = kept
     return passed
+
+
+def _tell(reader: PromptTokens, counted: Counted) -> None:
+    if (tokens := reader.count()) is not None:
+        counted(tokens)
 
 
 def _json(body: Mapping[str, Any], status: int) -> Response:

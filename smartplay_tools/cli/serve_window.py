@@ -44,6 +44,10 @@ TokensOfParts = Annotated[int | None, typer.Option(help="With --upstream: the to
 ExtraTokens = Annotated[
     int | None, typer.Option(help="With --upstream: the tokens of each part or tool that only the provider can count.")
 ]
+Records = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER", help="With --upstream: record every prompt, word for word, a file for each thread."),
+]
 
 
 @with_episode_options(without=("protocol", *OF_RUNS))
@@ -74,6 +78,7 @@ def window(
     upstream: Upstream = None,
     picture_tokens: TokensOfParts = None,
     extra_tokens: ExtraTokens = None,
+    record: Records = None,
     out: Annotated[
         Path | None,
         typer.Option(help="The folder of a run: its seeds are those of `eval`, and the same command continues it."),
@@ -97,8 +102,8 @@ def window(
     if upstream is not None:
         if game is not None:
             raise InvalidArgumentError(f"--upstream serves an agent of yours, without a game; leave out {game}.")
-        tokens = {"picture_tokens": picture_tokens, "extra_tokens": extra_tokens}
-        _serve_upstream(upstream, episode, host=host, port=port, hosts=allow_host or (), tokens=tokens)
+        more = {"picture_tokens": picture_tokens, "extra_tokens": extra_tokens, "record": record}
+        _serve_upstream(upstream, episode, host=host, port=port, hosts=allow_host or (), more=more)
         return
     if game is None:
         raise InvalidArgumentError(
@@ -129,9 +134,11 @@ def window(
 
 
 def _serve_upstream(
-    upstream: str, episode: EpisodeOptions, *, host: str, port: int, hosts: Sequence[str], tokens: Mapping[str, Any]
+    upstream: str, episode: EpisodeOptions, *, host: str, port: int, hosts: Sequence[str], more: Mapping[str, Any]
 ) -> None:
     """Hold every client to the budget until Ctrl-C; print every prompt that did not fit as a whole."""
+    from urllib.parse import urlsplit
+
     from smartplay_tools.manager import ContextManager, FittedPrompt
 
     def tell(path: str, prompt: FittedPrompt) -> None:
@@ -141,10 +148,11 @@ def _serve_upstream(
             say(f"{path}  {prompt.tokens:,} tokens; messages: {words}")
 
     tokenizer = episode.conditions.get("tokenizer")
-    manager = ContextManager.of(episode.budget, tokenizer=tokenizer, **tokens)
+    manager = ContextManager.of(episode.budget, tokenizer=tokenizer, **more)
     gateway = importlib.import_module("smartplay_gateway")
     endpoint = gateway.ContextEndpoint(upstream, manager, host=host, port=port, hosts=hosts, told=tell)
-    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {upstream}; stop with Ctrl-C)")
+    shown = urlsplit(upstream)._replace(query="", netloc=urlsplit(upstream).netloc.rpartition("@")[2]).geturl()
+    say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {shown}; stop with Ctrl-C)")
     with suppress(KeyboardInterrupt):
         endpoint.run()
 

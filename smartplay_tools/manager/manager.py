@@ -28,7 +28,7 @@ from smartplay_tools.manager.fitted import Conversation, FittedPrompt, fitted_pr
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.reading import Part, Reading, kind_of
 from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
-from smartplay_tools.manager.tools import plain_tool, specs_of
+from smartplay_tools.manager.tools import plain_tool, recorded_tool, specs_of
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
 
@@ -238,7 +238,8 @@ class ContextManager:
         facts: dict[str, Any] = {name: ranges(getattr(prompt, name)) for name in CHANGES if getattr(prompt, name)}
         facts |= {"form": conversation.form.name, "made": prompt.made, "tokens": prompt.tokens}
         facts |= {"cap": self.prompt_tokens, "parts": dict(prompt.parts)}
-        number = record.prompt(conversation.data, shown, prompt.costs, beside, facts)
+        told = {**beside, "tools": [recorded_tool(tool) for tool in beside["tools"]]}
+        number = record.prompt(conversation.data, shown, prompt.costs, told, facts)
         return replace(prompt, recorded_as=(record.path.stem, number))
 
     def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:

@@ -9,28 +9,74 @@ that a file grows with the conversation. Nothing else of a request is in it: no 
     prompt   by number: what was given, what was shown; what was changed and dropped; tokens, cap, sha256
     refusal  the tokens of parts that did not fit
     usage    the tokens that a provider has reported for a prompt
+
+A record may come from a stranger: reading it opens no tokenizer, no file and no address that it names.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from typing_extensions import TypedDict
 
 from smartplay_tools.context.tokens import PRIMING
-from smartplay_tools.errors import TranscriptError
+from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
 from smartplay_tools.transcript.hashing import canonical_json, chained_lines
 from smartplay_tools.transcript.lines import complete_lines, parse_json
 
-__all__ = ["RecordedPrompt", "ThreadRecord", "is_thread_record", "read_thread"]
+__all__ = ["RecordedPrompt", "RecordedThread", "ThreadRecord", "is_thread_record", "read_thread"]
 
 FORMAT = "context-manager-1"
 
 CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "uncertain")
 """What a prompt says of messages, by their numbers in the list that was given."""
+
+
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Ranges = list[Annotated[list[Count], Field(min_length=2, max_length=2)]]
+
+
+class PromptEvent(TypedDict):
+    """What the record says of a prompt."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", strict=True)  # type: ignore[misc]  # pydantic's way
+
+    kind: Literal["prompt"]
+    number: Count
+    given: Ranges
+    """The parts that the conversation consisted of."""
+    shown: Ranges
+    """The parts that were sent."""
+    costs: list[Count]
+    """The tokens of each of these."""
+    beside: dict[str, Count]
+    form: Literal["chat", "responses", "anthropic"]
+    made: Count
+    tokens: Count
+    cap: Count | None
+    parts: dict[Literal["tools", "head", "pinned", "turns"], Count]
+    prefix_tokens: Count
+    sha256: str
+    dropped: NotRequired[Ranges]
+    masked: NotRequired[Ranges]
+    trimmed: NotRequired[Ranges]
+    elided: NotRequired[Ranges]
+    cut: NotRequired[Ranges]
+    repaired: NotRequired[Ranges]
+    uncertain: NotRequired[Ranges]
+
+
+_PROMPT = TypeAdapter(PromptEvent)
+_PARTS = TypeAdapter(dict[str, Count])
+_COUNT = TypeAdapter(Count)
 
 
 @dataclass(frozen=True)
@@ -40,14 +86,20 @@ class RecordedPrompt:
     number: int
     messages: Sequence[Mapping[str, Any]]
     """As they were sent."""
+    sent: Sequence[int]
+    """The numbers of these among the parts of the record; equal ones have the same."""
     beside: Mapping[str, Any]
     """Tools, system prompt and output schema, as they were sent."""
     given: Sequence[Mapping[str, Any]]
     """The whole conversation, of which it was made."""
-    facts: Mapping[str, Any]
+    facts: PromptEvent
     """The event."""
     reported: int | None = None
     """The tokens of the prompt that the provider has reported."""
+
+    def changed(self, change: str) -> list[int]:
+        """Return the numbers of the messages that were `dropped`, `masked` and so on, in what was given."""
+        return [*numbers_in(self.facts.get(change, []))]  # type: ignore[call-overload, no-any-return]  # one of CHANGES
 
     @property
     def is_over(self) -> bool:
@@ -59,6 +111,25 @@ class RecordedPrompt:
     def sha256(self) -> str:
         """The digest of what it shows, computed again."""
         return digest(self.messages, self.beside)
+
+
+@dataclass(frozen=True)
+class RecordedThread:
+    """What the record of a thread says."""
+
+    path: Path
+    settings: Mapping[str, Any]
+    """Those of the manager that began it."""
+    prompts: Sequence[RecordedPrompt] = ()
+    refusals: Sequence[Mapping[str, int]] = ()
+    """For each prompt that did not fit, its tokens by part."""
+    parts: Sequence[Any] = ()
+    """Messages, and what stood beside them, by their numbers."""
+
+    @cached_property
+    def differing(self) -> Sequence[int]:
+        """The numbers of the prompts that, rebuilt, are not what their digests say."""
+        return [prompt.number for prompt in self.prompts if prompt.sha256 != prompt.facts["sha256"]]
 
 
 @dataclass
@@ -87,12 +158,17 @@ class ThreadRecord:
         except OSError as error:
             raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
         self._size = len(lines)
+        latest: dict[str, Any] | None = None
         for event in _events(self.path, lines):
             self._chain = event["chain"]
             if event["kind"] == "part":
                 self._numbers[event["sha256"]] = event["number"]
             elif event["kind"] == "prompt":
                 self._prompts = event["number"] + 1
+                latest = event
+        if latest is not None:
+            sent = [*numbers_in(latest["shown"])]
+            self._latest = [*numbers_in(latest["given"])], sent, latest["beside"]
         if not lines:
             self._write({"kind": "start", "format": FORMAT, "settings": dict(self.settings)})
 
@@ -129,9 +205,8 @@ class ThreadRecord:
                     break
                 prefix += size
         event = {"kind": "prompt", "number": self._prompts, "given": ranges(numbers), "shown": ranges(sent)}
-        self._write(
-            *events, {**event, "beside": stored, **facts, "prefix_tokens": prefix, "sha256": digest(shown, beside)}
-        )
+        event |= {"costs": list(tokens), "beside": stored, **facts, "prefix_tokens": prefix}
+        self._write(*events, {**event, "sha256": digest(shown, beside)})
         self._latest = now
         self._prompts += 1
         return self._prompts - 1
@@ -189,37 +264,62 @@ def is_thread_record(path: Path) -> bool:
         return False
 
 
-def read_thread(path: str | Path) -> list[RecordedPrompt]:
-    """Return the prompts of a record, rebuilt; a file that is none, or was changed, is a `TranscriptError`."""
+def read_thread(path: str | Path) -> RecordedThread:
+    """Return what a record says, its prompts rebuilt; a file that is none, or was changed, is a `TranscriptError`."""
     path = Path(path)
     try:
         lines = b"".join(complete_lines(path.read_bytes()))
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
-    parts: dict[int, Any] = {}
+    parts: list[Any] = []
     prompts: list[RecordedPrompt] = []
+    refusals: list[Mapping[str, int]] = []
+    settings: Mapping[str, Any] = {}
     try:
         for event in _events(path, lines):
-            if event["kind"] == "part":
-                parts[event["number"]] = event["part"]
-            elif event["kind"] == "prompt":
-                beside = {name: parts[number] for name, number in event["beside"].items()}
-                messages, given = ([parts[n] for n in numbers_in(event[name])] for name in ("shown", "given"))
-                prompts.append(RecordedPrompt(len(prompts), messages, beside, given, event))
-                if prompts[-1].sha256 != event["sha256"]:
-                    raise TranscriptError(f"{path}: prompt {event['number']} is not what its digest says.")
-            elif event["kind"] == "usage":
-                known = prompts[event["prompt"]]
-                facts = {**vars(known), "reported": event["tokens"]}
-                prompts[event["prompt"]] = RecordedPrompt(**facts)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+            match event["kind"]:
+                case "start":
+                    settings = dict(event["settings"])
+                case "part" if event["number"] == len(parts):
+                    parts.append(event["part"])
+                case "prompt":
+                    prompts.append(_prompt(event, parts, len(prompts)))
+                case "usage":
+                    at = _COUNT.validate_python(event["prompt"])
+                    reported = _COUNT.validate_python(event["tokens"], strict=True)
+                    prompts[at] = replace(prompts[at], reported=reported)
+                case "refusal":
+                    refusals.append(_PARTS.validate_python(event["parts"], strict=True))
+    except SENSELESS as error:
         if isinstance(error, TranscriptError):
             raise
-        raise TranscriptError(f"{path} is not the record of a context manager: {error!r}.") from None
-    return prompts
+        raise TranscriptError(f"{path} is not the record of a context manager: {in_one_line(error)}.") from None
+    if not settings:
+        raise TranscriptError(f"{path} has no event of a context manager.")
+    return RecordedThread(path, settings, prompts, refusals, parts)
 
 
-def numbers_in(found: Sequence[Sequence[int]]) -> Iterator[int]:
+def _prompt(event: Any, parts: Sequence[Any], number: int) -> RecordedPrompt:
+    """A prompt out of its event and the parts before it; a `ValueError` if these do not belong together."""
+    facts = _PROMPT.validate_python({name: value for name, value in event.items() if name != "chain"})
+    given, sent = ([*numbers_in(facts[name])] for name in ("given", "shown"))  # type: ignore[literal-required]
+    messages = [parts[each] for each in (*given, *sent)]
+    found = RecordedPrompt(
+        number,
+        messages[len(given) :],
+        sent,
+        {name: parts[at] for name, at in facts["beside"].items()},
+        messages[: len(given)],
+        facts,
+    )
+    changed = (found.changed(name) for name in CHANGES)
+    are_ordered = all(one < other < len(given) for each in changed for one, other in pairwise([-1, *each]))
+    if not all(isinstance(each, Mapping) for each in messages) or len(sent) != len(facts["costs"]) or not are_ordered:
+        raise ValueError("the numbers of a prompt are not those of its messages")
+    return found
+
+
+def numbers_in(found: Iterable[Sequence[int]]) -> Iterator[int]:
     """Yield the numbers of ranges."""
     return (number for first, last in found for number in range(first, last + 1))
 
@@ -232,7 +332,7 @@ def _events(path: Path, lines: bytes) -> Iterator[dict[str, Any]]:
             event = parse_json(line)
             own = {name: value for name, value in event.items() if name != "chain"}
             expected, chain = chained_lines([own], chain)
-        except (ValueError, AttributeError):
+        except SENSELESS:
             expected = b""
         if expected != line or (at == 0 and event.get("format") != FORMAT):
             raise TranscriptError(f"{path}, line {at + 1}: not the record of a context manager, or changed since.")

@@ -10,7 +10,10 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import Tokens
 from smartplay_tools.types import ToolSpec
 
-__all__ = ["plain_tool", "specs_of"]
+__all__ = ["plain_tool", "recorded_tool", "specs_of"]
+
+NAMES = ("type", "name", "server_label")
+"""What a record has of a tool that its provider runs: the rest can hold the keys and headers of other servers."""
 
 
 def plain_tool(tool: Any) -> Mapping[str, Any]:
@@ -23,6 +26,11 @@ def plain_tool(tool: Any) -> Mapping[str, Any]:
         dumped: Mapping[str, Any] = dump(mode="json", exclude_none=True)
         return dumped
     raise InvalidArgumentError(f"A tool is a mapping or a ToolSpec, not {type(tool).__name__}.")
+
+
+def recorded_tool(tool: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a record has of a tool: all that is counted of it."""
+    return tool if _spec(tool) is not None else {name: tool[name] for name in NAMES if name in tool}
 
 
 def specs_of(tools: Iterable[Mapping[str, Any]], extra: Tokens | None) -> tuple[list[ToolSpec], int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import anthropic
@@ -19,6 +21,7 @@ import pytest
 from smartplay_gateway import ContextEndpoint
 
 import smartplay_tools as sp
+from smartplay_tools.manager.record import read_thread
 from tests.manager.histories import FORMS
 from tests.manager.test_fit import steps
 
@@ -60,6 +63,8 @@ class Upstream:
 
     def __init__(self) -> None:
         self.requests: list[tuple[str, str, dict[str, str], bytes]] = []
+        self.given: tuple[bytes, dict[str, str]] | None = None
+        """An answer and its headers, in place of the usual ones."""
         upstream = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -71,6 +76,16 @@ class Upstream:
                 is_streamed = b'"stream":true' in body.replace(b" ", b"")
                 self.send_response(200 if self.path.startswith("/v1/") else 404)
                 self.send_header("X-Own", "kept")
+                if upstream.given is not None:
+                    content, headers = upstream.given
+                    for name, value in {**headers, "transfer-encoding": "chunked"}.items():
+                        self.send_header(name, value)
+                    self.end_headers()
+                    for at in range(0, len(content), 7):  # no event and no character comes whole
+                        piece = content[at : at + 7]
+                        self.wfile.write(b"%x\r\n%b\r\n" % (len(piece), piece))
+                    self.wfile.write(b"0\r\n\r\n")
+                    return
                 if is_streamed:
                     self.send_header("content-type", "text/event-stream")
                     self.send_header("transfer-encoding", "chunked")
@@ -171,6 +186,83 @@ def test_answers_and_streams_pass_byte_for_byte(endpoint: ContextEndpoint, upstr
     assert streamed.content == f"data: {json.dumps(CHUNK)}\n\ndata: [DONE]\n\n".encode()
     pieces = send(endpoint, "chat", steps(60), stream=True)
     assert [piece.choices[0].delta.content for piece in pieces] == ["Dönè."]
+
+
+def events(*datas: Any) -> bytes:
+    """A stream of events, the line ends and names of which differ as those of servers do."""
+    named = [f"event: {data['type']}\n" if "type" in data else "" for data in datas]
+    lines = [f"{name}data: {json.dumps(data)}\r\n\r\n" for name, data in zip(named, datas, strict=True)]
+    return "".join([": ping\n\n", *lines, "data: [DONE]\n\n"]).encode()
+
+
+CACHED = {"input_tokens": 4, "cache_read_input_tokens": 900, "cache_creation_input_tokens": 350, "output_tokens": 1}
+STARTED = {"type": "message_start", "message": {**MESSAGE, "usage": CACHED}}
+LATER = {"type": "message_delta", "delta": {}, "usage": {"input_tokens": 9_999, "output_tokens": 5}}
+RESPONDED = {**RESPONSE, "usage": {"input_tokens": 1_254, "output_tokens": 1}}
+SILENT = {"type": "response.created", "response": {**RESPONSE, "usage": None}}
+CHAT_USAGE = {"prompt_tokens": 1_254, "completion_tokens": 3}
+JSON, STREAM = {"content-type": "application/json"}, {"content-type": "text/event-stream; charset=utf-8"}
+WHOLE = json.dumps({**CHAT, "usage": CHAT_USAGE}, indent=2, ensure_ascii=False).encode()
+REPORTS: list[tuple[str, bytes, dict[str, str], int | None]] = [
+    ("chat", WHOLE, JSON, 1_254),
+    ("chat", events({**CHUNK, "usage": None}, {**CHUNK, "choices": [], "usage": CHAT_USAGE}), STREAM, 1_254),
+    ("responses", json.dumps(RESPONDED).encode(), JSON, 1_254),
+    ("responses", events(SILENT, {"type": "response.completed", "response": RESPONDED}), STREAM, 1_254),
+    ("anthropic", json.dumps({**MESSAGE, "usage": CACHED}).encode(), JSON, 1_254),
+    ("anthropic", events(STARTED, LATER), STREAM, 1_254),
+    ("chat", gzip.compress(WHOLE), {**JSON, "content-encoding": "gzip"}, 1_254),
+    ("anthropic", gzip.compress(events(STARTED)), {**STREAM, "content-encoding": "gzip"}, 1_254),
+    ("chat", b"brotli, or nothing", {**JSON, "content-encoding": "br"}, None),
+    ("chat", WHOLE, {**JSON, "content-encoding": "gzip"}, None),
+    ("chat", json.dumps({**CHAT, "usage": {"prompt_tokens": "many"}}).encode(), JSON, None),
+    ("chat", b'{"usage": {"prompt_tokens": 12', JSON, None),
+]
+PATHS = {"chat": "/chat/completions", "responses": "/responses", "anthropic": "/messages"}
+
+
+@pytest.mark.parametrize(("form", "content", "headers", "counted"), REPORTS)
+def test_what_a_provider_counts_is_recorded_from_bytes_that_pass_as_they_are(
+    upstream: Upstream, tmp_path: Path, form: str, content: bytes, headers: dict[str, str], counted: int | None
+):
+    upstream.given = content, headers
+    secrets = {"authorization": "Bearer sk-secret", "x-api-key": "sk-secret", "x-own": "secret-header"}
+    body = {"model": "secret-model", "user": "secret-user", FIELDS[form]: FORMS[form](steps(60))[form == "anthropic" :]}
+    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(CAP, record=tmp_path)) as endpoint:
+        address = f"{endpoint.base_url}{PATHS[form]}?key=secret-key"
+        with httpx2.stream("POST", address, json=body, headers=secrets) as answer:
+            assert b"".join(answer.iter_raw()) == content
+    (file,) = tmp_path.iterdir()
+    assert "secret" not in file.read_text()
+    (prompt,) = read_thread(file).prompts
+    assert list(prompt.messages) == upstream.body[FIELDS[form]]
+    assert prompt.reported == counted
+    assert prompt.is_over == (counted is not None)
+
+
+def test_a_tool_that_a_provider_runs_is_recorded_without_its_keys(endpoint: ContextEndpoint, tmp_path: Path):
+    tool = {
+        "type": "mcp",
+        "server_label": "files",
+        "server_url": "https://example.org?key=secret",
+        "headers": {"a": "secret"},
+    }
+    manager = sp.ContextManager(CAP, record=tmp_path, extra_tokens=20)
+    manager.fit([{"role": "user", "content": "Go on."}], tools=[{**tool, "authorization": "secret"}], form="responses")
+    (file,) = tmp_path.iterdir()
+    assert "secret" not in file.read_text()
+    assert read_thread(file).prompts[0].beside == {"tools": [{"type": "mcp", "server_label": "files"}]}
+
+
+def test_a_prompt_that_cannot_be_recorded_is_not_sent(upstream: Upstream, tmp_path: Path):
+    manager = sp.ContextManager(CAP, record=tmp_path)
+    with ContextEndpoint(f"{upstream.url}/v1", manager) as endpoint:
+        httpx2.post(f"{endpoint.base_url}/chat/completions", json={"messages": steps(2)})
+        (file,) = tmp_path.iterdir()
+        file.write_text(file.read_text() + "\n")
+        answer = httpx2.post(f"{endpoint.base_url}/chat/completions", json={"messages": steps(3)})
+    assert answer.status_code == 500
+    assert "written by another program" in answer.json()["error"]["message"]
+    assert len(upstream.requests) == 1
 
 
 @pytest.mark.parametrize("path", ["/v1/models", "/v1/files/a%2Fb", "/v1/embeddings"])

@@ -27,7 +27,9 @@ def test_every_prompt_is_rebuilt_word_for_word(tmp_path: Path, form: str):
     tool = sp.ToolSpec("read", "Read a page.", {"type": "object", "properties": {"page": {"type": "integer"}}})
     ends, beside = range(4, len(messages), 3), {"tools": [tool], "system": "Be brief.", "form": form}
     sent = [window.fit(messages[:end], **beside) for end in ends]
-    prompts = read_thread(only_file(tmp_path))
+    thread = read_thread(only_file(tmp_path))
+    prompts = thread.prompts
+    assert not thread.differing
     assert [list(prompt.messages) for prompt in prompts] == [prompt.messages for prompt in sent]
     assert [prompt.facts["tokens"] for prompt in prompts] == [prompt.tokens for prompt in sent]
     assert prompts[-1].beside == {"tools": [tool.to_json()], "system": "Be brief."}
@@ -37,12 +39,13 @@ def test_every_prompt_is_rebuilt_word_for_word(tmp_path: Path, form: str):
 
 
 def test_the_same_prompt_is_written_once_and_another_process_goes_on(tmp_path: Path):
-    for _ in range(2):
+    for pages in (3, 3, 4):
         window = manager(300, record=tmp_path)
-        window.fit(steps(3))
-        window.fit(steps(3))
-    numbers = [prompt.facts["number"] for prompt in read_thread(only_file(tmp_path))]
-    assert numbers == [0, 1]
+        window.fit(steps(pages))
+        window.fit(steps(pages))
+    first, second = read_thread(only_file(tmp_path)).prompts
+    assert [prompt.facts["number"] for prompt in (first, second)] == [0, 1]
+    assert second.facts["prefix_tokens"] == first.facts["tokens"] - 3
     messages = [json.loads(line) for line in only_file(tmp_path).read_text().splitlines() if '"part"' in line]
     assert len(messages) == len({message["sha256"] for message in messages if "sha256" in message})
 
@@ -63,7 +66,7 @@ def test_what_a_provider_counts_is_shown_and_marked_where_it_is_over_the_cap(tmp
     window = manager(300, record=tmp_path)
     for end, counted in ((4, 100), (6, 301)):
         window.reported(window.fit(steps(3)[:end]), counted)
-    first, second = read_thread(only_file(tmp_path))
+    first, second = read_thread(only_file(tmp_path)).prompts
     assert (first.reported, first.is_over) == (100, False)
     assert (second.reported, second.is_over) == (301, True)
 
@@ -71,8 +74,9 @@ def test_what_a_provider_counts_is_shown_and_marked_where_it_is_over_the_cap(tmp
 def test_refusals_are_recorded(tmp_path: Path):
     with pytest.raises(sp.PromptOverflowError):
         manager(5, record=tmp_path).fit(HEAD)
-    assert '"kind": "refusal"' in only_file(tmp_path).read_text()
-    assert read_thread(only_file(tmp_path)) == []
+    thread = read_thread(only_file(tmp_path))
+    assert not thread.prompts
+    assert [[*refused] for refused in thread.refusals] == [["tools", "head"]]
 
 
 def test_only_its_owner_reads_it(tmp_path: Path):
@@ -96,9 +100,9 @@ def test_a_changed_record_is_refused_and_an_incomplete_line_is_left_out(tmp_path
     with pytest.raises(TranscriptError, match="changed since"):
         read_thread(file)
     file.write_text(whole + '{"kind": "pro')
-    assert len(read_thread(file)) == 1
+    assert len(read_thread(file).prompts) == 1
     manager(300, record=tmp_path).fit(steps(4))
-    assert len(read_thread(file)) == 2
+    assert len(read_thread(file).prompts) == 2
     file.write_text("{}\n")
     with pytest.raises(TranscriptError, match="line 1: not the record"):
         read_thread(file)
