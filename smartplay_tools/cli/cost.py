@@ -12,6 +12,7 @@ import typer
 from smartplay_tools.cli import options
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
+from smartplay_tools.cli.threads import print_thread_costs, thread_files
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
@@ -22,7 +23,10 @@ from smartplay_tools.providers.prices import Price
 
 
 def cost(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of runs.", show_default=False)],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of runs, or context records.", show_default=False),
+    ],
     cache: options.Caches = None,
     caches: options.CachesFile = None,
     marks: Annotated[
@@ -42,6 +46,9 @@ def cost(
     places = () if marks == "none" else tuple(options.names(marks))
     given = None if price is None else Price.parse(price)
     tariffs = tariffs_of(cache or [], caches=caches, price=given, marks=cast("tuple[Place, ...]", places))
+    if files := thread_files(folders):
+        print_thread_costs(files, tariffs, Format.JSON if as_json else form)
+        return
     cells = read_costs(folders, tariffs, caches)
     rows = cost_rows(cells, tariffs)
     print_tables(Format.JSON if as_json else form, cost_tables(cells, tariffs), rows, rows)

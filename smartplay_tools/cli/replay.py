@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 from rich.progress import track
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import print_json
+from smartplay_tools.cli.threads import replayed_threads, thread_files
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
@@ -29,7 +31,7 @@ SHOWN_DIFFERENCES = 3
 
 
 def replay(
-    path: Annotated[Path, typer.Argument(help="A transcript, or a run's folder.", show_default=False)],
+    path: Annotated[Path, typer.Argument(help="A transcript, a run's folder, or context records.", show_default=False)],
     workers: Annotated[int | None, typer.Option(min=1, help="Episodes of a run at a time.")] = None,
     tokenizer: options.Tokenizers = None,
     strategy: Annotated[
@@ -49,10 +51,15 @@ def replay(
     content, so a file may have been moved.
 
     Every finished episode of a run is replayed. An episode that is planned and has no row is missing, whether it is
-    paused, running, not begun, or lost.
+    paused, running, not begun, or lost. Of a context
+    manager's record every prompt is rebuilt and compared by its digest.
 
     Example: smartplay-tools replay run.jsonl
     """
+    if files := thread_files([path]):
+        if differences := _replay_threads(path, files, as_json=as_json):
+            raise typer.Exit(differences)
+        return
     games, strategies = game or [], strategy or []
     if games or strategies or tokenizer:
         cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
@@ -64,6 +71,17 @@ def replay(
         code = _replay_file(path, strategies, as_json=as_json)
     if code:
         raise typer.Exit(code)
+
+
+def _replay_threads(path: Path, files: Sequence[Path], *, as_json: bool) -> int:
+    """Rebuild the prompts of a context manager."""
+    identical, differences = replayed_threads(path, files, as_json=as_json)
+    if not as_json:
+        for sentence in identical:
+            _say(f"[green]identical[/]: {escape(sentence)}")
+        for difference in differences[:SHOWN_DIFFERENCES]:
+            _say(f"[red]differs[/]: {escape(difference)}", stderr=True)
+    return DIFFERS if differences else 0
 
 
 def _replay_file(path: Path, strategies: Sequence[str], *, as_json: bool) -> int:

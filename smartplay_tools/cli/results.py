@@ -16,6 +16,7 @@ from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.progress import print_running, spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
+from smartplay_tools.cli.threads import print_threads, thread_files
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
@@ -45,7 +46,10 @@ class _Shown:
 
 
 def results(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of runs.", show_default=False)],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="Folders of runs, or context records.", show_default=False),
+    ],
     everything: Annotated[bool, typer.Option("--all", help="Show all tables, not only the first.")] = False,
     explain: Annotated[bool, typer.Option("--explain", help="Explain the terms in the tables.")] = False,
     form: FormatOption = Format.TEXT,
@@ -63,11 +67,14 @@ def results(
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
 
-    Of a run in progress, the finished episodes are shown.
+    Of a run in progress, the finished episodes are shown. Of records of a context manager, a row for each thread is.
 
     Example: smartplay-tools results runs/first --all --csv first.csv
     """
     form = Format.JSON if as_json else form
+    if files := thread_files(folders):
+        print_threads(files, form)
+        return
     check_columns(cache, caches, form)
     succeeds = None if success is None else RowCondition.parse(success)
     shown = read_each(folders, lambda folder: _read(folder, weights, exact=exact))

@@ -86,12 +86,14 @@ class RecordedPrompt:
     number: int
     messages: Sequence[Mapping[str, Any]]
     """As they were sent."""
-    sent: Sequence[int]
+    sent_parts: Sequence[int]
     """The numbers of these among the parts of the record; equal ones have the same."""
     beside: Mapping[str, Any]
     """Tools, system prompt and output schema, as they were sent."""
     given: Sequence[Mapping[str, Any]]
     """The whole conversation, of which it was made."""
+    given_parts: Sequence[int]
+    """The numbers of its messages."""
     facts: PromptEvent
     """The event."""
     reported: int | None = None
@@ -310,6 +312,7 @@ def _prompt(event: Any, parts: Sequence[Any], number: int) -> RecordedPrompt:
         sent,
         {name: parts[at] for name, at in facts["beside"].items()},
         messages[: len(given)],
+        given,
         facts,
     )
     changed = (found.changed(name) for name in CHANGES)

@@ -40,10 +40,12 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
     lines,
     totals,
 )
+from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.rows import Row, unplayed
+from smartplay_tools.records.threads import thread_files
 from smartplay_tools.types import MISTAKES, Budget
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.quantities import figure, typeset
@@ -51,7 +53,7 @@ from smartplay_tools.types.quantities import figure, typeset
 __all__ = ["render_report", "write_excerpt", "write_report"]
 
 SCRIPTS = (
-    *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "worlds.js", "drawings.js"),
+    *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "thread.js", "worlds.js", "drawings.js"),
     *(
         "live.js",
         "episode.js",
@@ -146,10 +148,19 @@ def render_report(
     tariffs: Sequence[Tariff] = (),
 ) -> str:
     """Return the replay page; with `open_first` it begins with its first episode."""
+    if files := thread_files([Path(run)] if isinstance(run, str | Path) else [*map(Path, run)]):
+        return render_threads(files, title or Path(files[0]).parent.resolve().name)
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
         opened: Literal["first", "run"] = "first" if open_first else "run"
         return render_runs(runs, title, workers=workers, plugins=plugins, opened=opened, tariffs=tariffs)
+
+
+def render_threads(files: Sequence[Path], title: str, site: Mapping[str, Any] | None = None) -> str:
+    """Return the page of records of context managers; one that a site serves opens with its first thread."""
+    shown, table = shown_threads(files)
+    contents = {"title": title, "threads": table, **_packed(shown, THREAD_PARTS)}
+    return _rendered(contents, site, "run" if site is None else "first")
 
 
 def render_runs(
@@ -166,6 +177,16 @@ def render_runs(
 
     `site` is what the page knows of the site that serves it (`served`).
     """
+    pages = [
+        # Figures are drawn once, for all runs.
+        _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
+        for run in runs
+    ]
+    return _rendered(_contents(pages, title), site, opened)
+
+
+def _rendered(contents: Mapping[str, Any], site: Mapping[str, Any] | None, opened: str) -> str:
+    """Return the page of what the templates need, as it opens."""
     environment = template_environment(__package__, "The replay page")
     environment.filters |= {
         "number": number,
@@ -173,20 +194,21 @@ def render_runs(
         "typeset": typeset,
         "mistakes": lambda result: sum(result[name] for name in MISTAKES),
     }
-    pages = [
-        # Figures are drawn once, for all runs.
-        _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
-        for run in runs
-    ]
-    contents = _contents(pages, title)
-    contents["policy"] = _policy(contents["style"], contents["scripts"], is_served=site is not None)
-    keys = [source.key for run in runs for source in run.sources.episodes]
-    contents["open"] = keys[0] if opened in ("first", "alone") else None
-    contents["compared"] = json.dumps(keys) if opened == "compared" else None
-    contents["site"] = None if site is None else json.dumps(site)
-    contents["follows"] = bool(site and site.get("updates"))
-    contents["alone"] = opened == "alone"
-    return environment.get_template("page.html.j2").render(contents)
+    scripts, style = [_static(name) for name in SCRIPTS], "".join(map(_static, STYLES))
+    keys = [episode["key"] for episode in contents["episodes"]]
+    shown = {
+        "scripts": scripts,
+        "style": style,
+        "policy": _policy(style, scripts, is_served=site is not None),
+        "open": keys[0] if opened in ("first", "alone") else None,
+        "compared": json.dumps(keys) if opened == "compared" else None,
+        "site": None if site is None else json.dumps(site),
+        "follows": bool(site and site.get("updates")),
+        "alone": opened == "alone",
+        "at_once": LISTED_AT_ONCE,
+        "version": metadata.version("smartplay-tools"),
+    }
+    return environment.get_template("page.html.j2").render({"threads": None, **contents, **shown})
 
 
 def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
@@ -194,21 +216,6 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     runs = [page.run for page in pages]
     shown = [episode for page in pages for episode in page.shown]
     episodes = [episode.facts for episode in shown]
-    packed = packs(shown)
-    pack_of = {key: number for number, (keys, _) in enumerate(packed) for key in keys}
-    index = {
-        "words": {version: fixed_texts(version) for version in versions()},
-        "mistakes": MISTAKES,
-        "partWords": PARTS,
-        "usual": Budget().words(),
-        "episodes": [
-            {name: episode[name] for name in LISTED} | {"pack": pack_of[episode["key"]]} for episode in episodes
-        ],
-    }
-    if any(episode["family"] == "crafter" for episode in episodes):
-        index["textures"] = sheet()
-    scripts = [_static(name) for name in SCRIPTS]
-    style = "".join(map(_static, STYLES))
     names = [run.path.resolve().name.removesuffix(".jsonl") for run in runs]
     return {
         "title": title or " and ".join(names),
@@ -227,19 +234,32 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         ],
         "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
         "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
-        "episodes": episodes,
+        **_packed(shown, PARTS),
         "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
         "warnings": [warning for page in pages for warning in (*page.damaged, *unplayed(page.rows))],
         "chosen": _chosen(runs),
-        "at_once": LISTED_AT_ONCE,
         "waiting": sum(run.sources.waiting for run in runs),
-        "style": style,
-        "scripts": scripts,
-        "index": pack(json_text(index)),
-        "packs": [pack for _, pack in packed],
-        "version": metadata.version("smartplay-tools"),
     }
+
+
+def _packed(shown: Sequence[ShownEpisode], part_words: Mapping[str, str]) -> dict[str, Any]:
+    """Return what a page holds of its episodes: the facts that it lists, and all else, packed."""
+    episodes = [episode.facts for episode in shown]
+    packed = packs(shown)
+    pack_of = {key: number for number, (keys, _) in enumerate(packed) for key in keys}
+    index = {
+        "words": {version: fixed_texts(version) for version in versions()},
+        "mistakes": MISTAKES,
+        "partWords": part_words,
+        "usual": Budget().words(),
+        "episodes": [
+            {name: episode[name] for name in LISTED} | {"pack": pack_of[episode["key"]]} for episode in episodes
+        ],
+    }
+    if any(episode["family"] == "crafter" for episode in episodes):
+        index["textures"] = sheet()
+    return {"episodes": episodes, "index": pack(json_text(index)), "packs": [pack for _, pack in packed]}
 
 
 def _manifest(run: ShownRun) -> dict[str, Any]:

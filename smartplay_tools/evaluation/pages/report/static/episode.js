@@ -2,6 +2,15 @@
 // What is said of an episode as a whole: its figures, its rules, where something went wrong.
 
 function describeEpisode(episode) {
+  $("player").classList.toggle("thread", isThread(episode));
+  if (isThread(episode)) {
+    const { chips, facts } = describeThread(episode);
+    $("episode-title").textContent = document.title = episode.game;
+    listChips(chips);
+    $("rules").replaceChildren(factList(facts));
+    drawMistakes(episode);
+    return;
+  }
   const result = episode.result;
   $("episode-title").replaceChildren(
     `${episode.game} `,
@@ -32,13 +41,19 @@ function describeEpisode(episode) {
     ...(episode.trial === null ? [] : [["trial", number(episode.trial)]]),
     ...(episode.cost === null ? [] : [["cost", `$${number(episode.cost, 4)}`]]),
   ];
-  $("chips").replaceChildren(
-    ...chips.map(([name, value, kind]) =>
-      element("div", { class: `chip ${kind ?? ""}` }, element("dt", {}, name), element("dd", {}, value)),
-    ),
-  );
+  listChips(chips);
   describeRules(episode);
   drawMistakes(episode);
+}
+
+function listChips(chips) {
+  const made = ([name, value, kind]) => element("div", { class: `chip ${kind ?? ""}` }, element("dt", {}, name), element("dd", {}, value));
+  $("chips").replaceChildren(...chips.map(made));
+}
+
+function factList(facts) {
+  const rows = Object.entries(facts).map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value)));
+  return element("dl", { class: "facts" }, rows);
 }
 
 // The figures of an episode that has no result yet, as its turns add up to them.
@@ -76,16 +91,13 @@ function describeRules(episode) {
       .map((pair) => pair.join(" "))
       .join(", "),
   };
-  const rows = Object.entries(facts).map(([name, value]) =>
-    element("div", {}, element("dt", {}, name), element("dd", {}, value)),
-  );
   const failure = episode.error
     ? [
         element("p", { class: "caption bad" }, episode.error),
         episode.traceback ? element("pre", {}, episode.traceback) : null,
       ]
     : [];
-  $("rules").replaceChildren(element("dl", { class: "facts" }, rows), ...failure.filter(Boolean));
+  $("rules").replaceChildren(factList(facts), ...failure.filter(Boolean));
 }
 
 // Marks under the slider where something went wrong.
@@ -106,6 +118,7 @@ function mistakes(episode) {
 }
 
 function isMistaken(turn) {
+  if (turn.beside) return isOver(turn);
   const idle = turn.items.some(({ by }) => by === "library");
   return idle || (!turn.message && turn.view) || turn.choice?.fallback || turn.items.some(({ call }) => call?.is_error);
 }

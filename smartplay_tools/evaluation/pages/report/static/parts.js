@@ -59,7 +59,8 @@ function stack(box, episode, turn) {
   const [width, height] = [Math.max(320, box.clientWidth), 190];
   const cap = episode.budget.prompt_tokens;
   const x = turnScale(width, episode.turns.length);
-  const marks = ticks(0, Math.max(episode.mostTokens, cap ?? 0));
+  const reported = extent([0, ...episode.turns.map(({ view }) => view?.reported ?? 0)])[1];
+  const marks = ticks(0, Math.max(episode.mostTokens, reported, cap ?? 0));
   const y = heightScale(marks, height);
   const drawn = columns(episode.turns.map(({ view }) => view));
   const below = drawn.map(() => 0);
@@ -73,6 +74,6 @@ function stack(box, episode, turn) {
     return shape("path", { class: `of-${part}`, d: `M${EDGE.left} ${y(0)}${there.join("")}${back.join("")}Z` }, shape("title", {}, page.partWords[part]));
   });
   const name = `Tokens of each prompt by part; now ${number(episode.turns[turn]?.view?.tokens)}`;
-  box.replaceChildren(chart([width, height], name, marks, x, turn, [layers, cap === null ? null : across("cap", width, y(cap))]));
+  box.replaceChildren(chart([width, height], name, marks, x, turn, [layers, cap === null ? null : across("cap", width, y(cap)), reportedMarks(episode, x, y)]));
   return x;
 }

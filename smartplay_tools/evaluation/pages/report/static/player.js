@@ -56,12 +56,15 @@ function render() {
   $("slider").min = firstTurn();
   $("slider").max = lastTurn();
   $("slider").value = turn;
-  const place = `turn ${number(turn)} of ${number(lastTurn())}, step ${number(facts.step)}`;
+  const where = `${number(turn)} of ${number(lastTurn())}`;
+  const place = isThread(episode) ? `prompt ${where}` : `turn ${where}, step ${number(facts.step)}`;
   $("slider").setAttribute("aria-valuetext", place);
   $("place").textContent = place;
-  renderGame();
-  renderTurn();
-  renderNote();
+  if (!isThread(episode)) {
+    renderGame();
+    renderTurn();
+    renderNote();
+  }
   renderContext();
   renderCurves();
 }
@@ -95,11 +98,13 @@ function renderContext() {
   const drawn = new Set(["head", ...visibility(episode, turn).states, summaryIn(episode, view) ? "summary" : ""]);
   for (const item of $("states").children) item.hidden = !drawn.has(item.firstElementChild.classList.item(1));
   $("sentence").textContent = sentence(episode, turn);
-  const allowed =
-    view.max_tokens === null
+  $("allowed").classList.toggle("bad", isThread(episode) && isOver(episode.turns[turn]));
+  const allowed = isThread(episode)
+    ? reportedWords(view)
+    : view.max_tokens === null
       ? "A reply of any length was allowed."
       : `The reply was allowed ${plural(view.max_tokens, "token")}.`;
-  const [cap, used] = [episode.budget.episode_tokens, episode.facts[turn].spent];
+  const [cap, used] = [episode.budget.episode_tokens ?? null, episode.facts[turn].spent];
   const spent = cap === null ? "" : ` Spent after this turn: ${number(used)} of ${number(cap)} tokens.`;
   $("allowed").textContent = allowed + spent;
   renderWhy();

@@ -92,6 +92,7 @@ function isLeftOut(episode, view, at, item) {
 function promptParts(episode, words, number) {
   const view = episode.turns[number]?.view;
   if (!view) return null;
+  if (isThread(episode)) return threadParts(episode, episode.turns[number]);
   return episode.protocol === "paper"
     ? paperMessages(episode, words, number, view).map((message) => ({ message }))
     : windowParts(episode, words, number, view);
@@ -215,6 +216,7 @@ async function openEpisode(key) {
   const { pack } = page.episodes.find((listed) => listed.key === key);
   const episode = (await unpack(`pack-${pack}`))[key];
   episode.turns = rowsOf(episode.turns);
+  if (isThread(episode)) openThread(episode);
   episode.facts = runningFacts(episode);
   episode.summaries = episode.turns.flatMap(({ summary }) => (summary ? [summary.text] : []));
   if (episode.protocol === "paper") episode.observations = observationsOf(episode);

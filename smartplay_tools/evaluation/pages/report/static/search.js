@@ -5,7 +5,7 @@
 function promptsWith(episode, word) {
   const has = (text) => text.toLowerCase().includes(word);
   const whole = (at) => (promptParts(episode, page.words[episode.prompts], at) ?? []).some(({ message }) => textsOf(message).some(has));
-  if (episode.protocol === "paper") return episode.turns.map((_, at) => whole(at));
+  if (episode.protocol === "paper" || isThread(episode)) return episode.turns.map((_, at) => whole(at));
   const inHead = has(episode.head.map(textOf).join("\n"));
   const marker = has(page.words[episode.prompts].observation_left);
   const written = writtenIn(episode, has);
@@ -39,7 +39,8 @@ function stillSeen(episode, view, written, first, last) {
 
 // What each turn wrote with the word: `kept` in what is never replaced, `seen` in results that age, as [item, date].
 function writtenIn(episode, has) {
-  return episode.turns.map(({ message, items }) => {
+  return episode.turns.map(({ message, items, fresh }) => {
+    if (fresh) return { kept: fresh.some((at) => textsOf(episode.parts[at]).some(has)), seen: [] };
     const said = message ? textsOf(message) : [];
     const dates = items.map(({ call }) => call?.date ?? call?.observation_step);
     const observations = dates.flatMap((date, at) => (date === undefined ? [] : [[at, date]]));

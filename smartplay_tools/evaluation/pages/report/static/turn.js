@@ -253,6 +253,7 @@ function messageCard({ message, turn, marked, what, change }) {
     title,
     thoughtsOf(message),
     text || !calls.length ? element("pre", {}, text) : null,
+    message.sent ? element("details", {}, element("summary", {}, "as it is in the record"), element("pre", {}, JSON.stringify(message.sent, null, 1))) : null,
     ...picturesOf(message).map(pictureSeen),
     ...calls,
   );

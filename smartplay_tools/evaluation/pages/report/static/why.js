@@ -1,6 +1,13 @@
 "use strict";
 // Why a turn was in a prompt or not: what it needed, what was free, what would have kept it, and what it said.
 
+const UNIT_STATES = {
+  seen: "in this prompt in full",
+  marked: "in this prompt with a line in place of its results, which are older than the history",
+  cut: "in this prompt, shortened",
+  dropped: "not in this prompt: it did not fit, or is older than the history",
+};
+
 // Ask about a turn, which a click on the band does.
 function askAbout(turn) {
   shown.asked_about = turn;
@@ -11,13 +18,20 @@ function askAbout(turn) {
 
 function renderWhy() {
   const { episode, turn: now } = shown;
-  const askable = episode.protocol !== "paper" && now > 0;
+  const units = isThread(episode) ? episode.turns[now].view.units : null;
+  const count = units?.length ?? now;
+  const askable = episode.protocol !== "paper" && count > 0;
   $("why").hidden = !askable;
   if (!askable || !$("why").open) return;
-  const turn = between(0, shown.asked_about ?? newestGone(episode, now) ?? now - 1, now - 1);
-  const { message, items } = episode.turns[turn];
-  $("why-turn").max = now - 1;
+  const turn = between(0, shown.asked_about ?? newestGone(episode, now) ?? count - 1, count - 1);
+  $("why-turn").max = count - 1;
   $("why-turn").value = turn;
+  if (units) {
+    $("why-reason").textContent = `Unit ${turn} of the conversation, as it was given, was ${UNIT_STATES[episode.turns[now].view.states[turn]]}.`;
+    $("why-said").replaceChildren(...units[turn].map((at) => messageCard({ message: episode.parts[at] })));
+    return;
+  }
+  const { message, items } = episode.turns[turn];
   $("why-reason").textContent = whyWords(episode, now, turn);
   $("why-go").onclick = () => goTo(turn);
   const parts = [{ message }, ...items.map((item) => ({ message: messageOf(episode.turns[turn], item, page.words[episode.prompts]) }))];

@@ -6,6 +6,7 @@
 function visibility(episode, number) {
   const view = episode.turns[number].view;
   if (!view) return null;
+  if (view.states) return { unit: "unit", states: view.states, marked: [] };
   if (episode.protocol === "paper") {
     const states = Array.from({ length: view.step }, (_, step) => (step < view.first ? "dropped" : "seen"));
     return { unit: "observation", states, marked: [] };
@@ -41,6 +42,7 @@ function inWords(states, state, unit) {
 }
 
 function sentence(episode, number) {
+  if (isThread(episode)) return threadSentence(episode, episode.turns[number].view);
   const { unit, states, marked: results } = visibility(episode, number);
   const view = episode.turns[number].view;
   const kinds = ["seen", "marked", "notes", "pinned", "dropped"];
@@ -116,7 +118,7 @@ function band(box, episode, number, ask) {
     block("reply", width - reply + 6, reply - 7, "reply"),
     numbers(past, states.length, place).map((at) => label((place(at) + place(at + 1)) / 2, 43, at, under)),
   );
-  if (unit === "turn") {
+  if (unit !== "observation") {
     drawn.classList.add("clickable");
     drawn.addEventListener("click", (event) => {
       const x = ((event.clientX - drawn.getBoundingClientRect().left) * width) / drawn.clientWidth;
@@ -188,7 +190,7 @@ function hasManual(episode, number) {
 function windowMap(canvas, episode, turn) {
   const [width, height, sharp] = [Math.max(320, canvas.parentElement.clientWidth), 150, window.devicePixelRatio || 1];
   const style = getComputedStyle(canvas);
-  const colours = ["dropped", "seen", "marked", "notes", "summary", "soft"];
+  const colours = ["dropped", "seen", "cut", "marked", "notes", "summary", "soft"];
   const paints = Object.fromEntries(colours.map((name) => [name, style.getPropertyValue(`--${name}`)]));
   const x = turnScale(width, episode.turns.length);
   const made = [width, sharp, ...Object.values(paints)].join();
@@ -201,7 +203,7 @@ function windowMap(canvas, episode, turn) {
   pen.drawImage(episode.map.canvas, 0, 0);
   pen.fillStyle = style.getPropertyValue("--ink");
   pen.fillRect((x.middle(turn) - 0.75) * sharp, 0, 1.5 * sharp, height * sharp);
-  const unit = episode.protocol === "paper" ? "observation" : "turn";
+  const unit = isThread(episode) ? "unit" : episode.protocol === "paper" ? "observation" : "turn";
   const name = `What each prompt could see: a column for each prompt; upwards, how many ${unit}s ago`;
   canvas.setAttribute("aria-label", `${name}. ${episode.turns[turn]?.view ? sentence(episode, turn) : ""}`);
   return x;
@@ -210,7 +212,8 @@ function windowMap(canvas, episode, turn) {
 function paintMap(episode, pen, x, height, sharp, paints) {
   const [top, bottom] = [8, height - 4];
   const paper = episode.protocol === "paper";
-  const most = Math.max(2, paper ? episode.observations.length : episode.turns.length);
+  const count = isThread(episode) ? episode.turns.at(-1).view.states.length : episode.turns.length;
+  const most = Math.max(2, paper ? episode.observations.length : count);
   const y = (age) => bottom - (Math.log(age) / Math.log(most)) * (bottom - top);
   // Whole pixels, so that neighbours neither overlap nor leave a seam.
   const box = (at, youngest, oldest) => {
@@ -222,11 +225,12 @@ function paintMap(episode, pen, x, height, sharp, paints) {
   let summaries = 0;
   episode.turns.forEach(({ view }, at) => {
     if (!view) return;
-    const now = paper ? view.step + 1 : at;
+    const now = paper ? view.step + 1 : (view.states?.length ?? at);
     const fill = (kind, first, last) => {
       pen.fillStyle = paints[kind];
       box(at, now - last, now - first);
     };
+    if (view.states) return runs(view.states).forEach((run) => fill(...run));
     if (now > (paper ? 1 : 0)) fill("dropped", 0, now - 1);
     for (const [first, last] of paper ? [[view.first, view.step]] : view.turns) fill("seen", first, last);
     for (const [turn] of paper ? [] : markedResults(episode, view)) fill("marked", turn, turn);

@@ -1,0 +1,70 @@
+"""The tables of threads of context managers: what their prompts were, and what they cost under the rules of caches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars, percent
+from smartplay_tools.evaluation.costs.charges import charge
+from smartplay_tools.evaluation.costs.tariffs import Tariff
+from smartplay_tools.manager.record import RecordedThread
+from smartplay_tools.records.threads import thread_requests, thread_row
+from smartplay_tools.types.quantities import short
+
+NOTES = (
+    "dropped, masked, cut, repaired: prompts in which this became of a message; refused: prompts that did not fit",
+    "over: prompts over their cap by the provider's count, of those that it has counted; theirs: its tokens to ours",
+    "above: the most that it counted above ours in one prompt; a cap that is lower by so much holds by its count, too",
+)
+COST_NOTES = (
+    "costs are of prompts alone, in uncached tokens of the input; in USD where the column is a model",
+    "replies are not on record; a model of a bill: docs/context-cost.md has the definition",
+)
+
+
+def threads_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return a row for each thread."""
+    headings = ("prompts", "tokens", "largest", "cap", "prefix", "refused")
+    changes = ("dropped", "masked", "cut", "repaired")
+    cells = [
+        (
+            row["thread"],
+            f"{row['prompts']:,}",
+            short(row["tokens"]),
+            *(NOTHING if row[name] is None else f"{row[name]:,}" for name in ("largest", "cap")),
+            percent(row["prefix_tokens"] / row["tokens"] if row["tokens"] else None),
+            *(f"{row[name]:,}" for name in ("refusals", *changes)),
+            f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING,
+            NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}",
+            NOTHING if row["most_above"] is None else f"{row['most_above']:,}",
+        )
+        for row in rows
+    ]
+    names = columns("thread", *headings, *changes, "over", "theirs", "above")
+    return TextTable("threads", names, tuple(cells), NOTES)
+
+
+def thread_costs(threads: Sequence[RecordedThread], tariffs: Sequence[Tariff]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each thread under each tariff."""
+    for thread in threads:
+        log = thread_requests(thread)
+        row = thread_row(thread)
+        for tariff in tariffs:
+            made = charge(log, tariff.rule, marks=tariff.marks, price=tariff.price)
+            facts = {"thread": row["thread"], "prompts": row["prompts"], "tokens": made.prompt, "tariff": tariff.label}
+            yield {**facts, "read": made.hit, "written": made.written, "cost": made.cost, "usd": bool(tariff.price)}
+
+
+def thread_costs_table(rows: Sequence[Mapping[str, Any]], tariffs: Sequence[Tariff]) -> TextTable:
+    """Return a row for each thread, with a column for each tariff."""
+    width = len(tariffs)
+    cells = []
+    for first in range(0, len(rows), width):
+        of_thread = rows[first : first + width]
+        costs = (dollars(row["cost"]) if row["usd"] else short(row["cost"]) for row in of_thread)
+        facts = of_thread[0]["thread"], f"{of_thread[0]['prompts']:,}", short(of_thread[0]["tokens"])
+        cells.append((*facts, *costs))
+    names = columns("thread", "prompts", "tokens", *(tariff.label for tariff in tariffs))
+    return TextTable("what the prompts of a thread cost", names, tuple(cells), COST_NOTES)

@@ -1,0 +1,159 @@
+"""The threads of context managers on the replay page: each is shown as an episode is, prompt by prompt, without a game.
+
+The page holds every message once, as it was sent and in words, and for each prompt which of them it showed, and what
+became of every unit of the conversation: a reply with its results, or one other message.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import SENSELESS, InvalidArgumentError
+from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.threads import threads_table
+from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text
+from smartplay_tools.evaluation.run_folder.folder import read_each
+from smartplay_tools.manager.forms import FORMS, Content, MessageForm
+from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, ranges, read_thread
+from smartplay_tools.records.threads import thread_row
+
+PARTS = {"tools": "tools and schema", "head": "head", "pinned": "pinned", "turns": "run of units"}
+"""The parts of a prompt and their names, in the order in which they are drawn."""
+
+STATES = (("masked", "marked"), ("trimmed", "cut"), ("elided", "cut"), ("cut", "cut"))
+"""What became of a message, and how a unit with such a message is drawn; the first that holds."""
+
+UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that are not seen, or that turn the direction of others around."""
+
+
+def shown_threads(files: Sequence[Path]) -> tuple[list[ShownEpisode], TextTable]:
+    """Return threads in the form that a page needs, and their table."""
+    threads = read_each(files, read_thread)
+    rows = [thread_row(thread) for thread in threads]
+    read = zip(threads, rows, strict=True)
+    shown = [ShownEpisode(_facts(row), json_text(thread_data(thread, row)), None) for thread, row in read]
+    return shown, threads_table(rows)
+
+
+def _facts(row: Mapping[str, Any]) -> dict[str, Any]:
+    """What the lists of a page say of a thread."""
+    name, status = row["thread"], "over" if row["over"] else "finished"
+    return {"key": name, "game": name, "run": "", "player": None, "seed": "", "status": status, "family": None}
+
+
+def thread_data(thread: RecordedThread, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a thread in the form that the page's script reads."""
+    form = FORMS[thread.prompts[-1].facts["form"] if thread.prompts else "chat"]
+    budget = {name: thread.settings.get(name) for name in ("history", "slack", "newest_pictures")}
+    return {
+        **_facts(row),
+        "protocol": "thread",
+        "figures": row,
+        "settings": dict(thread.settings),
+        "budget": {**budget, "prompt_tokens": row["cap"]},
+        "parts": [_words(form, part) for part in thread.parts],
+        "tools": [],
+        "turns": [*_turns(thread)],
+        "departures": None,
+        "drawing": {},
+        "notes": [],
+        "check": {"prompts": len(thread.prompts), "differ": list(thread.differing)},
+    }
+
+
+def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
+    """Yield the prompts, each as the turn to which it led; units that the prompt before has, too, are not repeated."""
+    before: list[list[int]] = []
+    for prompt in thread.prompts:
+        facts = prompt.facts
+        head, units = _units(prompt, str(thread.settings.get("head")))
+        numbers = [[prompt.given_parts[at] for at in unit] for unit in units]
+        differs = [one != other for one, other in zip(numbers, before, strict=False)]
+        same = differs.index(True) if True in differs else len(differs)
+        view = {name: facts[name] for name in ("tokens", "prefix_tokens", "cap")}  # type: ignore[literal-required]
+        view |= {"parts": [facts["parts"].get(name, 0) for name in PARTS], "reported": prompt.reported}
+        view |= {"shown": ranges(prompt.sent_parts), "states": _runs(_states(prompt, units)), "head": head}
+        view |= {"same": same, "added": numbers[same:], "repaired": len(prompt.changed("repaired")) + facts["made"]}
+        beside = [f"{name}: {_seen(json_text(value))}" for name, value in prompt.beside.items()]
+        yield {"view": view, "items": [], "beside": beside}
+        before = numbers
+
+
+def _units(prompt: RecordedPrompt, head: str) -> tuple[int, list[list[int]]]:
+    """The number of messages in the head, and the messages of each unit after it, by their positions."""
+    form, units = FORMS[prompt.facts["form"]], []
+    begin, before, replies = len(prompt.given), None, False
+    for at, message in enumerate(prompt.given):
+        kind = _kind(form, message)
+        is_system = kind == "word" and message.get("role") in ("system", "developer")
+        if not units and kind != "reply" and (is_system or (head != "system" and kind == "word")):
+            continue
+        begin = min(begin, at)
+        goes_on = kind == "reply" and before == "reply" and form.name == "responses"
+        if units and replies and (kind == "result" or goes_on):
+            units[-1].append(at)
+        else:
+            units.append([at])
+        replies, before = kind == "reply" or (replies and kind == "result"), kind
+    return begin, units
+
+
+def _kind(form: MessageForm, message: Mapping[str, Any]) -> str:
+    try:
+        return str(form.kind(message))
+    except (InvalidArgumentError, *SENSELESS):
+        return "word"
+
+
+def _states(prompt: RecordedPrompt, units: Sequence[Sequence[int]]) -> list[str]:
+    """What became of each unit."""
+    gone = {*prompt.changed("dropped")}
+    changed = [({*prompt.changed(change)}, state) for change, state in STATES]
+    states = []
+    for unit in units:
+        if gone.issuperset(unit):
+            states.append("dropped")
+        else:
+            states.append(next((state for numbers, state in changed if not numbers.isdisjoint(unit)), "seen"))
+    return states
+
+
+def _runs(states: Sequence[str]) -> list[list[Any]]:
+    """Equal neighbours, as state and number."""
+    found: list[list[Any]] = []
+    for state in states:
+        if found and found[-1][0] == state:
+            found[-1][1] += 1
+        else:
+            found.append([state, 1])
+    return found
+
+
+def _words(form: MessageForm, message: Any) -> dict[str, Any]:
+    """A message in words, and as it was sent."""
+    try:
+        said = [*form.said(message)]
+        texts = [text for each in said for text in _texts(each.content)]
+        calls = [(_seen(name), _seen(arguments)) for each in said for name, arguments in each.calls]
+        words = {"role": _seen(said[0].role), "name": _seen(said[0].name), "content": _seen("\n".join(texts))}
+    except (InvalidArgumentError, *SENSELESS):  # what stands beside the messages, or comes from a stranger
+        return {"role": "part", "content": "", "sent": message}
+    called = [{"function": {"name": name, "arguments": arguments}} for name, arguments in calls]
+    return {**words, "tool_calls": called, "sent": message}
+
+
+def _texts(content: Content) -> Iterator[str]:
+    """The text of a content, and the types of its other parts."""
+    if content.text:
+        yield content.text
+    for part in (*content.pictures, *content.closed):
+        yield f"[{part.get('type')}]"
+
+
+def _seen(text: str) -> str:
+    """A text in which characters that are not seen are written as escapes."""
+    return UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
