@@ -19,10 +19,10 @@ __all__ = ["print_thread_costs", "print_threads", "replayed_threads", "thread_fi
 
 def print_threads(files: Sequence[Path], form: Format) -> None:
     """Print a row for each thread."""
-    from smartplay_tools.evaluation.analysis.threads import threads_table
+    from smartplay_tools.evaluation.analysis.threads import threads_tables
 
     rows = [thread_row(thread) for thread in read_each(files, read_thread)]
-    print_tables(form, [threads_table(rows)], rows, rows)
+    print_tables(form, threads_tables(rows), rows, rows)
 
 
 def print_thread_costs(files: Sequence[Path], tariffs: Sequence[Tariff], form: Format) -> None:

@@ -101,7 +101,8 @@ class RecordedPrompt:
 
     def changed(self, change: str) -> list[int]:
         """Return the numbers of the messages that were `dropped`, `masked` and so on, in what was given."""
-        return [*numbers_in(self.facts.get(change, []))]  # type: ignore[call-overload, no-any-return]  # one of CHANGES
+        found: Any = self.facts.get(change)
+        return [*numbers_in(found or ())]
 
     @property
     def is_over(self) -> bool:
@@ -304,22 +305,23 @@ def read_thread(path: str | Path) -> RecordedThread:
 def _prompt(event: Any, parts: Sequence[Any], number: int) -> RecordedPrompt:
     """A prompt out of its event and the parts before it; a `ValueError` if these do not belong together."""
     facts = _PROMPT.validate_python({name: value for name, value in event.items() if name != "chain"})
-    given, sent = ([*numbers_in(facts[name])] for name in ("given", "shown"))  # type: ignore[literal-required]
+    given, sent = _numbers(facts["given"], len(parts)), _numbers(facts["shown"], len(parts))
     messages = [parts[each] for each in (*given, *sent)]
-    found = RecordedPrompt(
-        number,
-        messages[len(given) :],
-        sent,
-        {name: parts[at] for name, at in facts["beside"].items()},
-        messages[: len(given)],
-        given,
-        facts,
-    )
-    changed = (found.changed(name) for name in CHANGES)
-    are_ordered = all(one < other < len(given) for each in changed for one, other in pairwise([-1, *each]))
-    if not all(isinstance(each, Mapping) for each in messages) or len(sent) != len(facts["costs"]) or not are_ordered:
+    for change in CHANGES:
+        found = _numbers(facts.get(change), len(given))
+        if any(one >= other for one, other in pairwise(found)):
+            raise ValueError(f"the numbers of the messages {change} have no order")
+    if not all(isinstance(each, Mapping) for each in messages) or len(sent) != len(facts["costs"]):
         raise ValueError("the numbers of a prompt are not those of its messages")
-    return found
+    beside = {name: parts[at] for name, at in facts["beside"].items()}
+    return RecordedPrompt(number, messages[len(given) :], sent, beside, messages[: len(given)], given, facts)
+
+
+def _numbers(found: Any, count: int) -> list[int]:
+    """The numbers of ranges, all of which are less than a count; none without ranges."""
+    if any(first > last or last >= count for first, last in found or ()):
+        raise ValueError("the numbers of a prompt are not those of its messages")
+    return [*numbers_in(found or ())]
 
 
 def numbers_in(found: Iterable[Sequence[int]]) -> Iterator[int]:

@@ -13,8 +13,9 @@ from smartplay_tools.manager.record import RecordedThread
 from smartplay_tools.records.threads import thread_requests, thread_row
 from smartplay_tools.types.quantities import short
 
-NOTES = (
-    "dropped, masked, cut, repaired: prompts in which this became of a message; refused: prompts that did not fit",
+NOTES = ("refused: prompts that did not fit; dropped: prompts without some of the messages",)
+COUNT_NOTES = (
+    "masked, cut, repaired: prompts in which this became of a message",
     "over: prompts over their cap by the provider's count, of those that it has counted; theirs: its tokens to ours",
     "above: the most that it counted above ours in one prompt; a cap that is lower by so much holds by its count, too",
 )
@@ -24,26 +25,46 @@ COST_NOTES = (
 )
 
 
-def threads_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
-    """Return a row for each thread."""
-    headings = ("prompts", "tokens", "largest", "cap", "prefix", "refused")
-    changes = ("dropped", "masked", "cut", "repaired")
-    cells = [
+def threads_tables(rows: Sequence[Mapping[str, Any]]) -> tuple[TextTable, TextTable]:
+    """Return what each thread's prompts were, and what became of messages, with the provider's count beside ours."""
+    prompts = [
         (
             row["thread"],
             f"{row['prompts']:,}",
             short(row["tokens"]),
-            *(NOTHING if row[name] is None else f"{row[name]:,}" for name in ("largest", "cap")),
+            *(_figure(row[name]) for name in ("largest", "cap")),
             percent(row["prefix_tokens"] / row["tokens"] if row["tokens"] else None),
-            *(f"{row[name]:,}" for name in ("refusals", *changes)),
-            f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING,
-            NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}",
-            NOTHING if row["most_above"] is None else f"{row['most_above']:,}",
+            *(_figure(row[name]) for name in ("refusals", "dropped")),
         )
         for row in rows
     ]
-    names = columns("thread", *headings, *changes, "over", "theirs", "above")
-    return TextTable("threads", names, tuple(cells), NOTES)
+    counts = [
+        (
+            row["thread"],
+            *(_figure(row[name]) for name in ("masked", "cut", "repaired")),
+            f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING,
+            NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}",
+            _figure(row["most_above"]),
+        )
+        for row in rows
+    ]
+    names = columns("thread", "prompts", "tokens", "largest", "cap", "prefix", "refused", "dropped")
+    more = columns("thread", "masked", "cut", "repaired", "over", "theirs", "above")
+    return (
+        TextTable("threads", names, tuple(prompts), NOTES),
+        TextTable("messages, and the provider's count", more, tuple(counts), COUNT_NOTES),
+    )
+
+
+def threads_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return both in one table, for a page."""
+    first, second = threads_tables(rows)
+    cells = (one + other[1:] for one, other in zip(first.rows, second.rows, strict=True))
+    return TextTable("threads", first.columns + second.columns[1:], tuple(cells), first.notes + second.notes)
+
+
+def _figure(count: int | None) -> str:
+    return NOTHING if count is None else f"{count:,}"
 
 
 def thread_costs(threads: Sequence[RecordedThread], tariffs: Sequence[Tariff]) -> Iterator[dict[str, Any]]:

@@ -21,6 +21,7 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.types import Budget
 from smartplay_tools.types.quantities import duration, short
 from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, figures, live_figures
+from smartplay_tools.web.site.site_threads import THREADS
 
 KEY = "0" * 16
 """The key in addresses: a record by itself has no plan that gives it another."""
@@ -195,6 +196,8 @@ def _figures(run: dict[str, Any]) -> str:
     """The figures of a run that is being played, in words: tokens and money against its caps, and the time left."""
     if "error" in run:
         return "being played"
+    if run["games"] == [THREADS]:
+        return f"live, {short(run['tokens'])} tokens in {run['planned']} threads"
     caps = run["caps"] or {}
     cap_tokens, cap_cost = caps.get("tokens"), caps.get("cost")
     words = ["being played", f"run: {run['finished']} of {run['planned']} episodes"]

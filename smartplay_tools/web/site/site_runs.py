@@ -23,8 +23,10 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, notes_in, re
 from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Timing, read_row
+from smartplay_tools.records.threads import thread_files
 from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.web.site.site_threads import SiteThreads
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
@@ -280,7 +282,7 @@ class RunList:
         for folder in map(Path, folders):
             if not folder.is_dir():
                 raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
-        self._shown: dict[Path, SiteRun] = {}
+        self._shown: dict[Path, SiteRun | SiteThreads] = {}
         self._listed: list[ViewedRun] = []
         self._looked = float("-inf")
         self._lock = threading.Lock()
@@ -302,7 +304,7 @@ class RunList:
             self._looked = float("-inf")
         return None
 
-    def _look(self) -> list[SiteRun]:
+    def _look(self) -> list[SiteRun | SiteThreads]:
         hidden = {run.path.resolve() for run in self._always}
         names: dict[Path, str] = {}
         for folder in self._folders:
@@ -314,17 +316,24 @@ class RunList:
                     names[where] = path.as_posix().lstrip("/") if taken else name
         kept = {where: self._shown.get(where) for where in names}
         self._shown = {
-            where: run if run is not None and run.name == names[where] else SiteRun(where, names[where])
+            where: run if run is not None and run.name == names[where] else _run(where, names[where])
             for where, run in kept.items()
         }
         return sorted(self._shown.values(), key=lambda run: run.written_at, reverse=True)
 
 
+def _run(folder: Path, name: str) -> SiteRun | SiteThreads:
+    return SiteRun(folder, name) if (folder / "manifest.json").is_file() else SiteThreads(folder, name)
+
+
 def _runs_in(folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the folders of runs at and below a folder, in the order of their names; a run holds no other runs."""
+    """Yield the folders of runs and threads at and below a folder, by their names; a run holds no others."""
     if (folder / "manifest.json").is_file():
         yield folder
-    elif depth:
+        return
+    if thread_files([folder]):
+        yield folder
+    if depth:
         try:
             with os.scandir(folder) as entries:
                 below = sorted(entry.name for entry in entries if entry.is_dir())

@@ -48,13 +48,13 @@ def _facts(row: Mapping[str, Any]) -> dict[str, Any]:
 def thread_data(thread: RecordedThread, row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a thread in the form that the page's script reads."""
     form = FORMS[thread.prompts[-1].facts["form"] if thread.prompts else "chat"]
-    budget = {name: thread.settings.get(name) for name in ("history", "slack", "newest_pictures")}
     return {
         **_facts(row),
         "protocol": "thread",
         "figures": row,
         "settings": dict(thread.settings),
-        "budget": {**budget, "prompt_tokens": row["cap"]},
+        "budget": {"prompt_tokens": row["cap"]},
+        "refusals": [dict(parts) for parts in thread.refusals],
         "parts": [_words(form, part) for part in thread.parts],
         "tools": [],
         "turns": [*_turns(thread)],
@@ -74,10 +74,20 @@ def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
         numbers = [[prompt.given_parts[at] for at in unit] for unit in units]
         differs = [one != other for one, other in zip(numbers, before, strict=False)]
         same = differs.index(True) if True in differs else len(differs)
-        view = {name: facts[name] for name in ("tokens", "prefix_tokens", "cap")}  # type: ignore[literal-required]
-        view |= {"parts": [facts["parts"].get(name, 0) for name in PARTS], "reported": prompt.reported}
-        view |= {"shown": ranges(prompt.sent_parts), "states": _runs(_states(prompt, units)), "head": head}
-        view |= {"same": same, "added": numbers[same:], "repaired": len(prompt.changed("repaired")) + facts["made"]}
+        counts: Any = facts["parts"]
+        view = {
+            "tokens": facts["tokens"],
+            "prefix_tokens": facts["prefix_tokens"],
+            "cap": facts["cap"],
+            "parts": [counts.get(name, 0) for name in PARTS],
+            "reported": prompt.reported,
+            "shown": ranges(prompt.sent_parts),
+            "states": _runs(_states(prompt, units)),
+            "head": head,
+            "same": same,
+            "added": numbers[same:],
+            "repaired": len(prompt.changed("repaired")) + facts["made"],
+        }
         beside = [f"{name}: {_seen(json_text(value))}" for name, value in prompt.beside.items()]
         yield {"view": view, "items": [], "beside": beside}
         before = numbers
@@ -85,7 +95,7 @@ def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
 
 def _units(prompt: RecordedPrompt, head: str) -> tuple[int, list[list[int]]]:
     """The number of messages in the head, and the messages of each unit after it, by their positions."""
-    form, units = FORMS[prompt.facts["form"]], []
+    form, units = FORMS[prompt.facts["form"]], list[list[int]]()
     begin, before, replies = len(prompt.given), None, False
     for at, message in enumerate(prompt.given):
         kind = _kind(form, message)

@@ -105,7 +105,7 @@ function showPlaying() {
     const href = `/episode/${encoded(`${one.run}/${one.record}`)}`;
     const known = document.querySelector(`#playing a[href="${CSS.escape(href)}"]`);
     const link = known ?? element("a", { href });
-    link.textContent = `${one.game || one.key}, ${one.player}, seed ${one.seed}`;
+    link.textContent = `${one.game || one.key}, ${one.player}${one.seed === null ? "" : `, seed ${one.seed}`}`;
     const cells = [one.steps, one.calls, number(one.tokens), `${one.silent} s`];
     const row = known?.closest("tr") ?? element("tr", {}, element("td", {}, link));
     while (row.children.length > 1) row.lastChild.remove();

@@ -45,7 +45,7 @@ function reportedWords({ reported, tokens, cap }) {
 }
 
 function describeThread(episode) {
-  const { figures, settings, check } = episode;
+  const { figures, settings, check, refusals } = episode;
   const counted = figures.counted ? `${number(figures.over)} of ${number(figures.counted)}` : "nothing reported";
   const most = figures.most_above === null ? [] : [["most above our count", number(figures.most_above)], ["its tokens to ours", number(figures.ratio, 3)]];
   return {
@@ -60,6 +60,7 @@ function describeThread(episode) {
     ],
     facts: {
       ...Object.fromEntries(Object.entries(settings).map(([name, value]) => [name.replaceAll("_", " "), JSON.stringify(value)])),
+      ...(refusals.length ? { refused: refusals.map((parts) => Object.entries(parts).map((pair) => pair.join(" ")).join(", ")).join("; ") } : {}),
       prompts: check.differ.length
         ? `prompts ${check.differ.join(", ")} are NOT what the record's sha256 says`
         : `all ${plural(check.prompts, "prompt")} rebuilt and found to have the record's sha256`,

@@ -64,7 +64,7 @@ function sentence(episode, number) {
 // How full the prompt was: what stood unchanged since the prompt before, what was new, what was left free.
 function gauge(episode, number) {
   const view = episode.turns[number].view;
-  const cap = episode.budget.prompt_tokens;
+  const cap = view.states ? view.cap : episode.budget.prompt_tokens;
   const [most, tokens] = [cap ?? episode.mostTokens, (count) => count.toLocaleString("en")];
   const full =
     cap === null

@@ -1,0 +1,139 @@
+"""What the site shows of a folder with records of a context manager: a run whose episodes are threads."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
+from smartplay_tools.manager.record import read_thread
+from smartplay_tools.records.threads import thread_files, thread_row
+
+THREADS = "threads"
+"""The kind of a record in an address, and what stands in the place of a run's games."""
+
+LIVE = 600.0
+"""Seconds after its last prompt in which a thread counts as going on: nothing in a record says that it has ended."""
+
+
+class SiteThreads:
+    """A folder of threads."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.path, self.name = path, name
+        self._rows: dict[Path, tuple[Any, dict[str, Any]]] = {}
+        self._lock = threading.Lock()
+
+    def _read(self) -> dict[Path, dict[str, Any]]:
+        """The figures of each thread; a file is read again where it has grown, and one that cannot be read is named."""
+        with self._lock:
+            files = thread_files([self.path])
+            for file in files:
+                stamp = _stamp(file)
+                if file not in self._rows or self._rows[file][0] != stamp:
+                    try:
+                        row = thread_row(read_thread(file))
+                    except SmartPlayError as error:
+                        row = {"thread": file.stem, "error": str(error)}
+                    self._rows[file] = stamp, row
+            return {file: self._rows[file][1] for file in files}
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts."""
+        rows = self._read()
+        live = sum(self.is_playing(file) for file in rows)
+        return {
+            "name": self.name,
+            "planned": len(rows),
+            "finished": len(rows) - live,
+            "running": live,
+            "paused": 0,
+            "failed": sum("error" in row for row in rows.values()),
+            "tokens": sum(row.get("tokens", 0) for row in rows.values()),
+            "cost": None,
+            "seconds_left": None,
+            "caps": {},
+            "players": ["context manager"],
+            "games": [THREADS],
+            "score": None,
+            "seconds": 0.0,
+            "written_at": self.written_at,
+        }
+
+    @property
+    def written_at(self) -> float:
+        """When a thread was written last, in seconds since the epoch."""
+        return max((_stamp(file)[0] for file in thread_files([self.path])), default=0.0)
+
+    def episodes(self) -> list[list[Any]]:
+        """Return every thread as an array (`COLUMNS`)."""
+        return [self._row(file, row) for file, row in self._read().items()]
+
+    def _row(self, file: Path, row: dict[str, Any]) -> list[Any]:
+        record, date = f"{THREADS}/{file.stem}", round(_stamp(file)[0])
+        if error := row.get("error"):
+            return [
+                record,
+                "failed",
+                file.stem,
+                "context manager",
+                "",
+                None,
+                None,
+                *[None] * 8,
+                error,
+                None,
+                None,
+                date,
+            ]
+        status = "running" if self.is_playing(file) else "finished"
+        cap = "no cap" if row["cap"] is None else f"at most {row['cap']:,} tokens"
+        over = f"{row['over']} prompts over by the provider's count" if row["over"] else ""
+        figures = [None, None, row["prompts"], row["tokens"], None, row["refusals"], row["cut"], None, over]
+        return [record, status, file.stem, "context manager", cap, None, None, *figures, None, None, date]
+
+    def playing(self) -> list[dict[str, Any]]:
+        """Return the threads that go on, with their figures."""
+        return [
+            {
+                "key": file.stem,
+                "game": file.stem,
+                "player": "context manager",
+                "seed": None,
+                "steps": row["prompts"],
+                "calls": row["prompts"],
+                "tokens": row["tokens"],
+                "cost": None,
+                "silent": round(time.time() - _stamp(file)[0]),
+                "record": f"{THREADS}/{file.stem}",
+            }
+            for file, row in self._read().items()
+            if "error" not in row and self.is_playing(file)
+        ]
+
+    def record(self, name: str) -> Path:
+        """Return the file of a thread, of those that the folder has now."""
+        kind, _, stem = name.partition("/")
+        for file in thread_files([self.path]) if kind == THREADS else ():
+            if file.stem == stem:
+                return file
+        raise InvalidArgumentError("There is no such record.")
+
+    def is_playing(self, record: Path) -> bool:
+        """Return whether a thread goes on."""
+        return time.time() - _stamp(record)[0] < LIVE
+
+    def version(self) -> Any:
+        """Return something that changes when the list, or the report, does."""
+        return [(file.name, _stamp(file)) for file in thread_files([self.path])]
+
+
+def _stamp(file: Path) -> tuple[float, int]:
+    """When a file was written last, and its size; it may have gone."""
+    try:
+        stat = file.stat()
+    except OSError:
+        return 0.0, 0
+    return stat.st_mtime, stat.st_size
