@@ -128,11 +128,19 @@ class RecordedThread:
     """For each prompt that did not fit, its tokens by part."""
     parts: Sequence[Any] = ()
     """Messages, and what stood beside them, by their numbers."""
+    digests: Sequence[str] = ()
+    """The sha256 of each of these, as it is recorded."""
 
     @cached_property
     def differing(self) -> Sequence[int]:
-        """The numbers of the prompts that, rebuilt, are not what their digests say."""
-        return [prompt.number for prompt in self.prompts if prompt.sha256 != prompt.facts["sha256"]]
+        """The numbers of the prompts that, or whose conversations, rebuilt are not what their digests say."""
+        pairs = enumerate(zip(self.parts, self.digests, strict=True))
+        changed = {number for number, (part, recorded) in pairs if _sha256(part) != recorded}
+        return [
+            prompt.number
+            for prompt in self.prompts
+            if prompt.sha256 != prompt.facts["sha256"] or not changed.isdisjoint(prompt.given_parts)
+        ]
 
 
 @dataclass
@@ -223,7 +231,7 @@ class ThreadRecord:
         self._write({"kind": "usage", "prompt": number, "tokens": tokens})
 
     def _part(self, value: Any, events: list[dict[str, Any]]) -> int:
-        sha256 = hashlib.sha256(canonical_json(value)).hexdigest()
+        sha256 = _sha256(value)
         if sha256 not in self._numbers:
             self._numbers[sha256] = len(self._numbers)
             events.append({"kind": "part", "number": self._numbers[sha256], "sha256": sha256, "part": value})
@@ -244,7 +252,11 @@ class ThreadRecord:
 def digest(messages: Sequence[Mapping[str, Any]], beside: Mapping[str, Any]) -> str:
     """Return the sha256 of a prompt: its messages and what is beside them, in canonical JSON, as hex."""
     sent = {"messages": list(messages), **{name: value for name, value in beside.items() if value}}
-    return hashlib.sha256(canonical_json(sent)).hexdigest()
+    return _sha256(sent)
+
+
+def _sha256(value: Any) -> str:
+    return hashlib.sha256(canonical_json(value)).hexdigest()
 
 
 def ranges(numbers: Sequence[int]) -> list[list[int]]:
@@ -275,6 +287,7 @@ def read_thread(path: str | Path) -> RecordedThread:
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
     parts: list[Any] = []
+    digests: list[str] = []
     prompts: list[RecordedPrompt] = []
     refusals: list[Mapping[str, int]] = []
     settings: Mapping[str, Any] = {}
@@ -285,6 +298,7 @@ def read_thread(path: str | Path) -> RecordedThread:
                     settings = dict(event["settings"])
                 case "part" if event["number"] == len(parts):
                     parts.append(event["part"])
+                    digests.append(event["sha256"])
                 case "prompt":
                     prompts.append(_prompt(event, parts, len(prompts)))
                 case "usage":
@@ -299,7 +313,7 @@ def read_thread(path: str | Path) -> RecordedThread:
         raise TranscriptError(f"{path} is not the record of a context manager: {in_one_line(error)}.") from None
     if not settings:
         raise TranscriptError(f"{path} has no event of a context manager.")
-    return RecordedThread(path, settings, prompts, refusals, parts)
+    return RecordedThread(path, settings, prompts, refusals, parts, digests)
 
 
 def _prompt(event: Any, parts: Sequence[Any], number: int) -> RecordedPrompt:
