@@ -41,6 +41,7 @@ __all__ = [
     "PromptRefusedError",
     "ResetNeededError",
     "SmartPlayError",
+    "SmartPlayWarning",
     "StrategyError",
     "TranscriptError",
     "UnknownNameError",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.progress import track
 
 from smartplay_tools.cli import options
@@ -78,9 +77,9 @@ def _replay_threads(path: Path, files: Sequence[Path], *, as_json: bool) -> int:
     identical, differences = replayed_threads(path, files, as_json=as_json)
     if not as_json:
         for sentence in identical:
-            _say(f"[green]identical[/]: {escape(sentence)}")
+            _say("identical", "green", f": {sentence}")
         for difference in differences[:SHOWN_DIFFERENCES]:
-            _say(f"[red]differs[/]: {escape(difference)}", stderr=True)
+            _say("differs", "red", f": {difference}", stderr=True)
     return DIFFERS if differences else 0
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from smartplay_tools.cli.formats import print_tables
 from smartplay_tools.cli.options import Format
+from smartplay_tools.cli.show import print_json
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.costs.tariffs import Tariff
 from smartplay_tools.evaluation.run_folder.folder import read_each
@@ -48,6 +48,6 @@ def replayed_threads(path: Path, files: Sequence[Path], *, as_json: bool) -> tup
         differences += faults
         found.append({"thread": file.stem, "identical": not faults, "differences": faults})
     if as_json:
-        print(json.dumps(found, indent=2))
+        print_json(found)
     of = f" of {len(files)} threads" if len(files) > 1 else ""
     return ([] if differences else [f"{count} prompts{of} of {path}"]), differences
