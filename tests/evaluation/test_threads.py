@@ -166,7 +166,7 @@ def test_characters_that_are_not_seen_are_written_as_escapes(tmp_path: Path):
         manager.fit([{"role": "user", "content": text}], thread="strange")
     thread = read_thread(tmp_path / "more" / "strange.jsonl")
     words = [part["content"] for part in thread_data(thread, thread_row(thread))["parts"]]
-    assert words == [r"\u001b[2J", r"a\u202eb", r"\u009b", r"\u000d"]
+    assert words == [r"\x1b[2J", r"a\u202eb", r"\x9b", r"\x0d"]
 
 
 @pytest.mark.slow

@@ -14,6 +14,9 @@ from smartplay_tools.records.threads import thread_files, thread_row
 THREADS = "threads"
 """The kind of a record in an address, and what stands in the place of a run's games."""
 
+MANAGER = "context manager"
+"""What stands in the place of a player."""
+
 LIVE = 600.0
 """Seconds after its last prompt in which a thread counts as going on: nothing in a record says that it has ended."""
 
@@ -44,23 +47,11 @@ class SiteThreads:
         """Return the counts."""
         rows = self._read()
         live = sum(self.is_playing(file) for file in rows)
-        return {
-            "name": self.name,
-            "planned": len(rows),
-            "finished": len(rows) - live,
-            "running": live,
-            "paused": 0,
-            "failed": sum("error" in row for row in rows.values()),
-            "tokens": sum(row.get("tokens", 0) for row in rows.values()),
-            "cost": None,
-            "seconds_left": None,
-            "caps": {},
-            "players": ["context manager"],
-            "games": [THREADS],
-            "score": None,
-            "seconds": 0.0,
-            "written_at": self.written_at,
-        }
+        counts = {"planned": len(rows), "finished": len(rows) - live, "running": live, "paused": 0}
+        failed = sum("error" in row for row in rows.values())
+        spent = {"tokens": sum(row.get("tokens", 0) for row in rows.values()), "cost": None, "seconds": 0.0}
+        facts = {"players": [MANAGER], "games": [THREADS], "score": None, "written_at": self.written_at}
+        return {"name": self.name, **counts, "failed": failed, **spent, "seconds_left": None, "caps": {}, **facts}
 
     @property
     def written_at(self) -> float:
@@ -78,7 +69,7 @@ class SiteThreads:
                 record,
                 "failed",
                 file.stem,
-                "context manager",
+                MANAGER,
                 "",
                 None,
                 None,
@@ -92,25 +83,16 @@ class SiteThreads:
         cap = "no cap" if row["cap"] is None else f"at most {row['cap']:,} tokens"
         over = f"{row['over']} prompts over by the provider's count" if row["over"] else ""
         figures = [None, None, row["prompts"], row["tokens"], None, row["refusals"], row["cut"], None, over]
-        return [record, status, file.stem, "context manager", cap, None, None, *figures, None, None, date]
+        return [record, status, file.stem, MANAGER, cap, None, None, *figures, None, None, date]
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the threads that go on, with their figures."""
+        live = [(file, row) for file, row in self._read().items() if "error" not in row and self.is_playing(file)]
+        names = [{"key": file.stem, "game": file.stem, "record": f"{THREADS}/{file.stem}"} for file, _ in live]
         return [
-            {
-                "key": file.stem,
-                "game": file.stem,
-                "player": "context manager",
-                "seed": None,
-                "steps": row["prompts"],
-                "calls": row["prompts"],
-                "tokens": row["tokens"],
-                "cost": None,
-                "silent": round(time.time() - _stamp(file)[0]),
-                "record": f"{THREADS}/{file.stem}",
-            }
-            for file, row in self._read().items()
-            if "error" not in row and self.is_playing(file)
+            {**name, "player": MANAGER, "seed": None, "cost": None, "silent": round(time.time() - _stamp(file)[0])}
+            | {"steps": row["prompts"], "calls": row["prompts"], "tokens": row["tokens"]}
+            for name, (file, row) in zip(names, live, strict=True)
         ]
 
     def record(self, name: str) -> Path:

@@ -6,7 +6,6 @@ became of every unit of the conversation: a reply with its results, or one other
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,15 +18,13 @@ from smartplay_tools.evaluation.run_folder.folder import read_each
 from smartplay_tools.manager.forms import FORMS, Content, MessageForm
 from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, ranges, read_thread
 from smartplay_tools.records.threads import thread_row
+from smartplay_tools.visible import visible
 
 PARTS = {"tools": "tools and schema", "head": "head", "pinned": "pinned", "turns": "run of units"}
 """The parts of a prompt and their names, in the order in which they are drawn."""
 
 STATES = (("masked", "marked"), ("trimmed", "cut"), ("elided", "cut"), ("cut", "cut"))
 """What became of a message, and how a unit with such a message is drawn; the first that holds."""
-
-UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Characters that are not seen, or that turn the direction of others around."""
 
 
 def shown_threads(files: Sequence[Path]) -> tuple[list[ShownEpisode], TextTable]:
@@ -88,7 +85,7 @@ def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
             "added": numbers[same:],
             "repaired": len(prompt.changed("repaired")) + facts["made"],
         }
-        beside = [f"{name}: {_seen(json_text(value))}" for name, value in prompt.beside.items()]
+        beside = [f"{name}: {visible(json_text(value))}" for name, value in prompt.beside.items()]
         yield {"view": view, "items": [], "beside": beside}
         before = numbers
 
@@ -148,8 +145,8 @@ def _words(form: MessageForm, message: Any) -> dict[str, Any]:
     try:
         said = [*form.said(message)]
         texts = [text for each in said for text in _texts(each.content)]
-        calls = [(_seen(name), _seen(arguments)) for each in said for name, arguments in each.calls]
-        words = {"role": _seen(said[0].role), "name": _seen(said[0].name), "content": _seen("\n".join(texts))}
+        calls = [(visible(name), visible(arguments)) for each in said for name, arguments in each.calls]
+        words = {"role": visible(said[0].role), "name": visible(said[0].name), "content": visible("\n".join(texts))}
     except (InvalidArgumentError, *SENSELESS):  # what stands beside the messages, or comes from a stranger
         return {"role": "part", "content": "", "sent": message}
     called = [{"function": {"name": name, "arguments": arguments}} for name, arguments in calls]
@@ -162,8 +159,3 @@ def _texts(content: Content) -> Iterator[str]:
         yield content.text
     for part in (*content.pictures, *content.closed):
         yield f"[{part.get('type')}]"
-
-
-def _seen(text: str) -> str:
-    """A text in which characters that are not seen are written as escapes."""
-    return UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)

@@ -17,11 +17,12 @@ function openThread(episode) {
 
 // The messages of a prompt; those that were not given so are tagged.
 function threadParts(episode, { beside, view }) {
-  const given = new Set(view.units.flat());
-  const head = new Set(view.shown.slice(0, view.head));
-  const sent = view.shown.map((at) => ({ message: episode.parts[at], what: given.has(at) || head.has(at) ? undefined : "shortened" }));
+  const given = new Set([...view.units.flat(), ...view.shown.slice(0, view.head)]);
+  const sent = view.shown.map((at) => ({ message: episode.parts[at], what: given.has(at) ? undefined : "shortened" }));
   return [...beside.map((content) => ({ message: { role: "beside the messages", content } })), ...sent];
 }
+
+const UNIT_STATES = { seen: "in this prompt in full", marked: "in this prompt with a line in place of results that left the history", cut: "in this prompt, shortened", dropped: "not in this prompt: it did not fit, or left the history" };
 
 function threadSentence(episode, { states, repaired }) {
   const words = { seen: "showed", marked: "masked the results of", cut: "shortened", dropped: "left out" };
@@ -38,8 +39,7 @@ const isOver = ({ view }) => view?.reported > view?.cap && view.cap !== null;
 // The provider's count beside ours.
 function reportedWords({ reported, tokens, cap }) {
   if (reported === null) return "The provider's count of this prompt is not on record.";
-  const above = reported - tokens;
-  const far = above === 0 ? "as here" : `${number(Math.abs(above))} ${above > 0 ? "more" : "less"} than here`;
+  const far = `${number(Math.abs(reported - tokens))} ${reported >= tokens ? "more" : "less"} than here`;
   const over = cap !== null && reported > cap ? ` It is ${number(reported - cap)} OVER THE CAP by that count.` : "";
   return `The provider counted ${plural(reported, "token")}, ${far}.${over}`;
 }

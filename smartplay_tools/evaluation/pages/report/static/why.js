@@ -1,13 +1,6 @@
 "use strict";
 // Why a turn was in a prompt or not: what it needed, what was free, what would have kept it, and what it said.
 
-const UNIT_STATES = {
-  seen: "in this prompt in full",
-  marked: "in this prompt with a line in place of its results, which are older than the history",
-  cut: "in this prompt, shortened",
-  dropped: "not in this prompt: it did not fit, or is older than the history",
-};
-
 // Ask about a turn, which a click on the band does.
 function askAbout(turn) {
   shown.asked_about = turn;
