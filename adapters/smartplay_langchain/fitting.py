@@ -16,7 +16,7 @@ from smartplay_tools.errors import extra_named
 with extra_named("ContextManagerMiddleware", "langchain"):
     from langchain.agents.middleware import AgentMiddleware, AgentState, ModelRequest, ModelResponse
     from langchain_core.language_models import BaseChatModel, LanguageModelInput
-    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, ToolMessage
+    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, ToolMessage
     from langchain_core.runnables import Runnable, RunnableConfig
     from langchain_core.tools import BaseTool
     from langchain_core.utils.function_calling import convert_to_openai_tool
@@ -95,7 +95,7 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
     async def ainvoke(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        prompt, messages = self._fitted(input)
+        prompt, messages = await self._afitted(input)
         return self._told(prompt, await self._bound.ainvoke(messages, config))
 
     def stream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> Iterator[AIMessage]:  # noqa: A002
@@ -106,7 +106,7 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
     async def astream(self, input: Any, config: RunnableConfig | None = None, **_: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        prompt, messages = self._fitted(input)
+        prompt, messages = await self._afitted(input)
         async for piece in self._bound.astream(messages, config):
             yield self._told(prompt, piece)
 
@@ -117,8 +117,12 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
         return reply
 
     def _fitted(self, messages: Sequence[BaseMessage]) -> tuple[FittedPrompt, list[BaseMessage]]:
-        chat = [as_chat(message, number) for number, message in enumerate(messages)]
-        prompt = self._manager.fit(chat, tools=self._tools, output_schema=self._schema, form="chat")
+        prompt = self._manager.fit(as_chats(messages), tools=self._tools, output_schema=self._schema, form="chat")
+        return prompt, as_given(prompt, messages)
+
+    async def _afitted(self, messages: Sequence[BaseMessage]) -> tuple[FittedPrompt, list[BaseMessage]]:
+        fitting = self._manager.afit(as_chats(messages), tools=self._tools, output_schema=self._schema, form="chat")
+        prompt = await fitting
         return prompt, as_given(prompt, messages)
 
 
@@ -127,7 +131,9 @@ def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMes
     shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
     shown: list[BaseMessage] = []
     for source, message in zip(prompt.sources, prompt.messages, strict=True):
-        if source is None:
+        if source is None and message["role"] == "user":
+            shown.append(HumanMessage(message["content"]))
+        elif source is None:
             shown.append(ToolMessage(message["content"], tool_call_id=message["tool_call_id"]))
         elif source in trimmed:
             shown.append(given[source].model_copy(update={"content": "", "additional_kwargs": {}}))
@@ -136,6 +142,11 @@ def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMes
         else:
             shown.append(given[source])
     return shown
+
+
+def as_chats(messages: Sequence[BaseMessage]) -> list[Mapping[str, Any]]:
+    """Return messages in the chat form."""
+    return [as_chat(message, number) for number, message in enumerate(messages)]
 
 
 def as_chat(message: BaseMessage, number: int) -> Mapping[str, Any]:

@@ -10,6 +10,7 @@ before is not read again; read from nothing, it is the same.
 
 from __future__ import annotations
 
+import hashlib
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import NO_RESULT, Cost, MessageCounter
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
+from smartplay_tools.transcript.hashing import canonical_json
 
 __all__ = ["Part", "Reading", "Unit"]
 
@@ -39,6 +41,14 @@ class Unit:
     parts: list[Part]
     open: list[str] = field(default_factory=list)
     """The ids of its calls that have no result yet."""
+    _digest: bytes = field(default=b"", init=False, repr=False, compare=False)
+
+    @property
+    def digest(self) -> bytes:
+        """The sha256 of its messages."""
+        if not self._digest:
+            self._digest = hashlib.sha256(canonical_json([part.message for part in self.parts])).digest()
+        return self._digest
 
 
 class Sums:
