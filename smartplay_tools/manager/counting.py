@@ -81,14 +81,26 @@ class MessageCounter:
         self._pictures, self._sealed, self._extra = pictures, sealed, extra
         self._known: dict[Any, Cost] = {}
 
-    def cost(self, message: Given, form: MessageForm, most: int | None, key: object, *, opens: bool = True) -> Cost:
-        """Return the cost of a message; `most` is the cap on a result, and `key` stands for what the message says."""
-        known = form.name, most, opens, key
+    def cost(
+        self,
+        message: Given,
+        form: MessageForm,
+        most: int | None,
+        key: object,
+        *,
+        opens: bool = True,
+        opens_calls: bool = True,
+    ) -> Cost:
+        """Return the cost of a message; `most` is the cap on a result, and `key` stands for what the message says.
+
+        `opens` says whether a reply begins with it, and `opens_calls` whether one does that has its calls alone.
+        """
+        known = form.name, most, opens, opens_calls, key
         cost = self._known.get(known)
         if cost is None:
             if len(self._known) >= REMEMBERED:
                 self._known.clear()
-            cost = self._known[known] = self._counted(message, form, most, opens)
+            cost = self._known[known] = self._counted(message, form, most, opens, opens_calls)
         return cost
 
     def tokens(self, message: Given, form: MessageForm, *, opens: bool = True) -> int:
@@ -103,14 +115,15 @@ class MessageCounter:
         """Return the text of a result, cut to a cap."""
         return self._cut(text, cap, self._counter.text, notice_of_cut)
 
-    def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool) -> Cost:
+    def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool, opens_calls: bool) -> Cost:
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
         kind = form.kind(message)
         if kind == "word":
             return Cost(tokens, is_uncertain=sealed)
         if kind == "reply":
             shorter = form.trimmed(message)
-            return Cost(tokens, trimmed=self.tokens(shorter, form, opens=opens) if shorter else 0, is_uncertain=sealed)
+            calls = self.tokens(shorter, form, opens=opens_calls) if shorter else 0
+            return Cost(tokens, trimmed=calls, is_uncertain=sealed)
         contents = form.results(message)
         given = [Content.of(content).text for content in contents]
         texts = [None if most is None or self.text(text) <= most else self.cut(text, most) for text in given]

@@ -191,11 +191,13 @@ class Reading:
             newest = max([newest, *(part.source for part in unit.parts if part.source is not None)])
             is_whole = is_whole and not unit.open
             self._complete(unit, number)
-            for part, opens in zip(unit.parts, self._openings(unit), strict=True):
+            for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
                 is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if is_given and part.source is not None else repr(part.message)
                 try:
-                    part.cost = self._counter.cost(part.message, self._form, self._most, key, opens=opens)
+                    part.cost = self._counter.cost(
+                        part.message, self._form, self._most, key, opens=opens, opens_calls=opens_calls
+                    )
                 except InvalidArgumentError as error:
                     raise InvalidArgumentError(f"Message {part.source} {error}.") from None
             self.sums.append([part.cost for part in unit.parts])
@@ -227,7 +229,12 @@ class Reading:
             source = results[0].source if results else None
             unit.parts[len(replies) :] = [Part(source, message) for message in joined]
 
-    def _openings(self, unit: Unit) -> list[bool]:
-        """Whether each message of a unit begins a chat message: items that continue a reply do not."""
+    def _openings(self, unit: Unit) -> list[tuple[bool, bool]]:
+        """Whether each message of a unit begins a chat message, and whether it does where replies are calls alone.
+
+        Items that continue a reply do not.
+        """
         kinds = [self._form.kind(part.message) for part in unit.parts]
-        return [at == 0 or kind != "reply" for at, kind in enumerate(kinds)]
+        calls = (at for at, kind in enumerate(kinds) if kind == "reply" and self._form.calls(unit.parts[at].message))
+        first = next(calls, None)
+        return [(at == 0 or kind != "reply", at == first) for at, kind in enumerate(kinds)]

@@ -36,6 +36,8 @@ def settings(rng: random.Random) -> dict[str, Any]:
         "beyond_history": "drop" if past is None else rng.choice(["drop", "mask"]),
         "head": rng.choice(["task", "task", "system"]),
         "result_tokens": rng.choice(["auto", "auto", None]),
+        "own_words": rng.choice([None, None, 2]),
+        "first_turns": rng.choice([None, None, 2]),
         "strategy": None,
     }
     is_at_every_step = not options["slack"] or (past and options["slack"] * past < 1)
@@ -102,7 +104,8 @@ def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[
         row["with summaries"] += bool(prompt.summary)
         row["with cuts"] += bool(prompt.cut)
         row["repaired"] += bool(prompt.repaired or prompt.made)
-        if kind != "broken" and options["result_tokens"] is None and not prompt.cut:
+        is_defined = all(options[name] is None for name in ("result_tokens", "own_words", "first_turns"))
+        if kind != "broken" and is_defined and not prompt.cut:
             row["compared with the definition"] += 1
             wanted = chosen(form, given, cap, options)
             if wanted != {source for source in prompt.sources if source is not None}:

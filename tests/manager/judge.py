@@ -237,7 +237,8 @@ def faults(
     summaries = [message for message in made if str(message.get("content")).startswith(SUMMARY)]
     if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
         found.append("there are several summaries, or it is not after the head")
-    if options["strategy"] is not None and prompt.dropped and not summaries:
+    left = [number for number in prompt.dropped if kind(form, given[number]) != "reply" or options["own_words"] is None]
+    if options["strategy"] is not None and left and not summaries:
         found.append("messages have left without a summary")
     if shown[: len(head)] != head:
         found.append("the head is not whole")
