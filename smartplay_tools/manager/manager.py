@@ -229,8 +229,9 @@ class ContextManager:
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
             answer: Any
+            ask: Any = self._ask
             try:
-                answer = self._ask(*made)  # type: ignore[misc]  # only summaries ask
+                answer = ask(*made)
             except Exception as error:  # whatever a model's client raises
                 answer = error
             made = _next(fitting, answer)
