@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from smartplay_tools.games.specs import GAMES as GAMES, register as register
     from smartplay_tools.manager.fitted import FittedPrompt as FittedPrompt
     from smartplay_tools.manager.manager import ContextManager as ContextManager
+    from smartplay_tools.manager.summaries import Summaries as Summaries
     from smartplay_tools.players.player_registry import get_player as get_player
     from smartplay_tools.players.prompt_reading import call as call
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer

@@ -180,7 +180,7 @@ def _written_call(call_id: str, name: str, arguments: str) -> ToolCall:
 
 
 def _read_reply(message: ChatMessageAssistant) -> Message:
-    calls = [function_call(call.id, call.function, _sent(call)) for call in message.tool_calls or ()]
+    calls = [function_call(call.id, call.function, sent_arguments(call)) for call in message.tool_calls or ()]
     if isinstance(message.content, str):
         return reply_message(message.text, calls)
     parts: Sequence[Any] = message.content
@@ -193,7 +193,7 @@ def _visible(part: ContentReasoning) -> str:
     return (part.summary or "") if part.redacted else part.reasoning
 
 
-def _sent(call: ToolCall) -> str:
+def sent_arguments(call: ToolCall) -> str:
     """The arguments as the model sent them, as far as Inspect has kept them."""
     if call.parse_error is None:
         return json.dumps(call.arguments, ensure_ascii=False)

@@ -16,7 +16,14 @@ from smartplay_tools.errors import extra_named
 with extra_named("ContextManagerMiddleware", "langchain"):
     from langchain.agents.middleware import AgentMiddleware, AgentState, ModelRequest, ModelResponse
     from langchain_core.language_models import BaseChatModel, LanguageModelInput
-    from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, ToolMessage, convert_to_messages
+    from langchain_core.messages import (
+        AIMessage,
+        AIMessageChunk,
+        BaseMessage,
+        HumanMessage,
+        ToolMessage,
+        convert_to_messages,
+    )
     from langchain_core.runnables import Runnable, RunnableConfig
     from langchain_core.tools import BaseTool
     from langchain_core.utils.function_calling import convert_to_openai_tool
@@ -107,7 +114,7 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
     async def ainvoke(self, input: Any, config: Config = None, **settings: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
-        prompt, messages = self._fitted(input, settings)
+        prompt, messages = await self._afitted(input, settings)
         return self._told(prompt, await self._bound.ainvoke(messages, config, **settings))
 
     def stream(self, input: Any, config: Config = None, **settings: Any) -> Iterator[AIMessage]:  # noqa: A002
@@ -118,7 +125,7 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
     async def astream(self, input: Any, config: Config = None, **settings: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
-        prompt, messages = self._fitted(input, settings)
+        prompt, messages = await self._afitted(input, settings)
         async for piece in self._bound.astream(messages, config, **settings):
             yield self._told(prompt, piece)
 
@@ -129,11 +136,20 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
         return reply
 
     def _fitted(self, given: Any, settings: Mapping[str, Any]) -> tuple[FittedPrompt, list[BaseMessage]]:
-        messages = convert_to_messages([given] if isinstance(given, str) else given)
-        chat = [as_chat(message, number) for number, message in enumerate(messages)]
-        schema = settings.get("response_format", self._schema)
-        prompt = self._manager.fit(chat, tools=self._tools, output_schema=schema, form="chat")
+        messages, request = self._request(given, settings)
+        prompt = self._manager.fit(as_chats(messages), **request)
         return prompt, as_given(prompt, messages)
+
+    async def _afitted(self, given: Any, settings: Mapping[str, Any]) -> tuple[FittedPrompt, list[BaseMessage]]:
+        messages, request = self._request(given, settings)
+        prompt = await self._manager.afit(as_chats(messages), **request)
+        return prompt, as_given(prompt, messages)
+
+    def _request(self, given: Any, settings: Mapping[str, Any]) -> tuple[list[BaseMessage], dict[str, Any]]:
+        """The messages of a request, and what counts beside them."""
+        messages = convert_to_messages([given] if isinstance(given, str) else given)
+        schema = settings.get("response_format", self._schema)
+        return messages, {"tools": self._tools, "output_schema": schema, "form": "chat"}
 
 
 def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMessage]:
@@ -141,7 +157,9 @@ def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMes
     shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
     shown: list[BaseMessage] = []
     for source, message in zip(prompt.sources, prompt.messages, strict=True):
-        if source is None:
+        if source is None and message["role"] == "user":
+            shown.append(HumanMessage(message["content"]))
+        elif source is None:
             shown.append(ToolMessage(message["content"], tool_call_id=message["tool_call_id"]))
         elif source in trimmed:
             shown.append(given[source].model_copy(update={"content": "", "additional_kwargs": {}}))
@@ -150,6 +168,11 @@ def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMes
         else:
             shown.append(given[source])
     return shown
+
+
+def as_chats(messages: Sequence[BaseMessage]) -> list[Mapping[str, Any]]:
+    """Return messages in the chat form."""
+    return [as_chat(message, number) for number, message in enumerate(messages)]
 
 
 def as_chat(message: BaseMessage, number: int) -> Mapping[str, Any]:

@@ -10,7 +10,7 @@ the model's input, which sees none of these and is told the tools.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -53,7 +53,7 @@ class ContextManagerModel(Model):
         **stored: Any,
     ) -> ModelResponse:
         """Ask the model with what fits."""
-        prompt = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
+        prompt = await self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
         response = await self._model.get_response(
             system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         )
@@ -73,7 +73,7 @@ class ContextManagerModel(Model):
         **stored: Any,
     ) -> AsyncIterator[Any]:
         """Ask the model with what fits, and yield the events of its reply."""
-        prompt = self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
+        prompt = await self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
         async for event in self._model.stream_response(
             system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         ):
@@ -89,7 +89,7 @@ class ContextManagerModel(Model):
         """Return the model's own advice."""
         return self._model.get_retry_advice(request)
 
-    def _fitted(
+    async def _fitted(
         self,
         instructions: str | None,
         given: str | Sequence[Any],
@@ -109,18 +109,20 @@ class ContextManagerModel(Model):
             *map(_offered, tools),
             *(ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs),
         ]
-        return self.manager.fit(items, tools=offered, system=instructions, output_schema=schema, form="responses")
+        return await self.manager.afit(
+            items, tools=offered, system=instructions, output_schema=schema, form="responses"
+        )
 
 
 def window_filter(
     manager: ContextManager, *, tools: Sequence[Tool] = (), output_schema: Any = None
-) -> Callable[[CallModelData[Any]], ModelInputData]:
+) -> Callable[[CallModelData[Any]], Awaitable[ModelInputData]]:
     """Return a filter for `RunConfig.call_model_input_filter`, which is told the tools and the schema that count."""
 
-    def fitted(data: CallModelData[Any]) -> ModelInputData:
+    async def fitted(data: CallModelData[Any]) -> ModelInputData:
         given = data.model_data
         offered = [_offered(tool) for tool in tools]
-        prompt = manager.fit(
+        prompt = await manager.afit(
             given.input, tools=offered, system=given.instructions, output_schema=output_schema, form="responses"
         )
         return ModelInputData(prompt.messages, given.instructions)

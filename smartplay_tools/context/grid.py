@@ -13,7 +13,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 
-__all__ = ["block_of", "first_on_grid", "moved_on_grid"]
+__all__ = ["block_of", "first_on_grid", "jump_of", "moved_on_grid"]
 
 
 def block_of(slack: float, room: float) -> int:
@@ -45,5 +45,10 @@ def moved_on_grid(step: int, limit: int, slack: float) -> int:
 
     With slack it moves on in blocks, towards less: no step that is older than `limit` is ever left.
     """
-    block = max(1, math.floor(slack * limit))
-    return 0 if step <= limit else math.ceil((step - limit) / block) * block
+    jump = jump_of(slack, limit)
+    return 0 if step <= limit else math.ceil((step - limit) / jump) * jump
+
+
+def jump_of(slack: float, limit: int) -> int:
+    """Return by how many steps that boundary moves at once; at least one."""
+    return max(1, math.floor(slack * limit))

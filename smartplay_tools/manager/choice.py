@@ -7,18 +7,19 @@ where the run begins (`context.grid`), and steps decide what is too old for what
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any
 
-from smartplay_tools.context.grid import block_of, first_on_grid, moved_on_grid
+from smartplay_tools.context.grid import block_of, first_on_grid, jump_of, moved_on_grid
 from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, with_text, without_pictures
 from smartplay_tools.manager.reading import Part, Reading, Unit
 
-__all__ = ["Choice", "PastRules", "Shown", "TooLongError"]
+__all__ = ["Choice", "PastRules", "Shown", "TooLongError", "as_first_shown"]
 
 
 class TooLongError(Exception):
@@ -40,6 +41,21 @@ class PastRules:
     own_words: int | None
     first_turns: int
     newest_pictures: int | None
+
+    def beginnings(self, reading: Reading, room: float, first: int) -> list[int]:
+        """Return the units after the first with which runs of a conversation begin as it grows, up to one of them.
+
+        They are the units of the grid, whichever of them a prompt has begun with: a function of the conversation alone.
+        """
+        places, steps = reading.sums.whole, reading.steps
+        found = {first}
+        if not math.isinf(room):
+            block = block_of(self.slack, room)
+            found |= {bisect_left(places, number * block) for number in range(1, places[first] // block + 1)}
+        if self.history is not None and not self.masks:
+            jump = jump_of(self.slack, self.history)
+            found |= {bisect_left(steps, step) for step in range(jump, steps[first] + 1, jump)}
+        return sorted(unit for unit in found if 0 < unit <= first)
 
 
 @dataclass(slots=True)
@@ -243,6 +259,16 @@ def squeezed(
         tokens = unit.parts[at].cost.whole + sum(map(counter.text, texts)) - sum(map(counter.text, shown[at]))
         made[at] = [with_text(content, text) for content, text in zip(each, texts, strict=True)], tokens
     return made
+
+
+def as_first_shown(part: Part, form: MessageForm) -> Given:
+    """Return a message with its results cut to their cap."""
+    if part.cost.cut is None:
+        return part.message
+    contents = [c if cut is None else with_text(c, cut) for c, cut in _cuts(part, form.results(part.message))]
+    message = form.with_results(part.message, contents)
+    assert message is not None
+    return message
 
 
 def _cuts(part: Part, contents: Sequence[Any]) -> Iterator[tuple[Any, str | None]]:

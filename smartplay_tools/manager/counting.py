@@ -22,7 +22,7 @@ from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, wit
 from smartplay_tools.types.reply_fields import texts_in
 from smartplay_tools.types.tables import read_table
 
-__all__ = ["Cost", "MessageCounter", "Tokens"]
+__all__ = ["SENTENCES", "Cost", "MessageCounter", "Tokens", "notice_of_cut"]
 
 Tokens = int | Callable[[Given], int]
 """The tokens of a part: a number, or a function of the part."""
@@ -30,8 +30,8 @@ Tokens = int | Callable[[Given], int]
 CUTS: Mapping[str, Cut] = {"end": cut_end, "middle": cut_middle}
 """The ways to cut a result, by name."""
 
-_SENTENCES: Mapping[str, str] = read_table(__package__, "sentences.toml")
-RESULT_LEFT, PICTURE_LEFT, NO_RESULT = (_SENTENCES[name] for name in ("result_left", "picture_left", "no_result"))
+SENTENCES: Mapping[str, str] = read_table(__package__, "sentences.toml")
+RESULT_LEFT, PICTURE_LEFT, NO_RESULT = (SENTENCES[name] for name in ("result_left", "picture_left", "no_result"))
 """What stands in place of a result that is too old, of a picture that is left out, and of a result that never came."""
 
 SEALED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
@@ -81,14 +81,26 @@ class MessageCounter:
         self._pictures, self._sealed, self._extra = pictures, sealed, extra
         self._known: dict[Any, Cost] = {}
 
-    def cost(self, message: Given, form: MessageForm, most: int | None, key: object, *, opens: bool = True) -> Cost:
-        """Return the cost of a message; `most` is the cap on a result, and `key` stands for what the message says."""
-        known = form.name, most, opens, key
+    def cost(
+        self,
+        message: Given,
+        form: MessageForm,
+        most: int | None,
+        key: object,
+        *,
+        opens: bool = True,
+        opens_calls: bool = True,
+    ) -> Cost:
+        """Return the cost of a message; `most` is the cap on a result, and `key` stands for what the message says.
+
+        `opens` says whether a reply begins with it, and `opens_calls` whether one does that has its calls alone.
+        """
+        known = form.name, most, opens, opens_calls, key
         cost = self._known.get(known)
         if cost is None:
             if len(self._known) >= REMEMBERED:
                 self._known.clear()
-            cost = self._known[known] = self._counted(message, form, most, opens)
+            cost = self._known[known] = self._counted(message, form, most, opens, opens_calls)
         return cost
 
     def tokens(self, message: Given, form: MessageForm, *, opens: bool = True) -> int:
@@ -101,16 +113,17 @@ class MessageCounter:
 
     def cut(self, text: str, cap: int) -> str:
         """Return the text of a result, cut to a cap."""
-        return self._cut(text, cap, self._counter.text, _notice)
+        return self._cut(text, cap, self._counter.text, notice_of_cut)
 
-    def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool) -> Cost:
+    def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool, opens_calls: bool) -> Cost:
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
         kind = form.kind(message)
         if kind == "word":
             return Cost(tokens, is_uncertain=sealed)
         if kind == "reply":
             shorter = form.trimmed(message)
-            return Cost(tokens, trimmed=self.tokens(shorter, form, opens=opens) if shorter else 0, is_uncertain=sealed)
+            calls = self.tokens(shorter, form, opens=opens_calls) if shorter else 0
+            return Cost(tokens, trimmed=calls, is_uncertain=sealed)
         contents = form.results(message)
         given = [Content.of(content).text for content in contents]
         texts = [None if most is None or self.text(text) <= most else self.cut(text, most) for text in given]
@@ -196,8 +209,9 @@ def size_of(part: Given) -> tuple[int, int] | None:
         return None
 
 
-def _notice(missing: int) -> str:
-    return _SENTENCES["cut"].format(missing=missing)
+def notice_of_cut(missing: int) -> str:
+    """Say how many tokens of a text are missing."""
+    return SENTENCES["cut"].format(missing=missing)
 
 
 def _of(tokens: Tokens, part: Given) -> int:

@@ -11,8 +11,9 @@ from typing import Any
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.choice import Shown
 from smartplay_tools.manager.forms import Given, MessageForm
+from smartplay_tools.manager.summaries import Covered
 
-__all__ = ["Conversation", "FittedPrompt", "fitted_prompt", "plain"]
+__all__ = ["Conversation", "Draft", "FittedPrompt", "plain"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,47 +60,65 @@ class FittedPrompt:
     uncertain: Sequence[int] = ()
     """Shown messages with encrypted parts, whose tokens are an estimate."""
     parts: Mapping[str, int] = field(default_factory=dict)
-    """Tokens by part: `tools`, `head`, `pinned`, `turns`; priming is in `head`."""
+    """Tokens by part: `tools`, `head`, `summary` if there is one, `pinned`, `turns`; priming is in `head`."""
     costs: Sequence[int] = ()
     """Tokens of each message of `messages`."""
+    summary: str = ""
+    """The message with a summary that it shows after the head; made here, so its source is None."""
+    failed: str = ""
+    """Why a summary could not be asked for, where the manager goes on without one."""
     recorded_as: tuple[str, int] | None = field(default=None, compare=False)
     """The thread and the number of the prompt in the manager's records."""
 
 
-def fitted_prompt(
-    shown: Sequence[Shown],
-    conversation: Conversation,
-    repaired: Sequence[int],
-    made: int,
-    tokens: int,
-    parts: Mapping[str, int],
-) -> FittedPrompt:
-    """Return the prompt of messages that are shown, with the objects that were given where nothing was changed."""
-    out: list[Any] = []
-    changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
-    for each in shown:
-        source = each.part.source
-        is_given = source is not None and each.message is conversation.data[source]
-        out.append(conversation.given[source] if is_given and source is not None else each.message)
-        if each.change is not None and source is not None:
-            changed[each.change].append(source)
-    sources = [each.part.source for each in shown]
-    kept = {*sources, *repaired}
-    return FittedPrompt(
-        out,
-        tokens,
-        sources,
-        dropped=[number for number in range(len(conversation.given)) if number not in kept],
-        masked=changed["masked"],
-        trimmed=changed["trimmed"],
-        elided=changed["elided"],
-        cut=changed["cut"],
-        repaired=repaired,
-        made=made,
-        uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
-        parts=parts,
-        costs=[each.tokens for each in shown],
-    )
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A prompt but for its summary."""
+
+    head: Sequence[Shown]
+    turns: Sequence[Shown]
+    parts: Mapping[str, int]
+    """Tokens by part, without a summary's."""
+    repaired: Sequence[int]
+    made: int
+    covered: Covered | None
+    """What a summary has to cover; None if nothing has left, or nobody asks for summaries."""
+    lacks_user: bool
+    """Whether the run would begin with a user's words if there were no summary."""
+
+    def prompt(self, conversation: Conversation, summary: Shown | None, failed: str) -> FittedPrompt:
+        """Return the prompt, with the objects that were given where nothing was changed."""
+        shown = [*self.head, *([] if summary is None else [summary]), *self.turns]
+        parts = dict(self.parts)
+        if summary is not None:
+            parts = {"tools": parts.pop("tools"), "head": parts.pop("head"), "summary": summary.tokens, **parts}
+        out: list[Any] = []
+        changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
+        for each in shown:
+            source = each.part.source
+            is_given = source is not None and each.message is conversation.data[source]
+            out.append(conversation.given[source] if is_given and source is not None else each.message)
+            if each.change is not None and source is not None:
+                changed[each.change].append(source)
+        sources = [each.part.source for each in shown]
+        kept = {*sources, *self.repaired}
+        return FittedPrompt(
+            out,
+            sum(parts.values()),
+            sources,
+            dropped=[number for number in range(len(conversation.given)) if number not in kept],
+            masked=changed["masked"],
+            trimmed=changed["trimmed"],
+            elided=changed["elided"],
+            cut=changed["cut"],
+            repaired=self.repaired,
+            made=self.made,
+            uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
+            parts=parts,
+            costs=[each.tokens for each in shown],
+            summary="" if summary is None else str(summary.message["content"]),
+            failed=failed,
+        )
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

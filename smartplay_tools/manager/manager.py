@@ -8,12 +8,14 @@ docs/any-agent.md has the definition.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
+import inspect
 import json
 import math
 import re
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Generator, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -24,10 +26,12 @@ from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
 from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
-from smartplay_tools.manager.fitted import Conversation, FittedPrompt, fitted_prompt, plain
+from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, plain
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
+from smartplay_tools.manager.memo import MemoFolder
 from smartplay_tools.manager.reading import Part, Reading, kind_of
 from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
+from smartplay_tools.manager.summaries import AskError, Covered, Question, Summaries, SummaryChain
 from smartplay_tools.manager.tools import plain_tool, recorded_tool, specs_of
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Budget
@@ -36,6 +40,12 @@ __all__ = ["ContextManager"]
 
 FormName = Literal["chat", "responses", "anthropic"]
 """The name of a form of messages."""
+
+Ask = Callable[[list[dict[str, Any]], int], str | Awaitable[str]]
+"""Asks a model: returns its answer to chat messages of words alone, in at most so many tokens."""
+
+Fitting = Generator[Question, str, FittedPrompt]
+"""Makes a prompt: yields the questions that it needs, is sent the answers, and returns it."""
 
 IN_BUDGETS = (
     "prompt_tokens",
@@ -82,6 +92,12 @@ class ContextManager:
             that only their provider can count: a number, or a function of the part.
         form: "chat", "responses" or "anthropic"; None to see it from the messages.
         record: a folder for records, a file for each thread; None for none. `manager.record` says what is in them.
+        strategy: `Summaries` to show a summary of what has left; None to show nothing in its place.
+        ask: asks a model for a summary: called with chat messages and the most tokens of the answer, it returns the
+            answer's text. If it is asynchronous, prompts are made by `afit`.
+        memo: where summaries are kept: a folder, or a mapping; a dict of this manager if not given.
+        on_error: what becomes of an exception of `ask`: "raise" lets it pass, "drop" goes on without a summary and
+            says so in `FittedPrompt.failed`. In both cases the next prompt asks again.
     """
 
     def __init__(
@@ -105,6 +121,10 @@ class ContextManager:
         extra_tokens: Tokens | None = None,
         form: FormName | None = None,
         record: str | Path | None = None,
+        strategy: Summaries | None = None,
+        ask: Ask | None = None,
+        memo: MutableMapping[str, str] | str | Path | None = None,
+        on_error: Literal["raise", "drop"] = "raise",
     ) -> None:
         check_numbers(prompt_tokens=prompt_tokens, result_tokens=None if result_tokens == "auto" else result_tokens)
         check_numbers(0, history=history, own_words=own_words, first_turns=first_turns, newest_pictures=newest_pictures)
@@ -131,6 +151,35 @@ class ContextManager:
         self._settings |= {"prompt_tokens": prompt_tokens, "result_tokens": result_tokens, "repair": repair}
         self._readings: dict[object, Reading] = {}
         self._lock = threading.Lock()
+        """Held while a prompt is made, and never while a model is asked."""
+        check_choice("on_error", on_error, ("raise", "drop"))
+        self._ask, self._on_error = ask, on_error
+        self._summaries: SummaryChain | None = None
+        if strategy is not None:
+            self._summaries = self._chain(strategy, memo)
+        elif ask is not None or memo is not None:
+            raise InvalidArgumentError("Nobody asks without a strategy; give strategy=Summaries(tokens=...).")
+
+    def _chain(self, strategy: Summaries, memo: MutableMapping[str, str] | str | Path | None) -> SummaryChain:
+        """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
+        if not isinstance(strategy, Summaries):
+            raise InvalidArgumentError(
+                f"The strategy of a context manager is Summaries(tokens=...), not {type(strategy).__name__}: "
+                "strategies and compactors of games choose among turns of a game."
+            )
+        check_numbers(**asdict(strategy))
+        rules, drops = self._rules, self._rules.history is not None and not self._rules.masks
+        if not callable(self._ask):
+            raise InvalidArgumentError("Summaries are asked for; give ask, a function of messages and max_tokens.")
+        if self.prompt_tokens is None and not drops:
+            raise InvalidArgumentError("Nothing ever leaves, so there is nothing to summarise; give prompt_tokens.")
+        if rules.slack == 0 or (drops and math.floor(rules.slack * (rules.history or 0)) < 1):
+            raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
+        if memo is not None and not isinstance(memo, str | Path | MutableMapping):
+            raise InvalidArgumentError(f"A memo is a folder or a mutable mapping, not {type(memo).__name__}.")
+        kept = MemoFolder(memo) if isinstance(memo, str | Path) else {} if memo is None else memo
+        self._settings |= {f"summary_{name}": number for name, number in asdict(strategy).items()}
+        return SummaryChain(strategy, self.prompt_tokens, self._counter, kept)
 
     @classmethod
     def of(cls, budget: Budget, **options: Any) -> ContextManager:
@@ -141,6 +190,9 @@ class ContextManager:
         shared = {name: getattr(budget, name) for name in IN_BUDGETS}
         if shared["history"] == "game":
             shared["history"] = None
+        if budget.summary_tokens is not None:
+            options["strategy"] = Summaries(budget.summary_tokens, budget.question_tokens)
+            budget = budget.model_copy(update={"summary_tokens": None, "question_tokens": None})
         for name, field in Budget.model_fields.items():
             if name not in IN_BUDGETS and getattr(budget, name) != field.default:
                 raise InvalidArgumentError(
@@ -173,6 +225,53 @@ class ContextManager:
         Errors: a `PromptOverflowError` if what cannot be left out does not fit; an `InvalidArgumentError` for messages
         that are none, or that cannot be counted.
         """
+        fitting = self._fitting(messages, tools, system, output_schema, form, thread)
+        made = _next(fitting, None)
+        while not isinstance(made, FittedPrompt):
+            answer: Any
+            ask: Any = self._ask
+            try:
+                answer = ask(*made)
+            except Exception as error:  # whatever a model's client raises
+                answer = error
+            made = _next(fitting, answer)
+        return made
+
+    async def afit(
+        self,
+        messages: Sequence[Any],
+        *,
+        tools: Iterable[Any] = (),
+        system: str | Sequence[Any] | None = None,
+        output_schema: Any = None,
+        form: FormName | None = None,
+        thread: str | None = None,
+    ) -> FittedPrompt:
+        """Return what `fit` returns. An asynchronous `ask` is awaited; any other runs in a thread."""
+        fitting = self._fitting(messages, tools, system, output_schema, form, thread)
+        made = _next(fitting, None)
+        while not isinstance(made, FittedPrompt):
+            answer: Any
+            ask: Any = self._ask
+            try:
+                is_async = inspect.iscoroutinefunction(ask)
+                answer = ask(*made) if is_async else await asyncio.to_thread(ask, made[0], made[1])
+                if inspect.isawaitable(answer):
+                    answer = await answer
+            except Exception as error:  # whatever a model's client raises
+                answer = error
+            made = _next(fitting, answer)
+        return made
+
+    def _fitting(
+        self,
+        messages: Sequence[Any],
+        tools: Iterable[Any],
+        system: str | Sequence[Any] | None,
+        output_schema: Any,
+        form: FormName | None,
+        thread: str | None,
+    ) -> Fitting:
         check_choice("form", form, (None, *FORMS))
         with self._lock:
             given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
@@ -181,14 +280,33 @@ class ContextManager:
             conversation = Conversation(
                 messages, data, [key for _, key in given], form_of(data) if name is None else FORMS[name]
             )
+            if system and not isinstance(system, str):
+                system = [plain(part, "A part of `system`")[0] for part in system]
             beside = {"tools": [plain_tool(tool) for tool in tools], "system": system, "output_schema": output_schema}
             try:
-                prompt = self._fitted(conversation, beside)
+                draft = self._draft(conversation, beside, has_summary=self._summaries is not None)
             except PromptOverflowError as error:
                 if (record := self._record(conversation, thread)) is not None:
                     record.refusal(error.parts, self.prompt_tokens)
                 raise
-            return self._recorded(prompt, conversation, beside, thread)
+        summary, failed = (yield from self._summary(draft)) if draft.covered else (None, "")
+        with self._lock:
+            if summary is None and draft.lacks_user:
+                draft = self._draft(conversation, beside, has_summary=False)
+            return self._recorded(draft.prompt(conversation, summary, failed), conversation, beside, thread)
+
+    def _summary(self, draft: Draft) -> Generator[Question, str, tuple[Shown | None, str]]:
+        """Yield the questions of a summary; return it, and why there is none if nobody answered."""
+        covered = draft.covered
+        assert covered is not None
+        assert self._summaries is not None
+        try:
+            text = yield from self._summaries.text(covered)
+        except AskError as error:
+            if self._on_error == "raise":
+                raise error.reason from None
+            return None, f"{type(error.reason).__name__}: {error.reason}"
+        return (self._summaries.shown(text, covered.form) if text else None), ""
 
     def reported(self, prompt: FittedPrompt, tokens: int) -> None:
         """Record how many tokens the provider has counted in a prompt of this manager."""
@@ -197,35 +315,44 @@ class ContextManager:
             with self._lock:
                 self._records[thread].usage(number, tokens)
 
-    def _fitted(self, conversation: Conversation, beside: Mapping[str, Any]) -> FittedPrompt:
+    def _draft(self, conversation: Conversation, beside: Mapping[str, Any], *, has_summary: bool) -> Draft:
         data, keys, form = conversation.data, conversation.keys, conversation.form
         schema = beside["output_schema"]
         tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
         begin = self._first_reply(data, form)
         head, left_out = self._head_of(data[:begin], form)
-        system_tokens = self._system_tokens(beside["system"])
         shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in head]
-        head_tokens = PRIMING + system_tokens + sum(each.tokens for each in shown)
-        room = math.inf if self.prompt_tokens is None else self.prompt_tokens - tool_tokens - head_tokens
+        head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(each.tokens for each in shown)
+        parts = {"tools": tool_tokens, "head": head_tokens}
+        reserved = parts if self._summaries is None else {**parts, "summary": self._summaries.reserve}
+        room = math.inf if self.prompt_tokens is None else self.prompt_tokens - sum(reserved.values())
         if room < 0:
-            raise PromptOverflowError.of(self.prompt_tokens or 0, {"tools": tool_tokens, "head": head_tokens})
+            raise PromptOverflowError.of(self.prompt_tokens or 0, reserved)
         reading = self._reading(form, begin, self._most(room), keys)
         reading.read(data, keys)
         repaired = sorted({*left_out, *reading.repaired})
         if not self._repair and (repaired or reading.made):
             self._refuse(repaired, reading)
         newest = len(data) - 1 if len(data) > begin and len(data) - 1 not in repaired else None
-        needs_user = all(message.get("role") != "user" for _, message in head)
+        lacks_user = all(message.get("role") != "user" for _, message in head)
+        needs_user = lacks_user and not has_summary
         try:
             choice = Choice.of(reading, self._rules, room, newest, form, self._messages, needs_user=needs_user)
         except TooLongError as error:
-            parts = {"tools": tool_tokens, "head": head_tokens, "pinned": error.pins, "newest turn": error.newest}
-            raise PromptOverflowError.of(self.prompt_tokens or 0, parts) from None
-        shown += choice.shown(reading, form, self._messages)
-        parts = {"tools": tool_tokens, "head": head_tokens, "pinned": choice.pins}
-        tokens = tool_tokens + PRIMING + system_tokens + sum(each.tokens for each in shown)
-        parts["turns"] = tokens - sum(parts.values())
-        return fitted_prompt(shown, conversation, repaired, len(reading.made), tokens, parts)
+            reserved |= {"pinned": error.pins, "newest turn": error.newest}
+            raise PromptOverflowError.of(self.prompt_tokens or 0, reserved) from None
+        turns = [*choice.shown(reading, form, self._messages)]
+        parts["pinned"] = choice.pins
+        parts["turns"] = sum(each.tokens for each in turns) - choice.pins
+        covered = None
+        if has_summary and choice.first:
+            ends = self._rules.beginnings(reading, room, choice.first)
+            covered = Covered(self._seed(data[:begin], form, beside), reading.units[: choice.first], ends, form)
+        return Draft(shown, turns, parts, repaired, len(reading.made), covered, lacks_user)
+
+    def _seed(self, head: Sequence[Given], form: MessageForm, beside: Mapping[str, Any]) -> bytes:
+        """The digest of what shapes prompts beside their units."""
+        return canonical_json([self._settings, form.name, head, beside])
 
     def _recorded(
         self, prompt: FittedPrompt, conversation: Conversation, beside: Mapping[str, Any], thread: str | None
@@ -290,8 +417,7 @@ class ContextManager:
     def _system_tokens(self, system: str | Sequence[Any] | None) -> int:
         if not system:
             return 0
-        content = system if isinstance(system, str) else [plain(part, "A part of `system`")[0] for part in system]
-        return self._messages.tokens({"role": "system", "content": content}, FORMS["chat"])
+        return self._messages.tokens({"role": "system", "content": system}, FORMS["chat"])
 
     def _tool_tokens(self, tools: Iterable[Any]) -> int:
         specs, extra = specs_of(tools, self._extra)
@@ -322,6 +448,17 @@ class ContextManager:
         raise InvalidArgumentError(
             f"A call of message {source} has no result. Mend the list, or let repair=True do it."
         )
+
+
+def _next(fitting: Fitting, answer: str | Exception | None) -> Question | FittedPrompt:
+    """Go on with an answer, or with what was raised in its place; return the next question, or the prompt."""
+    try:
+        if isinstance(answer, Exception):
+            return fitting.throw(answer)
+        return next(fitting) if answer is None else fitting.send(answer)
+    except StopIteration as end:
+        prompt: FittedPrompt = end.value
+        return prompt
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:

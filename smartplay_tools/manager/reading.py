@@ -10,6 +10,7 @@ before is not read again; read from nothing, it is the same.
 
 from __future__ import annotations
 
+import hashlib
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import NO_RESULT, Cost, MessageCounter
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
+from smartplay_tools.transcript.hashing import canonical_json
 
 __all__ = ["Part", "Reading", "Unit"]
 
@@ -39,6 +41,14 @@ class Unit:
     parts: list[Part]
     open: list[str] = field(default_factory=list)
     """The ids of its calls that have no result yet."""
+    _digest: bytes = field(default=b"", init=False, repr=False, compare=False)
+
+    @property
+    def digest(self) -> bytes:
+        """The sha256 of its messages."""
+        if not self._digest:
+            self._digest = hashlib.sha256(canonical_json([part.message for part in self.parts])).digest()
+        return self._digest
 
 
 class Sums:
@@ -181,11 +191,13 @@ class Reading:
             newest = max([newest, *(part.source for part in unit.parts if part.source is not None)])
             is_whole = is_whole and not unit.open
             self._complete(unit, number)
-            for part, opens in zip(unit.parts, self._openings(unit), strict=True):
+            for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
                 is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if is_given and part.source is not None else repr(part.message)
                 try:
-                    part.cost = self._counter.cost(part.message, self._form, self._most, key, opens=opens)
+                    part.cost = self._counter.cost(
+                        part.message, self._form, self._most, key, opens=opens, opens_calls=opens_calls
+                    )
                 except InvalidArgumentError as error:
                     raise InvalidArgumentError(f"Message {part.source} {error}.") from None
             self.sums.append([part.cost for part in unit.parts])
@@ -217,7 +229,12 @@ class Reading:
             source = results[0].source if results else None
             unit.parts[len(replies) :] = [Part(source, message) for message in joined]
 
-    def _openings(self, unit: Unit) -> list[bool]:
-        """Whether each message of a unit begins a chat message: items that continue a reply do not."""
+    def _openings(self, unit: Unit) -> list[tuple[bool, bool]]:
+        """Whether each message of a unit begins a chat message, and whether it does where replies are calls alone.
+
+        Items that continue a reply do not.
+        """
         kinds = [self._form.kind(part.message) for part in unit.parts]
-        return [at == 0 or kind != "reply" for at, kind in enumerate(kinds)]
+        calls = (at for at, kind in enumerate(kinds) if kind == "reply" and self._form.calls(unit.parts[at].message))
+        first = next(calls, None)
+        return [(at == 0 or kind != "reply", at == first) for at, kind in enumerate(kinds)]

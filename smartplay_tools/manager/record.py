@@ -62,7 +62,7 @@ class PromptEvent(TypedDict):
     made: Count
     tokens: Count
     cap: Count | None
-    parts: dict[Literal["tools", "head", "pinned", "turns"], Count]
+    parts: dict[Literal["tools", "head", "summary", "pinned", "turns"], Count]
     prefix_tokens: Count
     sha256: str
     dropped: NotRequired[Ranges]

@@ -143,3 +143,14 @@ async def test_tools_that_a_provider_runs_need_their_tokens():
     named = ContextManagerModel(Reader(0), sp.ContextManager(CAP, extra_tokens=300))
     result = await Runner.run(Agent("reader", model=named, tools=[WebSearchTool()]), TASK)
     assert result.final_output == "Done."
+
+
+async def test_a_summary_is_shown_and_not_stored():
+    async def ask(messages: Messages, max_tokens: int) -> str:
+        return "Nothing but doors."
+
+    model = Reader()
+    result = await run(model, sp.ContextManager(CAP, strategy=sp.Summaries(60), ask=ask))
+    check(model)
+    assert model.sent[-1][1]["content"].endswith("Nothing but doors.")
+    assert "Nothing but doors." not in str(result.to_input_list())

@@ -229,3 +229,23 @@ def test_thoughts_and_extra_fields_count_and_stay():
     with pytest.raises(sp.PromptOverflowError):
         FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), thought])
     FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), bare])
+
+
+@pytest.mark.parametrize("is_asynchronous", [True, False])
+async def test_a_summary_is_shown_as_words_of_the_user(is_asynchronous: bool):
+    async def ask(messages: Any, max_tokens: int) -> str:
+        return "Nothing but doors."
+
+    def ask_at_once(messages: Any, max_tokens: int) -> str:
+        return "Nothing but doors."
+
+    model = Reader(sent=[], tools=[])
+    options = {"strategy": sp.Summaries(60), "ask": ask if is_asynchronous else ask_at_once}
+    middleware = ContextManagerMiddleware(sp.ContextManager(CAP, **options))
+    reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
+    config: Any = {"recursion_limit": 1_000}
+    state = await reader.ainvoke(TASK, config) if is_asynchronous else reader.invoke(TASK, config)
+    check(model, stored=[*state["messages"], model.sent[-1][2]])
+    assert isinstance(model.sent[-1][2], HumanMessage)
+    assert str(model.sent[-1][2].content).endswith("Nothing but doors.")
+    assert not any("Nothing but doors." in str(message.content) for message in state["messages"])

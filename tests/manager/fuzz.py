@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import hashlib
 import json
 import random
 from collections import Counter
@@ -19,21 +20,41 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.errors import PromptOverflowError
 from tests.manager.histories import FORMS, KINDS, Messages, history
-from tests.manager.judge import Letters, chosen, faults
+from tests.manager.judge import Letters, chosen, faults, total
 
 CAPS = (400, 1_000, 2_000, 4_000, 8_000)
+SUMMARY, QUESTION = 60, 700
+"""The tokens of a summary, and of a question for one."""
 
 
 def settings(rng: random.Random) -> dict[str, Any]:
     """Options of a manager."""
     past = rng.choice([None, None, 3, 8])
-    return {
+    options = {
         "slack": rng.choice([0, 0.25, 0.5, 0.75]),
         "history": past,
         "beyond_history": "drop" if past is None else rng.choice(["drop", "mask"]),
         "head": rng.choice(["task", "task", "system"]),
         "result_tokens": rng.choice(["auto", "auto", None]),
+        "own_words": rng.choice([None, None, 2]),
+        "first_turns": rng.choice([None, None, 2]),
+        "strategy": None,
     }
+    is_at_every_step = not options["slack"] or (past and options["slack"] * past < 1)
+    if not is_at_every_step and rng.random() < 0.4:
+        options["strategy"] = sp.Summaries(SUMMARY, question_tokens=QUESTION)
+    return options
+
+
+def ask(messages: Messages, max_tokens: int) -> str:
+    """A model that writes summaries, some of them too long: what it is asked decides what it writes."""
+    assert total("chat", messages) <= QUESTION, "a question is over its cap"
+    digest = hashlib.sha256(messages[-1]["content"].encode()).hexdigest()
+    return f"{len(messages[-1]['content'])} letters: {digest * (1 + 9 * (digest < '4'))}"
+
+
+def nobody(messages: Messages, max_tokens: int) -> str:
+    raise AssertionError("the memo has no summary of what was summarised before")
 
 
 def fitted(manager: sp.ContextManager, messages: Messages) -> sp.FittedPrompt | str:
@@ -51,10 +72,14 @@ def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[
     given = history(rng, kind, form)
     before = json.dumps(given)
 
-    def fresh() -> sp.ContextManager:
-        return sp.ContextManager(cap, form=form, tokenizer=Letters(), **options)  # type: ignore[arg-type]
+    def fresh(**asked: Any) -> sp.ContextManager:
+        asked = asked or ({"ask": ask, "memo": {}} if options["strategy"] else {})
+        return sp.ContextManager(cap, form=form, tokenizer=Letters(), **options, **asked)
 
-    manager = used.setdefault((form, cap, *options.values()), fresh())
+    key, memo = (form, cap, *options.values()), used.setdefault("memo", {})
+    if key not in used:
+        used[key] = fresh(ask=ask, memo=memo) if options["strategy"] else fresh()
+    manager = used[key]
     if number % 4 == 0:
         changed = copy.deepcopy(given)
         at = rng.randrange(len(changed))
@@ -69,14 +94,18 @@ def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[
     prompt = fitted(fresh(), given)
     if prompt != fitted(manager, given):
         found.append("another prompt from a manager that was asked before")
+    if options["strategy"] and prompt != fitted(fresh(ask=nobody, memo=memo), given):
+        found.append("another prompt from another manager with the same memo")
     row["prompts"] += 1
     if isinstance(prompt, str):
         row[f"refused at {cap}"] += 1
     else:
         found += faults(form, given, before, prompt, cap, options)
+        row["with summaries"] += bool(prompt.summary)
         row["with cuts"] += bool(prompt.cut)
         row["repaired"] += bool(prompt.repaired or prompt.made)
-        if kind != "broken" and options["result_tokens"] is None and not prompt.cut:
+        is_defined = all(options[name] is None for name in ("result_tokens", "own_words", "first_turns"))
+        if kind != "broken" and is_defined and not prompt.cut:
             row["compared with the definition"] += 1
             wanted = chosen(form, given, cap, options)
             if wanted != {source for source in prompt.sources if source is not None}:

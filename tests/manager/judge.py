@@ -14,6 +14,7 @@ from smartplay_tools import FittedPrompt
 from tests.manager.histories import Messages
 
 MASKED = "[result left the history window]"
+SUMMARY = "Summary of the conversation before this point:\n"
 SMALLEST_RESULT = 32
 
 
@@ -145,6 +146,9 @@ def chosen(form: str, messages: Messages, cap: int, options: dict[str, Any]) -> 
     begin = replies[0] if replies else len(messages)
     if options["head"] == "system":
         begin = next((i for i, m in enumerate(messages) if m.get("role") not in ("system", "developer")), len(messages))
+    has_summaries = options["strategy"] is not None
+    if has_summaries:
+        cap -= 3 + n("user") + n(SUMMARY) + options["strategy"].tokens
     whole = units(form, messages, begin)
     head = 3 + sum(tokens(form, message) for message in messages[:begin])
     steps, step = [], 0
@@ -185,6 +189,8 @@ def chosen(form: str, messages: Messages, cap: int, options: dict[str, Any]) -> 
         starts_at_age = not masks and first and steps[first] >= oldest > steps[first - 1]
         shown = {*range(first, len(whole)), *(pin for pin in pins if pin < first)}
         if (is_allowed or starts_at_age) and head + sum(cost(at, shown=True) for at in shown) <= cap:
+            if has_summaries and first:
+                return {*range(begin), *(number for at in shown for number in whole[at])}
             if options["head"] == "system" and kind(form, messages[whole[first][0]]) == "reply" and min(shown) == first:
                 first = next((at for at in range(first, len(whole)) if newest_user(form, messages, whole[at])), first)
                 shown = {*range(first, len(whole)), *(pin for pin in pins if pin < first)}
@@ -227,6 +233,13 @@ def faults(
     head = [m for m in given[: replies[0] if replies else len(given)] if kind(form, m) == "word"]
     if options["head"] == "system":
         head = [message for message in head[:1] if message["role"] == "system"]
+    made = [message for message, source in zip(shown, prompt.sources, strict=True) if source is None]
+    summaries = [message for message in made if str(message.get("content")).startswith(SUMMARY)]
+    if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
+        found.append("there are several summaries, or it is not after the head")
+    left = [number for number in prompt.dropped if kind(form, given[number]) != "reply" or options["own_words"] is None]
+    if options["strategy"] is not None and left and not summaries:
+        found.append("messages have left without a summary")
     if shown[: len(head)] != head:
         found.append("the head is not whole")
     requests = [m for m in given if kind(form, m) == "word" and m["role"] == "user"]

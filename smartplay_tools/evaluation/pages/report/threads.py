@@ -20,7 +20,7 @@ from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, range
 from smartplay_tools.records.threads import thread_row
 from smartplay_tools.visible import visible
 
-PARTS = {"tools": "tools and schema", "head": "head", "pinned": "pinned", "turns": "run of units"}
+PARTS = {"tools": "tools and schema", "head": "head", "summary": "summary", "pinned": "pinned", "turns": "run of units"}
 """The parts of a prompt and their names, in the order in which they are drawn."""
 
 STATES = (("masked", "marked"), ("trimmed", "cut"), ("elided", "cut"), ("cut", "cut"))

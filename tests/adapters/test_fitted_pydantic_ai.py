@@ -1,0 +1,242 @@
+"""Agents of Pydantic AI that play no game, held to a budget by the context manager."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `.ci/run` has an environment with it")
+
+from pydantic import BaseModel
+from pydantic_ai import Agent, RunContext
+from pydantic_ai.capabilities import AbstractCapability, ProcessHistory, WebSearch
+from pydantic_ai.messages import (
+    ModelMessage,
+    ModelRequest,
+    ModelResponse,
+    SystemPromptPart,
+    TextPart,
+    ThinkingPart,
+    ToolCallPart,
+    ToolReturnPart,
+    UserPromptPart,
+)
+from pydantic_ai.models import ModelRequestContext
+from pydantic_ai.models.function import AgentInfo, DeltaToolCall, FunctionModel
+from pydantic_ai.models.test import TestModel
+from pydantic_ai.usage import UsageLimits
+from smartplay_pydantic_ai import ContextManagerCapability
+
+import smartplay_tools as sp
+from smartplay_tools.context.tokens import PRIMING, TokenCounter
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+CAP, PAGES = 1_000, 40
+SYSTEM, TASK = "You read a book page by page.", "Read all pages."
+NO_LIMIT = UsageLimits(request_limit=None)
+
+
+def read(page: int) -> str:
+    """Read a page."""
+    rng = random.Random(page)
+    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
+
+
+class Reader:
+    """Reads page after page, several at once now and then, and keeps what it is sent."""
+
+    def __init__(self, pages: int = PAGES) -> None:
+        self.pages = pages
+        self.sent: list[list[ModelMessage]] = []
+        self.infos: list[AgentInfo] = []
+        self.model = FunctionModel(self.answer, stream_function=self.stream)
+
+    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
+        self.sent.append(messages)
+        self.infos.append(info)
+        turn = len(self.sent)
+        pages = [] if turn > self.pages else [turn, *([100 + turn, 200 + turn] if turn % 7 == 0 else [])]
+        calls = [ToolCallPart("read", {"page": page}, f"c{page}") for page in pages]
+        return ModelResponse(
+            [ThinkingPart("The next page."), TextPart("Next."), *calls] if calls else [TextPart("Done.")]
+        )
+
+    async def stream(self, messages: list[ModelMessage], info: AgentInfo) -> AsyncIterator[Any]:
+        parts = self.answer(messages, info).parts
+        for at, part in enumerate(parts):
+            if isinstance(part, TextPart) and len(parts) == 1:  # with a call after them, words would end the run
+                yield part.content
+            elif isinstance(part, ToolCallPart):
+                yield {at: DeltaToolCall(part.tool_name, part.args_as_json_str(), tool_call_id=part.tool_call_id)}
+
+
+def tokens(messages: list[ModelMessage], info: AgentInfo) -> int:
+    """A prompt's tokens by the counter for games, from messages that are converted here."""
+    chat: list[dict[str, Any]] = [{"role": "system", "content": info.instructions}] if info.instructions else []
+    for message in messages:
+        if isinstance(message, ModelResponse):
+            said = "".join(part.content for part in message.parts if isinstance(part, TextPart))
+            thoughts = "".join(part.content for part in message.parts if isinstance(part, ThinkingPart))
+            sent = [part for part in message.parts if isinstance(part, ToolCallPart)]
+            calls = [{"function": {"name": part.tool_name, "arguments": part.args_as_json_str()}} for part in sent]
+            chat.append({"role": "assistant", "content": said, "tool_calls": calls, "reasoning_content": thoughts})
+            continue
+        for part in message.parts:
+            roles = {SystemPromptPart: "system", UserPromptPart: "user", ToolReturnPart: "tool"}
+            chat.append({"role": roles[type(part)], "content": part.content})
+    tools = [*info.function_tools, *info.output_tools]
+    specs = [sp.ToolSpec(tool.name, tool.description or "", tool.parameters_json_schema) for tool in tools]
+    counter = TokenCounter()
+    sent = [[call["function"]["arguments"] for call in message.get("tool_calls", ())] for message in chat]
+    return PRIMING + counter.tools(specs) + sum(map(counter.message, chat, sent))
+
+
+def is_whole(messages: list[ModelMessage]) -> bool:
+    """Whether the request after each reply answers its calls, and no other."""
+    waiting: set[str] = set()
+    for message in messages:
+        results = {part.tool_call_id for part in message.parts if isinstance(part, ToolReturnPart)}
+        if results != waiting:
+            return False
+        waiting = {part.tool_call_id for part in message.parts if isinstance(part, ToolCallPart)}
+    return not waiting
+
+
+def check(reader: Reader, stored: list[ModelMessage]) -> None:
+    """Every prompt is under its cap, whole and with its task, and the history has everything."""
+    assert len(reader.sent) == reader.pages + 1
+    for messages, info in zip(reader.sent, reader.infos, strict=True):
+        assert tokens(messages, info) <= CAP
+        assert is_whole(messages)
+        assert any(getattr(part, "content", "") == TASK for part in messages[0].parts)
+    assert len(reader.sent[-1]) < len(stored)
+    results = [part for message in stored for part in message.parts if isinstance(part, ToolReturnPart)]
+    assert [part.content for part in results] == [read(int(part.tool_call_id[1:])) for part in results]
+    given = {id(message) for message in stored}
+    replies = [message for message in reader.sent[-1] if isinstance(message, ModelResponse)]
+    assert all(id(message) in given for message in replies)
+
+
+def agent(reader: Reader, *others: Any, manager: sp.ContextManager | None = None, **options: Any) -> Agent[None, Any]:
+    capability = ContextManagerCapability(manager or sp.ContextManager(CAP))
+    return Agent(
+        reader.model, instructions=SYSTEM, tools=[read], capabilities=[*others, capability], retries=3, **options
+    )
+
+
+@pytest.mark.parametrize("slack", [0, 0.5])
+def test_an_agent_stays_under_its_cap(slack: float):
+    reader = Reader()
+    result = agent(reader, manager=sp.ContextManager(CAP, slack=slack)).run_sync(TASK, usage_limits=NO_LIMIT)
+    assert result.output == "Done."
+    check(reader, result.all_messages())
+
+
+async def test_a_streamed_run_stays_under_its_cap():
+    reader = Reader()
+    async with agent(reader).run_stream(TASK, usage_limits=NO_LIMIT) as stream:
+        assert "".join([piece async for piece in stream.stream_text(delta=True)]) == "Done."
+    check(reader, stream.all_messages())
+
+
+def test_a_history_goes_on_in_another_run():
+    reader = Reader()
+    reader.pages = 20
+    first = agent(reader).run_sync(TASK, usage_limits=NO_LIMIT)
+    reader.pages = PAGES
+    reader.sent.pop()
+    reader.infos.pop()
+    result = agent(reader).run_sync("Go on.", message_history=first.all_messages(), usage_limits=NO_LIMIT)
+    check(reader, result.all_messages())
+    assert any(getattr(part, "content", "") == "Go on." for message in reader.sent[-1] for part in message.parts)
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+def test_what_other_capabilities_add_is_under_the_cap(is_first: bool):
+    class Reminds(AbstractCapability[Any]):
+        async def prepare_model_request(self, ctx: RunContext[Any], request_context: ModelRequestContext) -> Any:
+            words = ModelRequest([UserPromptPart("Remember the page. " * 20)])
+            request_context.messages = [*request_context.messages, words]
+            return request_context
+
+    reader = Reader()
+    others = [Reminds(), ProcessHistory(lambda messages: messages)]
+    if is_first:
+        result = agent(reader, *others).run_sync(TASK, usage_limits=NO_LIMIT)
+    else:
+        first = ContextManagerCapability(sp.ContextManager(CAP))
+        made = Agent(reader.model, instructions=SYSTEM, tools=[read], capabilities=[first, *others])
+        result = made.run_sync(TASK, usage_limits=NO_LIMIT)
+    check(reader, result.all_messages())
+    assert all("Remember the page." in str(messages[-1]) for messages in reader.sent)
+
+
+def test_results_and_words_in_one_request_are_put_together_again():
+    reader = Reader(0)
+    calls = [ToolCallPart("read", {"page": n}, f"c{n}") for n in (1, 2)]
+    results = [ToolReturnPart("read", f"Page {n}.", f"c{n}") for n in (1, 2)]
+    mixed = ModelRequest([results[0], UserPromptPart("Hurry."), results[1]])
+    history = [ModelRequest([UserPromptPart(TASK)]), ModelResponse(calls), mixed, ModelResponse([TextPart("Yes.")])]
+    agent(reader).run_sync("So?", message_history=history)
+    (sent,) = reader.sent
+    assert [getattr(part, "content", None) for part in sent[2].parts] == ["Page 1.", "Page 2.", "Hurry."]
+    assert mixed.parts == [results[0], UserPromptPart("Hurry.", timestamp=mixed.parts[1].timestamp), results[1]]
+    assert sent[1].parts == calls
+
+
+def test_output_tools_instructions_and_tools_of_a_provider_count():
+    class Answer(BaseModel):
+        """What the book says, in the words of its author, with the number of the page where it says so."""
+
+        words: str
+        page: int
+
+    with pytest.raises(sp.PromptOverflowError, match="tools 82"):
+        agent(Reader(0), manager=sp.ContextManager(100), output_type=Answer).run_sync(TASK)
+    agent(Reader(0), manager=sp.ContextManager(100)).run_sync(TASK)
+    searching = Agent(TestModel(), capabilities=[WebSearch(), ContextManagerCapability(sp.ContextManager(100))])
+    with pytest.raises(sp.InvalidArgumentError, match="web_search"):
+        searching.run_sync(TASK)
+
+
+def test_sub_agents_have_managers_of_their_own():
+    inner, outer = Reader(), Reader(1)
+    stored: list[ModelMessage] = []
+
+    async def ask(page: int) -> str:
+        result = await agent(inner).run(TASK, usage_limits=NO_LIMIT)
+        stored.extend(result.all_messages())
+        return result.output
+
+    chief = Agent(outer.model, tools=[], capabilities=[ContextManagerCapability(sp.ContextManager(300))])
+    chief.tool_plain(ask, name="read")
+    assert chief.run_sync(TASK).output == "Done."
+    check(inner, stored)
+
+
+async def test_a_summary_is_shown_and_not_stored():
+    async def ask(messages: Any, max_tokens: int) -> str:
+        return "Nothing but doors."
+
+    reader = Reader()
+    manager = sp.ContextManager(CAP, strategy=sp.Summaries(60), ask=ask)
+    result = await agent(reader, manager=manager).run(TASK, usage_limits=NO_LIMIT)
+    check(reader, result.all_messages())
+    assert "Nothing but doors." in str(reader.sent[-1][1])
+    assert "Nothing but doors." not in str(result.all_messages())
+
+
+def test_a_result_that_is_an_error_is_cut_as_it_is_sent():
+    reader, text = Reader(0), '"quoted" \\ ' * 400
+    call = ToolCallPart("read", {"page": 1}, "c1")
+    failed = ToolReturnPart("read", text, "c1", outcome="failed")
+    history = [ModelRequest([UserPromptPart(TASK)]), ModelResponse([call]), ModelRequest([failed])]
+    agent(reader).run_sync("So?", message_history=history)
+    ((_, _, request, *_),) = reader.sent
+    assert request.parts[0].model_response_str().startswith('{"error":')
+    assert request.parts[0].model_response_str().endswith("tokens cut]")
+    assert tokens(reader.sent[0], reader.infos[0]) <= CAP
