@@ -48,12 +48,12 @@ with extra_named("smartplay_openai.agents", "agents"):
     )
 
 from smartplay_openai.player import chat_limit_field
-from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import check_names
+from smartplay_tools.players.wire import RESPONSES, read_items
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 from smartplay_tools.types.messages import Call, text_of, words_of
 

@@ -24,9 +24,6 @@ with extra_named("smartplay_openai", "openai"):
     from openai.resources.chat.completions import Completions
     from openai.resources.responses import Responses
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Interface
-from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import (
@@ -37,6 +34,7 @@ from smartplay_tools.players import (
     check_url,
     readable_proxies,
 )
+from smartplay_tools.players.wire import CHAT, RESPONSES, Interface
 from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
 from smartplay_tools.types.arguments import object_in
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 from smartplay_anthropic.codec import reply as blocks_reply
-from smartplay_openai.chat import CHAT
-from smartplay_openai.responses import RESPONSES
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
+from smartplay_tools.players.wire.chat import CHAT
+from smartplay_tools.players.wire.responses import RESPONSES
 from smartplay_tools.types.messages import assistant_message, calls_of, reasoning_of, text_of
 from smartplay_tools.types.reply_fields import NOT_COUNTED
 

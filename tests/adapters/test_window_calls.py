@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling, move

@@ -10,6 +10,6 @@ from __future__ import annotations
 from smartplay_tools.errors import extra_named
 
 with extra_named("An endpoint", "serve"):
-    from smartplay_openai.server.app import LocalEndpoint, SimulatedLimits, endpoint_app
+    from smartplay_gateway.server.app import LocalEndpoint, SimulatedLimits, endpoint_app
 
 __all__ = ["LocalEndpoint", "SimulatedLimits", "endpoint_app"]

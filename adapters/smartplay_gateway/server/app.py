@@ -27,15 +27,11 @@ from starlette.responses import Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Event, Interface, Streaming
-from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.responses import RESPONSES
-from smartplay_openai.tool_choice import ToolChoice
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, SmartPlayError, Usage
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import ModelCallError, server_error
+from smartplay_tools.players.wire import CHAT, RESPONSES, Event, Interface, RequestError, Streaming, ToolChoice, bad
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
 from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded

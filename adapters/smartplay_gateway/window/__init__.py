@@ -10,7 +10,7 @@ from __future__ import annotations
 from smartplay_tools.errors import extra_named
 
 with extra_named("An endpoint", "serve"):
-    from smartplay_openai.window.app import WindowEndpoint, window_app
-from smartplay_openai.window.store import WindowStore
+    from smartplay_gateway.window.app import WindowEndpoint, window_app
+from smartplay_gateway.window.store import WindowStore
 
 __all__ = ["WindowEndpoint", "WindowStore", "window_app"]

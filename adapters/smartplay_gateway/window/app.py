@@ -24,8 +24,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from smartplay_openai.problems import RequestError, bad
-from smartplay_openai.server.app import (
+from smartplay_gateway.server.app import (
     HANDLERS,
     WRONG_KEY,
     json_response,
@@ -33,13 +32,14 @@ from smartplay_openai.server.app import (
     read_request,
     respond,
 )
-from smartplay_openai.window.episode import WindowEpisode
-from smartplay_openai.window.formats import CHAT_FORMAT, HostFormat
-from smartplay_openai.window.messages_format import MESSAGES_FORMAT
-from smartplay_openai.window.names import Shown
-from smartplay_openai.window.responses_format import RESPONSES_FORMAT
-from smartplay_openai.window.store import PlayerOf, WindowStore
+from smartplay_gateway.window.episode import WindowEpisode
+from smartplay_gateway.window.formats import CHAT_FORMAT, HostFormat
+from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
+from smartplay_gateway.window.names import Shown
+from smartplay_gateway.window.responses_format import RESPONSES_FORMAT
+from smartplay_gateway.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
+from smartplay_tools.players.wire import RequestError, bad
 from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 

@@ -17,11 +17,10 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from smartplay_openai.problems import RequestError
-from smartplay_openai.window.formats import CompletionRequest, known_by
-from smartplay_openai.window.names import HostTools, Notices, Shown, tell_apart
-from smartplay_openai.window.pending_reply import PendingReply, call_id
-from smartplay_openai.window.side_requests import SideRequests, in_schema
+from smartplay_gateway.window.formats import CompletionRequest, known_by
+from smartplay_gateway.window.names import HostTools, Notices, Shown, tell_apart
+from smartplay_gateway.window.pending_reply import PendingReply, call_id
+from smartplay_gateway.window.side_requests import SideRequests, in_schema
 from smartplay_tools import (
     AgentSession,
     AsyncPlayer,
@@ -40,6 +39,7 @@ from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.episode import tool_functions
 from smartplay_tools.errors import PlayerLeftError, PromptRefusedError
 from smartplay_tools.players import ModelRefusedError
+from smartplay_tools.players.wire import RequestError
 from smartplay_tools.types.arguments import meaning, read
 from smartplay_tools.types.messages import assistant_message
 

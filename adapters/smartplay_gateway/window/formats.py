@@ -15,10 +15,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Event, Streaming
-from smartplay_openai.problems import RequestError, bad, objects, read_tools
 from smartplay_tools import Message, ToolSpec, Usage
+from smartplay_tools.players.wire import CHAT, Event, RequestError, Streaming, bad, objects, read_tools
 from smartplay_tools.types.messages import words_of
 
 

@@ -13,11 +13,10 @@ import uuid
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, bad, objects, read_tools
-from smartplay_openai.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
+from smartplay_gateway.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
 from smartplay_tools import Message, Usage
 from smartplay_tools.players.conversion import encodable, halves
+from smartplay_tools.players.wire import Event, RequestError, bad, objects, read_tools
 from smartplay_tools.types.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"

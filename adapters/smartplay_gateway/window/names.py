@@ -14,11 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from smartplay_openai.problems import bad
-from smartplay_openai.tool_choice import plainest_value
-from smartplay_openai.window.formats import CompletionRequest
+from smartplay_gateway.window.formats import CompletionRequest
 from smartplay_tools import ToolSpec
 from smartplay_tools.players.conversion import accepted_name
+from smartplay_tools.players.wire import bad, plainest_value
 from smartplay_tools.types.messages import MessageToolCall
 from smartplay_tools.visible import logger
 
@@ -97,7 +96,7 @@ def _is_described(tool: ToolSpec, own: ToolSpec) -> bool:
     return has_name and own.description[:40] in tool.description
 
 
-log = logger("smartplay_openai.window")
+log = logger("smartplay_gateway.window")
 
 
 @dataclass(frozen=True)

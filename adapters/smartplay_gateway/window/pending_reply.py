@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from smartplay_openai.problems import RequestError
 from smartplay_tools import Message, ToolResult, Usage
 from smartplay_tools.context import Turn
+from smartplay_tools.players.wire import RequestError
 from smartplay_tools.types.arguments import meaning, read
 from smartplay_tools.types.messages import Call, MessageToolCall, words_of
 

@@ -12,10 +12,7 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from typing import Any
 
-from smartplay_openai.interface import Event
-from smartplay_openai.problems import RequestError, objects, read_tools
-from smartplay_openai.responses import RESPONSES
-from smartplay_openai.window.formats import (
+from smartplay_gateway.window.formats import (
     CompletionRequest,
     HostFormat,
     Ignored,
@@ -25,6 +22,7 @@ from smartplay_openai.window.formats import (
     messages_of,
 )
 from smartplay_tools import Message, Usage
+from smartplay_tools.players.wire import RESPONSES, Event, RequestError, objects, read_tools
 
 BETWEEN = "__"
 """The separator between a namespace and the name of its function."""

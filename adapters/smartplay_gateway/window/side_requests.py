@@ -12,9 +12,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from smartplay_openai.window.formats import CompletionRequest
-from smartplay_openai.window.names import HostTools, filled
-from smartplay_openai.window.pending_reply import PendingReply
+from smartplay_gateway.window.formats import CompletionRequest
+from smartplay_gateway.window.names import HostTools, filled
+from smartplay_gateway.window.pending_reply import PendingReply
 from smartplay_tools import Episode, Message, Usage
 from smartplay_tools.visible import logger
 
@@ -37,7 +37,7 @@ SEARCHES = ("ToolSearch", "tool_search")
 
 HIDDEN_NAME = re.compile(r"mcp__\w+__(?:act|observe|read_manual)\b")
 
-log = logger("smartplay_openai.window")
+log = logger("smartplay_gateway.window")
 
 
 class SideRequests:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from smartplay_openai.window.episode import WindowEpisode
-from smartplay_openai.window.names import Shown
+from smartplay_gateway.window.episode import WindowEpisode
+from smartplay_gateway.window.names import Shown
 from smartplay_tools import AgentSession, AsyncPlayer, Episode, InvalidArgumentError, Player, resume
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.web import Store

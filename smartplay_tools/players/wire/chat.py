@@ -17,15 +17,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import bad, check_calls, objects, read_limit, read_tools
-from smartplay_openai.stream_pieces import StreamedCall, add_call, merged
-from smartplay_openai.text_calls import read_usage, sampled_tokens
-from smartplay_openai.thinking_parts import added, put_together, taken_apart
-from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
-from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
-from smartplay_tools.players import (
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.players.attempts import (
     BrokenAnswerError,
     UnreadableAnswerError,
     error_in,
@@ -34,7 +28,15 @@ from smartplay_tools.players import (
     with_end,
 )
 from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
+from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
+from smartplay_tools.players.wire.problems import bad, check_calls, objects, read_limit, read_tools
+from smartplay_tools.players.wire.stream_pieces import StreamedCall, add_call, merged
+from smartplay_tools.players.wire.thinking_parts import added, put_together, taken_apart
+from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choice
+from smartplay_tools.players.wire.usage import read_usage, sampled_tokens
+from smartplay_tools.types import Prompt, Reply, Usage
 from smartplay_tools.types.messages import (
+    Message,
     assistant_message,
     calls_of,
     pictures_of,

@@ -12,9 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
-from smartplay_openai.problems import RequestError
-from smartplay_openai.tool_choice import ToolChoice
-from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools.episode.tools import schema
+from smartplay_tools.players.wire.problems import RequestError
+from smartplay_tools.players.wire.tool_choice import ToolChoice
+from smartplay_tools.types import Prompt, Reply, Usage
+from smartplay_tools.types.messages import Message
 
 Event = tuple[str | None, dict[str, Any] | str]
 """A server-sent event: its name, if it has one, and its data."""

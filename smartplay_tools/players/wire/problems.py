@@ -11,9 +11,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smartplay_tools import Message, ToolSpec
 from smartplay_tools.players.conversion import check_names
-from smartplay_tools.types.messages import calls_of
+from smartplay_tools.types import ToolSpec
+from smartplay_tools.types.messages import Message, calls_of
 
 
 class RequestError(Exception):

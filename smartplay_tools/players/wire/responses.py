@@ -14,15 +14,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, TypeVar
 
-from smartplay_openai.interface import BREAKPOINT, Event, Interface
-from smartplay_openai.problems import RequestError, bad, check_calls, read_limit, read_tools
-from smartplay_openai.stream_pieces import StreamedItems
-from smartplay_openai.text_calls import read_usage
-from smartplay_openai.thinking_parts import part_of, taken_apart
-from smartplay_openai.tool_choice import ToolChoice, read_tool_choice
-from smartplay_tools import InvalidArgumentError, Message, Prompt, Reply, Usage
 from smartplay_tools.context.prompts import received, stable_end
-from smartplay_tools.players import (
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.players.attempts import (
     BrokenAnswerError,
     UnreadableAnswerError,
     error_in,
@@ -31,8 +25,15 @@ from smartplay_tools.players import (
     with_end,
 )
 from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
+from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
+from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
+from smartplay_tools.players.wire.stream_pieces import StreamedItems
+from smartplay_tools.players.wire.thinking_parts import part_of, taken_apart
+from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choice
+from smartplay_tools.players.wire.usage import read_usage
+from smartplay_tools.types import Prompt, Reply, Usage
 from smartplay_tools.types.arguments import read as arguments_in
-from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of, text_of
+from smartplay_tools.types.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
 
 A = TypeVar("A")

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from smartplay_openai.problems import objects
+from smartplay_tools.players.wire.problems import objects
 from smartplay_tools.types.arguments import meaning, read
 from smartplay_tools.types.reply_fields import NEIGHBOURS, NOT_COUNTED
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from smartplay_openai.stream_pieces import merged
-from smartplay_tools import Message
+from smartplay_tools.players.wire.stream_pieces import merged
+from smartplay_tools.types.messages import Message
 from smartplay_tools.types.reply_fields import OTHER_PART, THOUGHTS
 
 ITEM = "chat_thinking"

@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from smartplay_openai.problems import bad, check_name
-from smartplay_tools import Message, Prompt, ToolSpec
-from smartplay_tools.types.messages import MessageToolCall, calls_of, text_of
+from smartplay_tools.players.wire.problems import bad, check_name
+from smartplay_tools.types import Prompt, ToolSpec
+from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, text_of
 
 
 @dataclass(frozen=True)
