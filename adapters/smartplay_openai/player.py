@@ -35,20 +35,14 @@ from smartplay_tools.players import (
     readable_proxies,
 )
 from smartplay_tools.players.wire import CHAT, RESPONSES, Interface
-from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
+from smartplay_tools.providers.cache_fields import openai_cache_fields
+from smartplay_tools.providers.caps import cap_at
 from smartplay_tools.types.arguments import object_in
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
 
 DEFAULT_BASE_URL = "https://api.openai.com/v1"
-
-AZURE = (".openai.azure.com", ".services.ai.azure.com", ".cognitiveservices.azure.com")
-"""The hosts of Azure's OpenAI models, whose newer ones refuse `max_tokens` as OpenAI's do.
-
-Source: learn.microsoft.com/azure/foundry/openai, "API version lifecycle" and "Reasoning models", and
-github.com/anomalyco/opencode/issues/4334, read on 26 November 2026.
-"""
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -66,12 +60,6 @@ _DATA = re.compile("^data:(.*)$", re.MULTILINE)
 def _is_whole(stream: Any) -> bool:
     """Whether a server has answered as a whole although a stream was asked for."""
     return "json" in stream.response.headers.get("content-type", "")
-
-
-def chat_limit_field(base_url: str) -> str:
-    """Return the name of the cap on a reply in chat completions of a server: OpenAI and Azure have a newer one."""
-    is_known = is_openai(base_url) or f".{urlsplit(base_url).hostname or ''}".endswith(AZURE)
-    return CHAT.limit_field if is_known else "max_tokens"
 
 
 class OpenAIPlayer(ModelPlayer):
@@ -234,7 +222,7 @@ class OpenAIPlayer(ModelPlayer):
         return {**typed, "extra_body": extra} if extra else typed
 
     def _usual_limit_field(self) -> str:
-        return chat_limit_field(self._settings["base_url"])
+        return cap_at(self._settings["base_url"])
 
 
 class ResponsesPlayer(OpenAIPlayer):

@@ -6,9 +6,10 @@ Players ask it for every request, so the rules of caches are read only where the
 from __future__ import annotations
 
 from typing import NamedTuple
-from urllib.parse import urlsplit
 
-__all__ = ["CacheFields", "is_openai", "openai_cache_fields"]
+from smartplay_tools.providers.tables import provider_at
+
+__all__ = ["CacheFields", "openai_cache_fields"]
 
 
 class CacheFields(NamedTuple):
@@ -21,11 +22,8 @@ class CacheFields(NamedTuple):
 
 
 def is_openai(base_url: str) -> bool:
-    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
-
-    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
-    """
-    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
+    """Whether an address is OpenAI's."""
+    return provider_at(base_url) == "OpenAI"
 
 
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:

@@ -18,8 +18,8 @@ import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
 from smartplay_tools.players.wire.chat import CHAT
 from smartplay_tools.players.wire.responses import RESPONSES
+from smartplay_tools.providers.reply_fields import NOT_COUNTED
 from smartplay_tools.types.messages import assistant_message, calls_of, reasoning_of, text_of
-from smartplay_tools.types.reply_fields import NOT_COUNTED
 
 DOCS = Path(__file__).parents[2] / "docs" / "openai.md"
 WORDS = ["I", " go", " now", "\u00e9", "\U0001f600", ".", "\n", '"', "{"]

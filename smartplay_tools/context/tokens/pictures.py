@@ -1,4 +1,4 @@
-"""Rules by which providers count the tokens of a picture: here the ways to count, in `pictures.toml` the providers.
+"""Rules by which providers count the tokens of a picture: here the ways to count, in the files of providers the rules.
 
 A rule is a part of the tokenizer: `o200k_base+claude-28` counts words with o200k_base and pictures by `claude-28`, and
 records have that name.
@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from smartplay_tools.types.tables import read_table
+from smartplay_tools.providers.tables import merged
 
 __all__ = ["RULES", "PictureRule"]
 
@@ -95,7 +95,5 @@ def _rule(
     return PictureRule(name, title, partial(_WAYS[way], **numbers or {}), sizes, source, read_on)
 
 
-RULES: Mapping[str, PictureRule] = {
-    name: _rule(name, **fields) for name, fields in read_table(__package__, "pictures.toml").items()
-}
+RULES: Mapping[str, PictureRule] = {name: _rule(name, **fields) for name, fields in merged("pictures").items()}
 """Every rule by its name."""

@@ -5,7 +5,6 @@ chat            chat completions
 responses       Responses, without stored conversations
 stream_pieces   how the pieces of a stream become values and calls
 thinking_parts  parts of a content that are not words
-usage           what a server says it has counted
 problems        what a server refuses, in OpenAI's form
 tool_choice     which tools a reply may and must call
 """

@@ -25,16 +25,17 @@ from smartplay_tools.players.attempts import (
     error_in,
     plain_answer,
     unreadable,
-    with_end,
 )
 from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
+from smartplay_tools.players.usage import read_usage, with_end
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import bad, check_calls, objects, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedCall, add_call, merged
 from smartplay_tools.players.wire.thinking_parts import added, put_together, taken_apart
 from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choice
-from smartplay_tools.players.wire.usage import read_usage, sampled_tokens
-from smartplay_tools.types import Prompt, Reply, Usage
+from smartplay_tools.providers.caps import CAPS
+from smartplay_tools.providers.reply_fields import NOT_SENT, THOUGHT_FIELDS
+from smartplay_tools.types import Prompt, Reply, SampledTokens, Usage
 from smartplay_tools.types.messages import (
     Message,
     assistant_message,
@@ -44,10 +45,12 @@ from smartplay_tools.types.messages import (
     text_of,
 )
 from smartplay_tools.types.pictures import Picture, is_picture
-from smartplay_tools.types.reply_fields import NOT_SENT
 
-RENAMED = {"type": "chat_reasoning"}
-"""The provider item of a reply whose thoughts came as `reasoning`, the newer name of `reasoning_content`."""
+RENAMED = "chat_reasoning"
+"""The type of the provider item of a reply whose thoughts came not as `reasoning_content`, but as its `name` says.
+
+Without one the name is `reasoning`.
+"""
 
 CALL_FIELDS = "chat_call_fields"
 """The type of the provider item with what a server has added to each call, such as Gemini's signature of thoughts."""
@@ -84,7 +87,7 @@ class ChatCompletions(Interface):
     def reply(self, answer: Any) -> Reply:
         """Return the reply in a completion."""
         sent = plain_answer(answer)
-        usage = read_usage(sent.get("usage"), "prompt", "completion")
+        usage = read_usage(sent.get("usage"), "chat")
         choices = sent.get("choices")
         choice = choices[0] if isinstance(choices, list) and choices else None
         choice = choice if isinstance(choice, Mapping) else {}
@@ -100,7 +103,7 @@ class ChatCompletions(Interface):
         except InvalidArgumentError as error:
             raise UnreadableAnswerError(str(error), usage) from error
         usage = with_end(usage, ended, "refusal" if message.get("refusal") else None)
-        return Reply(reply, usage, sampled_tokens(choice, sent.get("prompt_token_ids")))
+        return Reply(reply, usage, _sampled_tokens(choice, sent.get("prompt_token_ids")))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the completion that consists of a stream's chunks."""
@@ -126,7 +129,7 @@ class ChatCompletions(Interface):
             message["tool_calls"] = [call.whole() for call in sorted(calls, key=attrgetter("index"))]
         is_whole = bool(calls) and all(call.is_whole for call in calls)
         if not (finished or is_over or is_whole):
-            raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "prompt", "completion"))
+            raise BrokenAnswerError("The stream ended before the reply did.", read_usage(usage, "chat"))
         return {"choices": [{"message": message, "finish_reason": finished}], "usage": usage}
 
     def read(self, body: Mapping[str, Any]) -> Prompt:
@@ -138,7 +141,7 @@ class ChatCompletions(Interface):
             raise bad("This endpoint gives one choice: n is 1.", "n")
         canonical = [_message(message, f"messages[{at}]") for at, message in enumerate(messages)]
         check_calls(canonical, "messages")
-        limit = read_limit(body, "max_completion_tokens", "max_tokens")
+        limit = read_limit(body, *CAPS)
         return received(canonical, read_tools(body, "function"), limit)
 
     def read_tool_choice(self, body: Mapping[str, Any]) -> ToolChoice:
@@ -154,7 +157,7 @@ class ChatCompletions(Interface):
         typed = [item for item in message.get("provider_items", ()) if isinstance(item, Mapping) and "type" in item]
         reasoning = reasoning_of({**message, "provider_items": typed})
         if reasoning or "reasoning_content" in message:
-            answer["reasoning" if RENAMED in typed else "reasoning_content"] = reasoning
+            answer[_name_of_thoughts(message)] = reasoning
         calls = _calls(message)
         if calls:
             answer["tool_calls"] = calls
@@ -220,9 +223,15 @@ def _sent(message: Message, pictures: Mapping[str, Picture]) -> Mapping[str, Any
         sent["tool_calls"] = calls
     elif sent["content"] is None:
         sent["content"] = ""
-    if RENAMED in message.get("provider_items", ()):
-        sent["reasoning"] = sent.pop("reasoning_content")
+    if "reasoning_content" in sent:
+        sent[_name_of_thoughts(message)] = sent.pop("reasoning_content")
     return sent
+
+
+def _name_of_thoughts(message: Message) -> str:
+    """The field under which the thoughts of a reply came."""
+    renamed = kept_item(message, RENAMED)
+    return "reasoning_content" if renamed is None else renamed.get("name", "reasoning")
 
 
 def _calls(message: Message) -> list[Mapping[str, Any]]:
@@ -249,10 +258,10 @@ def _with_items(message: dict[str, Any], thoughts: Sequence[Mapping[str, Any]] =
     calls = message.get("tool_calls")
     fields = [_own_fields(call) for call in calls] if isinstance(calls, list) else []
     items = [*thoughts, *([{"type": CALL_FIELDS, "calls": fields}] if any(fields) else [])]
-    reasoning = message.get("reasoning")
-    if isinstance(reasoning, str) and message.get("reasoning_content") is None and (reasoning or calls):
-        message["reasoning_content"] = message.pop("reasoning")
-        items.append(RENAMED)
+    said = [name for name in THOUGHT_FIELDS if isinstance(message.get(name), str) and (message[name] or calls)]
+    if said and message.get("reasoning_content") is None:
+        message["reasoning_content"] = message.pop(said[0])
+        items.append({"type": RENAMED} if said[0] == "reasoning" else {"type": RENAMED, "name": said[0]})
     return {**message, "provider_items": items} if items else message
 
 
@@ -288,6 +297,23 @@ def _message(message: Any, param: str) -> Message:
     if not all(isinstance(value, str) for value in fields.values()):
         raise bad("name and tool_call_id are texts.", param)
     return {"role": message["role"], "content": message["content"], **fields}  # type: ignore[typeddict-item]
+
+
+def _sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | None:
+    """The tokens of a reply, which vLLM and LMDeploy send where `return_token_ids` asks for them.
+
+    Their probabilities are there if `logprobs` asks for these, too; `prompt` are the prompt's tokens.
+    """
+    ids, logprobs = choice.get("token_ids"), choice.get("logprobs")
+    if not isinstance(ids, list):
+        return None
+    content = logprobs.get("content") if isinstance(logprobs, Mapping) else None
+    try:
+        drawn = [each["logprob"] for each in content or ()]
+        logprobs = tuple(drawn) if len(drawn) == len(ids) else None
+        return SampledTokens(reply=tuple(ids), logprobs=logprobs, prompt=prompt)
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _usage(usage: Usage) -> dict[str, Any]:

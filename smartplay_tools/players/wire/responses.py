@@ -22,15 +22,14 @@ from smartplay_tools.players.attempts import (
     error_in,
     plain_answer,
     unreadable,
-    with_end,
 )
 from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
+from smartplay_tools.players.usage import read_usage, with_end
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedItems
 from smartplay_tools.players.wire.thinking_parts import part_of, taken_apart
 from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choice
-from smartplay_tools.players.wire.usage import read_usage
 from smartplay_tools.types import Prompt, Reply, Usage
 from smartplay_tools.types.arguments import read as arguments_in
 from smartplay_tools.types.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
@@ -73,7 +72,7 @@ class Responses(Interface):
     def reply(self, answer: Any) -> Reply:
         """Return the reply in a response."""
         sent = plain_answer(answer)
-        usage = read_usage(sent.get("usage"), "input", "output")
+        usage = read_usage(sent.get("usage"), "responses")
         output, why = sent.get("output"), sent.get("incomplete_details")
         reason = why.get("reason") if isinstance(why, Mapping) else None
         if output is None and reason:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from smartplay_tools.players.wire.problems import objects
+from smartplay_tools.providers.reply_fields import NEIGHBOURS, NOT_COUNTED
 from smartplay_tools.types.arguments import meaning, read
-from smartplay_tools.types.reply_fields import NEIGHBOURS, NOT_COUNTED
 
 
 def merged(before: Any, piece: Any) -> Any:

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.players.wire.stream_pieces import merged
+from smartplay_tools.providers.reply_fields import OTHER_PART, THOUGHTS
 from smartplay_tools.types.messages import Message
-from smartplay_tools.types.reply_fields import OTHER_PART, THOUGHTS
 
 ITEM = "chat_thinking"
 """The type of the provider item that is one part with thoughts, with these as its `content`."""

@@ -2,7 +2,7 @@
 
 Providers put thoughts, signatures and further data beside the words and calls of a reply, each under different names.
 A field goes back under the name under which it came, whole. Counted is every text in it that a person could read, at
-any depth, also in fields that this library does not know. The table is `reply_fields.toml`; docs/openai.md prints it.
+any depth, also in fields that this library does not know. docs/openai.md prints the table.
 """
 
 from __future__ import annotations
@@ -10,30 +10,34 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.types.tables import read_table
+from smartplay_tools.providers.tables import merged, names, rows
 
-__all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT", "OTHER_PART", "THOUGHTS"]
+__all__ = ["NEIGHBOURS", "NOT_COUNTED", "NOT_SENT", "OTHER_PART", "THOUGHTS", "THOUGHT_FIELDS"]
 
-_TABLE = read_table(__package__, "reply_fields.toml")
-
-NOT_SENT = frozenset(field["name"] for field in _TABLE["field"] if not field.get("sent", True))
+NOT_SENT = frozenset(row["name"] for _, row in rows("field") if not row.get("sent", True))
 """The fields of a chat completion that requests must not have: citations, speech, the older form of a call."""
 
-NOT_COUNTED = frozenset(_TABLE["not_counted"])
+NOT_COUNTED = frozenset(names("not_counted"))
 """The names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data, names of models."""
 
-NEIGHBOURS = frozenset(_TABLE["neighbours"])
+NEIGHBOURS = frozenset(names("parts", "neighbours"))
 """The types of parts that a piece of a stream without an index continues, up to their signature."""
 
-THOUGHTS: Sequence[str] = _TABLE["thoughts"]
+THOUGHTS = names("parts", "thoughts")
 """The types of parts of a content that are thoughts, even where they have a text as words have."""
+
+THOUGHT_FIELDS = tuple(dict.fromkeys(row["name"] for _, row in rows("field") if row["empty"] == "a value beside calls"))
+"""The fields of a chat completion that are thoughts as text, of which an empty one goes back beside calls."""
 
 OTHER_PART = "chat_part"
 """The type of the provider item that is one part of a content, neither words nor known thoughts."""
 
-_ENCRYPTED: dict[str, str] = _TABLE["encrypted"]
-_CALLS = frozenset(_TABLE["calls"])
-_BESIDE = frozenset(_TABLE["beside"])
+ENCRYPTED: Mapping[str, str] = merged("parts", "encrypted")
+"""The encrypted field of parts of some types; elsewhere it is `encrypted_content`."""
+
+_CALLS = frozenset(names("parts", "calls"))
+_BESIDE = frozenset([*names("parts", "beside"), "chat_thinking", OTHER_PART, "chat_call_fields", "chat_reasoning"])
+"""The types of provider items that go back beside a reply's own text; an item of another type holds the whole reply."""
 
 
 def readable(items: Sequence[Any], own: str) -> Iterator[str]:
@@ -62,7 +66,7 @@ def texts_in(value: Any) -> Iterator[str]:
             yield from texts_in(item)
     elif isinstance(value, Mapping) and (kind := _type(value, "type", "part_kind")) not in _CALLS:
         kind = _type(value, "part_kind") if kind == OTHER_PART else kind
-        encrypted = _ENCRYPTED.get(kind) if kind else None
+        encrypted = ENCRYPTED.get(kind) if kind else None
         if value.get("redacted") is True:  # as Inspect marks it
             encrypted = "reasoning"
         for name, inner in value.items():
