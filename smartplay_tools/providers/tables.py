@@ -17,25 +17,6 @@ __all__ = ["names"]
 ANY = "any server"
 """The name that stands for servers without a file; it comes last."""
 
-KINDS: Mapping[str, str] = {
-    "name": "the provider",
-    "hosts": "the ends of the names of its hosts",
-    "cap": "its field for the cap on a reply",
-    "defined": "the fields of a reply that its interface defines",
-    "end_fields": "the fields in which an answer says why it ended",
-    "not_counted": "names, at any depth, of texts that nobody reads: ids, types, signatures, encrypted data",
-    "parts": "types of parts: thoughts, calls, those beside a reply's text, neighbours in a stream, encrypted ones",
-    "usage": "names of counts of tokens, and which counts are beside that of the prompt",
-    "field": "fields of a reply: what they hold, whether they count and go back, how pieces join, what empty means",
-    "optional": "fields that a request may do without, in its body or inside of its messages",
-    "error": "what it says in place of a reply, and whose error that is",
-    "end": "why a reply ended, and the count of it",
-    "limit": "how much of a reply it takes back",
-    "caches": "the rules of its prompt caches",
-    "pictures": "the rules by which it counts pictures",
-}
-"""What a file may hold."""
-
 
 @cache
 def providers() -> Mapping[str, Mapping[str, Any]]:
@@ -43,11 +24,8 @@ def providers() -> Mapping[str, Mapping[str, Any]]:
     import tomllib  # slow to import, and most episodes need no table
 
     files = [file for file in (resources.files(__package__) / "data").iterdir() if file.name.endswith(".toml")]
-    tables = {file.name: tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    for name, table in tables.items():
-        if unknown := sorted(table.keys() - KINDS.keys()):
-            raise ValueError(f"{name} has {', '.join(unknown)}, which nothing reads; a file has {', '.join(KINDS)}.")
-    named = {table["name"]: table for table in tables.values()}
+    tables = [tomllib.loads(file.read_text(encoding="utf-8")) for file in files]
+    named = {table["name"]: table for table in tables}
     return {name: named[name] for name in sorted(named, key=lambda name: (name == ANY, name.lower()))}
 
 
