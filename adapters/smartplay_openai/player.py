@@ -131,7 +131,9 @@ class OpenAIPlayer(ModelPlayer):
         if self._settings["api_key"] is None:
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
         check_key(self._settings["api_key"], self.name)
-        self._limit_field = limit_field or self._usual_limit_field()
+        self._limit_field = limit_field or (
+            cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
+        )
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
         self._optional = OptionalFields(self.name, own)
         self._stream, self._typed = stream, typed
@@ -221,9 +223,6 @@ class OpenAIPlayer(ModelPlayer):
         extra = {field: value for field, value in body.items() if field not in fields}
         return {**typed, "extra_body": extra} if extra else typed
 
-    def _usual_limit_field(self) -> str:
-        return cap_at(self._settings["base_url"])
-
 
 class ResponsesPlayer(OpenAIPlayer):
     """A player that asks a model through the stateless Responses interface; reasoning is sent back with its turn."""
@@ -231,6 +230,3 @@ class ResponsesPlayer(OpenAIPlayer):
     _registered = "openai-responses"
     _interface: Interface = RESPONSES
     _arguments_of_client = arguments_of(Responses.create)
-
-    def _usual_limit_field(self) -> str:
-        return self._interface.limit_field

@@ -6,8 +6,7 @@ about its contents. The names are in the files of providers.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from typing import Any, Literal
@@ -24,7 +23,7 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
     if not isinstance(usage, Mapping):
         return None
     own, places = merged("usage", interface), [usage, *usage.values()]
-    parts = {kind: max((reported_in(place, *names("usage", kind)) for place in places), key=_or_less) for kind in PARTS}
+    parts = {kind: reported_in(places, *names("usage", kind)) for kind in PARTS}
     counts = {kind: count or 0 for kind, count in parts.items()}
     read = Usage(
         prompt=count_in(usage, own["prompt"]) + sum(counts[kind] for kind in own.get("beside", ())),
@@ -34,11 +33,7 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
         written_1h=min(counts["written"], counts["written_1h"]),
         reasoning=counts["reasoning"],
     )
-    return read.checked(reported_in(usage, "total_tokens"))
-
-
-def _or_less(count: int | None) -> float:
-    return -math.inf if count is None else count
+    return read.checked(reported_in([usage], "total_tokens"))
 
 
 @cache
@@ -57,18 +52,33 @@ def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
     return (usage or Usage()).model_copy(update=counts) if counts else usage
 
 
-def reported_in(counts: Any, *names: str) -> int | None:
-    """Return the largest number of tokens that a server's usage has under these names; None if it has none.
+def reported_in(places: Iterable[Any], *called: str) -> int | None:
+    """Return the largest number that the mappings among these have under these names; None if they have none.
 
     Some servers write a number as text.
     """
     reported: list[int] = []
-    for name in names if isinstance(counts, Mapping) else ():
-        with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
-            reported.append(int(float(counts.get(name))))
+    for counts in places:
+        for name in called if isinstance(counts, Mapping) else ():
+            with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
+                reported.append(int(float(counts.get(name))))
     return max(reported, default=None)
 
 
 def count_in(counts: Any, name: str) -> int:
     """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
-    return reported_in(counts, name) or 0
+    return reported_in([counts], name) or 0
+
+
+def written_usage(usage: Usage, interface: Literal["chat", "responses"]) -> dict[str, Any]:
+    """Return a usage as an answer has it; a completion without a count of cached tokens has none of these."""
+    own, cached = merged("usage", interface), {"cached_tokens": usage.cached or 0}
+    if usage.cached is None and interface == "chat":
+        cached = {}
+    return {
+        own["prompt"]: usage.prompt,
+        own["reply"]: usage.reply,
+        "total_tokens": usage.prompt + usage.reply,
+        f"{own['prompt']}_details": {**cached, "cache_write_tokens": usage.written},
+        f"{own['reply']}_details": {"reasoning_tokens": usage.reasoning},
+    }

@@ -21,14 +21,9 @@ class CacheFields(NamedTuple):
     """Marks in the messages."""
 
 
-def is_openai(base_url: str) -> bool:
-    """Whether an address is OpenAI's."""
-    return provider_at(base_url) == "OpenAI"
-
-
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
-    if not is_openai(base_url):
+    if provider_at(base_url) != "OpenAI":
         return CacheFields()
     from smartplay_tools.providers.caches import cache_rules, rule_of
 

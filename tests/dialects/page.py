@@ -95,15 +95,15 @@ def fields() -> Iterator[list[str]]:
 def names() -> Iterator[list[str]]:
     """What providers call what a request or an answer has."""
     yield ["what", "name", "server"]
-    kinds = {"read from a cache": "cached", "written to a cache": "written", "thoughts": "reasoning"}
-    listed = {"cap on a reply": [(who, [cap]) for who, cap in each("cap")], "why a reply ended": each("end_fields")}
-    listed |= {f"tokens: {what}": each("usage", kind) for what, kind in kinds.items()}
+    listed = {"cap on a reply": each("cap"), "why a reply ended": each("end_fields")}
+    listed |= {f"tokens: {kind}": each("usage", kind) for kind in ("cached", "written", "written_1h", "reasoning")}
     for kind in ("cut", "refused", "paused", "broken_calls"):
-        listed[f"end: {kind}"] = [(who, row["reasons"]) for who, row in rows_of("end") if row["count"] == kind]
-    listed["a request does without"] = [(who, [row["name"]]) for who, row in rows_of("optional")]
-    listed["goes back"] = [(who, [f"{row['most']:,} {row['what']}"]) for who, row in rows_of("limit")]
+        listed[f"end: {kind}"] = ((who, row["reasons"]) for who, row in rows_of("end") if row["count"] == kind)
+    listed["a request does without"] = ((who, row["name"]) for who, row in rows_of("optional"))
+    listed["goes back"] = ((who, f"{row['most']:,} {row['what']}") for who, row in rows_of("limit"))
     for what, said in listed.items():
         for who, called in said:
+            called = [called] if isinstance(called, str) else called
             yield [what, ", ".join(f"`{name}`" for name in called), who]
 
 

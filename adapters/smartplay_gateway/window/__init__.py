@@ -4,13 +4,3 @@ An agent points its `base_url` at it and plays under the exact budget: the real 
 game's window and nothing else, whatever the agent keeps, trims or adds to its own messages. The agent runs the tool
 calls, over MCP or in this process, and every reply, call and budget is in the record as in any other episode.
 """
-
-from __future__ import annotations
-
-from smartplay_tools.errors import extra_named
-
-with extra_named("An endpoint", "serve"):
-    from smartplay_gateway.window.app import WindowEndpoint, window_app
-from smartplay_gateway.window.store import WindowStore
-
-__all__ = ["WindowEndpoint", "WindowStore", "window_app"]

@@ -18,20 +18,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Route
-from starlette.types import ASGIApp
+from smartplay_tools.errors import extra_named
 
-from smartplay_gateway.server.app import (
-    HANDLERS,
-    WRONG_KEY,
-    json_response,
-    model_object,
-    read_request,
-    respond,
-)
+with extra_named("An endpoint", "serve"):
+    import uvicorn as _uvicorn  # noqa: F401
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import PlainTextResponse, Response
+    from starlette.routing import Route
+    from starlette.types import ASGIApp
+
+from smartplay_gateway.endpoint import HANDLERS, WRONG_KEY, json_response, model_object, read_request, respond
 from smartplay_gateway.window.episode import WindowEpisode
 from smartplay_gateway.window.formats import CHAT_FORMAT, HostFormat
 from smartplay_gateway.window.messages_format import MESSAGES_FORMAT

@@ -27,7 +27,7 @@ from smartplay_tools.players.attempts import (
     unreadable,
 )
 from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
-from smartplay_tools.players.usage import read_usage, with_end
+from smartplay_tools.players.usage import read_usage, with_end, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import bad, check_calls, objects, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedCall, add_call, merged
@@ -36,14 +36,7 @@ from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choic
 from smartplay_tools.providers.caps import CAPS
 from smartplay_tools.providers.reply_fields import NOT_SENT, THOUGHT_FIELDS
 from smartplay_tools.types import Prompt, Reply, SampledTokens, Usage
-from smartplay_tools.types.messages import (
-    Message,
-    assistant_message,
-    calls_of,
-    pictures_of,
-    reasoning_of,
-    text_of,
-)
+from smartplay_tools.types.messages import Message, assistant_message, calls_of, pictures_of, reasoning_of, text_of
 from smartplay_tools.types.pictures import Picture, is_picture
 
 RENAMED = "chat_reasoning"
@@ -169,7 +162,7 @@ class ChatCompletions(Interface):
             "created": int(time.time()),
             "model": model,
             "choices": [choice],
-            "usage": _usage(usage),
+            "usage": written_usage(usage, "chat"),
         }
 
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
@@ -314,14 +307,3 @@ def _sampled_tokens(choice: Mapping[str, Any], prompt: Any) -> SampledTokens | N
         return SampledTokens(reply=tuple(ids), logprobs=logprobs, prompt=prompt)
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _usage(usage: Usage) -> dict[str, Any]:
-    read = {} if usage.cached is None else {"cached_tokens": usage.cached}
-    return {
-        "prompt_tokens": usage.prompt,
-        "completion_tokens": usage.reply,
-        "total_tokens": usage.prompt + usage.reply,
-        "prompt_tokens_details": {**read, "cache_write_tokens": usage.written},
-        "completion_tokens_details": {"reasoning_tokens": usage.reasoning},
-    }

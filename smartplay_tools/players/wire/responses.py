@@ -24,7 +24,7 @@ from smartplay_tools.players.attempts import (
     unreadable,
 )
 from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
-from smartplay_tools.players.usage import read_usage, with_end
+from smartplay_tools.players.usage import read_usage, with_end, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedItems
@@ -143,13 +143,7 @@ class Responses(Interface):
             "tools": [],
             "top_p": None,
             "store": False,
-            "usage": {
-                "input_tokens": usage.prompt,
-                "input_tokens_details": {"cached_tokens": usage.cached or 0, "cache_write_tokens": usage.written},
-                "output_tokens": usage.reply,
-                "output_tokens_details": {"reasoning_tokens": usage.reasoning},
-                "total_tokens": usage.prompt + usage.reply,
-            },
+            "usage": written_usage(usage, "responses"),
         }
 
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
