@@ -131,9 +131,8 @@ class OpenAIPlayer(ModelPlayer):
         if self._settings["api_key"] is None:
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
         check_key(self._settings["api_key"], self.name)
-        self._limit_field = limit_field or (
-            cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
-        )
+        usual = cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
+        self._limit_field = limit_field or usual
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
         self._optional = OptionalFields(self.name, own)
         self._stream, self._typed = stream, typed

@@ -82,11 +82,8 @@ class OptionalFields:
         if said.whose == "field" and not refused:
             kept_back = _named(_added(request), words)
             if not self._renamed:
-                renamed = {
-                    name: other_cap(name, words)
-                    for name in CAPS
-                    if name in words and name in request and name not in self._own
-                }
+                caps = [name for name in CAPS if name in words and name in request and name not in self._own]
+                renamed = {name: other_cap(name, words) for name in caps}
         changes = [*sorted((refused - self._left_out) | (kept_back - self._kept_back))]
         changes += [f"{name}, now {other}" for name, other in renamed.items()]
         changes += [f"{name} of every reply, now empty where it was left out" for name in wanted - self._wanted]

@@ -26,8 +26,8 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
     parts = {kind: reported_in(places, *names("usage", kind)) for kind in PARTS}
     counts = {kind: count or 0 for kind, count in parts.items()}
     read = Usage(
-        prompt=count_in(usage, own["prompt"]) + sum(counts[kind] for kind in own.get("beside", ())),
-        reply=count_in(usage, own["reply"]),
+        prompt=(reported_in([usage], own["prompt"]) or 0) + sum(counts[kind] for kind in own.get("beside", ())),
+        reply=reported_in([usage], own["reply"]) or 0,
         cached=parts["cached"],
         written=counts["written"],
         written_1h=min(counts["written"], counts["written_1h"]),
@@ -63,11 +63,6 @@ def reported_in(places: Iterable[Any], *called: str) -> int | None:
             with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
                 reported.append(int(float(counts.get(name))))
     return max(reported, default=None)
-
-
-def count_in(counts: Any, name: str) -> int:
-    """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
-    return reported_in([counts], name) or 0
 
 
 def written_usage(usage: Usage, interface: Literal["chat", "responses"]) -> dict[str, Any]:
