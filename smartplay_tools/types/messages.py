@@ -15,9 +15,9 @@ from typing import Any, Literal, NotRequired, Required
 from typing_extensions import TypedDict  # Pydantic, which checks recorded messages, needs it on Python 3.11
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.providers.request_limits import most
 from smartplay_tools.types.arguments import DEEPEST, Arguments, Problem, as_text, read, well_formed
 from smartplay_tools.types.pictures import is_picture
-from smartplay_tools.providers.request_limits import most
 
 __all__ = [
     "Call",
