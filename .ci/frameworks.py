@@ -26,7 +26,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from smartplay_openai import LocalEndpoint
+from smartplay_gateway import LocalEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.types.messages import text_of

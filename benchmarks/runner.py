@@ -65,7 +65,7 @@ class SlowRandom(RandomPlayer):
 
 def serve(port: int) -> None:
     """Serve the slow player: in a process of its own, as a model is."""
-    from smartplay_openai import LocalEndpoint
+    from smartplay_gateway import LocalEndpoint
 
     LocalEndpoint(SlowRandom(), port=port).run()
 

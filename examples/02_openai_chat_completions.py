@@ -10,6 +10,7 @@ import os
 from contextlib import ExitStack
 
 import openai
+import smartplay_gateway
 import smartplay_openai
 
 import smartplay_tools as sp
@@ -18,7 +19,7 @@ with ExitStack() as stack:
     if os.environ.get("MODEL"):
         client, model = stack.enter_context(openai.OpenAI()), os.environ["MODEL"]
     else:
-        endpoint = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule")))
+        endpoint = stack.enter_context(smartplay_gateway.LocalEndpoint(sp.get_player("rule")))
         http_client = openai.DefaultHttpxClient(trust_env=False)  # no proxy between this machine and itself
         client = stack.enter_context(openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http_client))
         model = "rule"

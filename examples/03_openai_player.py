@@ -11,7 +11,7 @@ import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 
-import smartplay_openai
+import smartplay_gateway
 
 import smartplay_tools as sp
 
@@ -21,7 +21,7 @@ with ExitStack() as stack:
     if os.environ.get("MODEL"):
         player = sp.get_player(f"openai:{os.environ['MODEL']}")
     else:
-        endpoint = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule")))
+        endpoint = stack.enter_context(smartplay_gateway.LocalEndpoint(sp.get_player("rule")))
         player = sp.get_player("openai:rule", base_url=endpoint.base_url)
     stack.enter_context(player)
 

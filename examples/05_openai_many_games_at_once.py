@@ -10,7 +10,7 @@ import asyncio
 import os
 from contextlib import ExitStack
 
-import smartplay_openai
+import smartplay_gateway
 
 import smartplay_tools as sp
 
@@ -31,7 +31,7 @@ with ExitStack() as stack:
     model, base_url = os.environ.get("MODEL", ""), None
     if not os.environ.get("MODEL"):
         model = "rule"
-        base_url = stack.enter_context(smartplay_openai.LocalEndpoint(sp.get_player("rule"))).base_url
+        base_url = stack.enter_context(smartplay_gateway.LocalEndpoint(sp.get_player("rule"))).base_url
     results = asyncio.run(play_all(model, base_url))
 
 for result in results:

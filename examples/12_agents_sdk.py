@@ -12,7 +12,7 @@ from contextlib import ExitStack
 
 from agents import Agent, OpenAIChatCompletionsModel, Runner, set_tracing_disabled
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient
-from smartplay_openai import LocalEndpoint
+from smartplay_gateway import LocalEndpoint
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp

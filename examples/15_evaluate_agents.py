@@ -14,8 +14,8 @@ from langchain.agents import create_agent
 from langchain_core.tools import tool
 from langchain_openai import ChatOpenAI
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient, DefaultHttpxClient
+from smartplay_gateway import LocalEndpoint
 from smartplay_langchain import SmartPlayMiddleware
-from smartplay_openai import LocalEndpoint
 from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp

@@ -28,10 +28,10 @@ LAYERS = (
     "errors",
     "streams",
     "registry",
+    "providers",
     "terminal",
     "types",
     "statistics",
-    "providers",
     "games",
     "transcript",
     "context",
@@ -130,7 +130,7 @@ OTHERS = {
     "smartplay_langchain.toolkit": "a tool is invoked",
     "smartplay_local.engine": "tokens are counted, a template is written, and a model is tried with 40 tokens",
     "smartplay_mcp.server": "a message of the protocol is handled",
-    "smartplay_openai.window.app": "a request of a host is handed to its episode",
+    "smartplay_gateway.window.app": "a request of a host is handed to its episode",
     "smartplay_pydantic_ai.capability.SmartPlay.wrap_tool_execute": "a tool is run",
 }
 """Modules and functions in which these are something else, and what."""
@@ -182,8 +182,6 @@ def test_modules_import_in_no_circle():
 SERVERS = (
     "smartplay_gateway",
     "smartplay_mcp",
-    "smartplay_openai.server",
-    "smartplay_openai.window",
     "smartplay_openenv",
 )
 """The adapters that are servers, which share what `web` has."""

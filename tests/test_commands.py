@@ -118,7 +118,7 @@ def test_every_reason_is_one_of_a_command():
 @pytest.fixture
 def models(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Servers on this machine behind the addresses and the keys of the environment."""
-    openai_server, scripted = pytest.importorskip("smartplay_openai"), pytest.importorskip("smartplay_anthropic")
+    gateway, scripted = pytest.importorskip("smartplay_gateway"), pytest.importorskip("smartplay_anthropic")
     assert scripted
     from tests.adapters.anthropic_stub import AnthropicStub
     from tests.adapters.conformance import WAY, act, calling
@@ -127,7 +127,7 @@ def models(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for player, name in zip(players, ("MODEL", "gpt-4o-mini", "llama3"), strict=True):
         player.name = name
     with (
-        openai_server.LocalEndpoint(*players) as endpoint,
+        gateway.LocalEndpoint(*players) as endpoint,
         AnthropicStub(calling(act(move)) for move in WAY) as anthropic,
     ):
         monkeypatch.setenv("OPENAI_BASE_URL", endpoint.base_url)
@@ -234,8 +234,8 @@ def local_port(line: str) -> Any:
     named = re.search(r"http://127\.0\.0\.1:(\d+)/v1", line)
     if named is None:
         return contextlib.nullcontext()
-    import smartplay_openai
+    import smartplay_gateway
 
     player = sp.get_player("rule")
     player.name = "llama3"
-    return smartplay_openai.LocalEndpoint(player, port=int(named[1]))
+    return smartplay_gateway.LocalEndpoint(player, port=int(named[1]))

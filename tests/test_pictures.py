@@ -90,7 +90,7 @@ def test_its_digest_is_of_its_pixels_and_its_size():
 @pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 def test_a_rule_counts_the_examples_of_its_source(rule):
     assert rule.examples
-    for (width, height), tokens in rule.examples.items():
+    for width, height, tokens in rule.examples:
         assert TokenCounter(f"approximate+{rule.name}").image(width, height) == tokens
     assert rule.source.startswith("https://")
 

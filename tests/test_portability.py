@@ -23,7 +23,8 @@ import importlib, pkgutil, sys
 
 def import_everything():
     count = 0
-    for root in ("smartplay_tools", "smartplay_anthropic", "smartplay_langchain", "smartplay_mcp", "smartplay_openai"):
+    others = ("smartplay_anthropic", "smartplay_gateway", "smartplay_langchain", "smartplay_openai")
+    for root in ("smartplay_tools", *others):
         package = importlib.import_module(root)
         for module in pkgutil.walk_packages(package.__path__, f"{root}."):
             if not module.name.endswith("__main__"):
@@ -96,7 +97,7 @@ def test_the_lock_s_holder_names_a_command_and_none_of_its_arguments(tmp_path, m
 
 def sources() -> list[Path]:
     """Every Python file of the package and of the adapters, wherever they are installed."""
-    names = ("smartplay_tools", "smartplay_anthropic", "smartplay_langchain", "smartplay_mcp", "smartplay_openai")
+    names = ("smartplay_tools", "smartplay_anthropic", "smartplay_gateway", "smartplay_langchain", "smartplay_openai")
     folders = [Path(file).parent for name in names if (file := importlib.import_module(name).__file__)]
     assert len(folders) == len(names)
     return [path for folder in folders for path in folder.rglob("*.py")]

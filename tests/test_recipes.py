@@ -170,6 +170,27 @@ shown = command("results", "run", "--all", "--explain")
 assert "lim." in shown and "limited: prompts" in shown, shown
 """
 
+PLAY_CHANGED = """
+import runpy
+from itertools import product
+
+from tests.dialects.page import PAGES
+from tests.dialects.rules import DIALECTS
+from tests.dialects.scripts import SHORT
+from tests.dialects.test_dialects import check, game
+from tests.dialects.ways import WAYS
+
+for name, stream in product(("Gemini", "Kimi", "Mistral", "Ollama"), (False, True)):
+    try:
+        check(*game(WAYS["openai:"], DIALECTS[name], SHORT, stream))
+    except AssertionError:
+        print(name)
+runpy.run_module("tests.dialects.page", run_name="__main__")
+rows = [line for page in PAGES for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+for named in ("`thought_text` | Gemini", "`max_output_tokens` | Kimi", "Mistral, Ollama, OpenAI |"):
+    print(*(named for line in rows if named in line))
+"""
+
 BEGIN = """
 from typer.testing import CliRunner
 
@@ -198,12 +219,13 @@ def add(path: Path, before: str, text: str) -> None:
     path.write_text(whole.replace(before, text + before), encoding="utf-8")
 
 
-def run(folder: Path, script: str) -> None:
+def run(folder: Path, script: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "200"}
     done = subprocess.run(
         [sys.executable, "-c", BEGIN + script], cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 @pytest.mark.slow
@@ -290,3 +312,26 @@ def test_a_column_is_added_by_the_documented_steps(tmp_path):
     add(folder / "details.py", '    ("idle", _count("idle_replies")),', '    ("lim.", _count("limited_prompts")),\n')
     add(folder / "terms.toml", '"malf." =', '"lim." = "limited: prompts that left something out"\n')
     run(tmp_path, PLAY_COLUMN)
+
+
+@pytest.mark.slow
+@IN_A_CHECKOUT
+def test_a_provider_has_changed_a_field(tmp_path):
+    """Each change is a row of its file: the tests' server, which is changed first, refuses the games until then."""
+    pytest.importorskip("openai")
+    copied(tmp_path)
+    for name in ("docs", "tests"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("_build", "*_layout"))
+    page = (ROOT / "docs" / "servers.md").read_text(encoding="utf-8").partition("## A provider has changed a field")[2]
+    steps = re.findall(r"^```toml\n# (\S+)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert len({file for file, _ in steps}) == 4
+    shown = []
+    for is_server in (True, False):
+        for file, text in (step for step in steps if step[0].startswith("tests/") == is_server):
+            whole = (tmp_path / file).read_text(encoding="utf-8")
+            first, rest = whole.split("\n", 1)
+            changed = f"{whole}\n{text}" if text.startswith("[") else f"{first}\n{text}{rest}"
+            (tmp_path / file).write_text(changed, encoding="utf-8")
+        shown.append(run(tmp_path, PLAY_CHANGED).split())
+    assert shown[0] == ["Gemini", "Gemini", "Kimi", "Kimi", "Ollama", "Ollama"], "Mistral has not changed"
+    assert " ".join(shown[1]) == "`thought_text` | Gemini `max_output_tokens` | Kimi Mistral, Ollama, OpenAI |"

@@ -6,11 +6,11 @@ import itertools
 import json
 
 import pytest
-from smartplay_openai.chat import ChatCompletions
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.evaluation.exports.sft import reply_rows
+from smartplay_tools.players.wire.chat import ChatCompletions
 from smartplay_tools.records import Record
 
 GAME = "RockPaperScissorBasic-v0"

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from smartplay_tools import Message, Prompt, Reply, Usage, schema
+from smartplay_tools import Message, Prompt, Reply, schema
 from smartplay_tools.context.prompts import CacheMarks
-from smartplay_tools.players import count_in, plain_answer, reported_in, unreadable, with_end
+from smartplay_tools.players import plain_answer, read_usage, unreadable, with_end
 from smartplay_tools.players.conversion import (
     SYSTEM,
     accepted_name,
@@ -99,7 +99,7 @@ def _mark(messages: Sequence[dict[str, Any]], stable: int) -> None:
 def reply(answer: Any) -> Reply:
     """Return the reply in an answer of the client; raise `BrokenAnswerError` if it cannot be read."""
     sent = plain_answer(answer)
-    usage = _usage(sent.get("usage"))
+    usage = read_usage(sent.get("usage"), "messages")
     blocks = _blocks(sent.get("content"), is_over=bool(sent.get("stop_reason")) and not sent.get("error"))
     if blocks is None:
         raise unreadable(sent, "The answer has no content blocks", usage)
@@ -179,19 +179,3 @@ def _joined(blocks: Iterable[Mapping[str, Any]], kind: str) -> str:
 def _words(block: Mapping[str, Any], field: str) -> str:
     text = block.get(field)
     return text if isinstance(text, str) else ""
-
-
-def _usage(usage: Any) -> Usage | None:
-    """The usage of an answer; tokens read from and written to the cache, counted separately, are part of the prompt."""
-    if not isinstance(usage, Mapping):
-        return None
-    fresh, written, reply = (count_in(usage, f"{kind}_tokens") for kind in ("input", "cache_creation_input", "output"))
-    cached = reported_in(usage, "cache_read_input_tokens")
-    written_1h = count_in(usage.get("cache_creation"), "ephemeral_1h_input_tokens")
-    return Usage(
-        prompt=fresh + (cached or 0) + written,
-        reply=reply,
-        cached=cached,
-        written=written,
-        written_1h=min(written, written_1h),
-    )

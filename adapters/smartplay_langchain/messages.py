@@ -34,6 +34,7 @@ from smartplay_tools.players.conversion import (
     shown,
     system_text,
 )
+from smartplay_tools.providers.tables import names
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
@@ -49,9 +50,6 @@ THOUGHTS = ("thinking", "redacted_thinking", "reasoning")
 
 NOTHING = "..."
 """Stands for the words of a reply that has none."""
-
-ENDS = ("finish_reason", "stop_reason", "stopReason", "done_reason")
-"""The fields of a reply's metadata in which providers' packages keep why it ended."""
 
 CALL_PARTS = {"tool_use": "id", "function_call": "call_id"}
 """The types of parts that are calls, at Anthropic and OpenAI, with the name of the field that has the call's id."""
@@ -151,7 +149,7 @@ def _reasons(message: AIMessage) -> Iterator[Any]:
     metadata = message.response_metadata
     details = metadata.get("incomplete_details")  # of OpenAI's Responses
     yield details.get("reason") if isinstance(details, Mapping) else None
-    yield from map(metadata.get, ENDS)
+    yield from map(metadata.get, names("end_fields"))
     yield "refusal" if message.additional_kwargs.get("refusal") else None
 
 

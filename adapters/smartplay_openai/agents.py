@@ -47,14 +47,14 @@ with extra_named("smartplay_openai.agents", "agents"):
         ResponseUsage,
     )
 
-from smartplay_openai.player import chat_limit_field
-from smartplay_openai.responses import RESPONSES, read_items
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import check_names
+from smartplay_tools.players.wire import RESPONSES, read_items
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
+from smartplay_tools.providers.caps import cap_at
 from smartplay_tools.types.messages import Call, text_of, words_of
 
 Item = Mapping[str, Any]
@@ -444,7 +444,7 @@ def _limit_field(model: Model) -> str:
     """The name of the cap on a reply where the SDK's own, `max_tokens`, is refused."""
     if not isinstance(model, OpenAIChatCompletionsModel):
         return "max_tokens"
-    return chat_limit_field(str(model._get_client().base_url))
+    return cap_at(str(model._get_client().base_url))
 
 
 def _cache_fields(model: Model) -> CacheFields:

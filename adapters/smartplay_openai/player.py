@@ -24,9 +24,6 @@ with extra_named("smartplay_openai", "openai"):
     from openai.resources.chat.completions import Completions
     from openai.resources.responses import Responses
 
-from smartplay_openai.chat import CHAT
-from smartplay_openai.interface import Interface
-from smartplay_openai.responses import RESPONSES
 from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import (
@@ -37,20 +34,15 @@ from smartplay_tools.players import (
     check_url,
     readable_proxies,
 )
-from smartplay_tools.providers.cache_fields import is_openai, openai_cache_fields
+from smartplay_tools.players.wire import CHAT, RESPONSES, Interface
+from smartplay_tools.providers.cache_fields import openai_cache_fields
+from smartplay_tools.providers.caps import cap_at
 from smartplay_tools.types.arguments import object_in
 
 _transport = importlib.import_module(openai.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client: `httpx` up to version 2, `httpx2` from version 3 on."""
 
 DEFAULT_BASE_URL = "https://api.openai.com/v1"
-
-AZURE = (".openai.azure.com", ".services.ai.azure.com", ".cognitiveservices.azure.com")
-"""The hosts of Azure's OpenAI models, whose newer ones refuse `max_tokens` as OpenAI's do.
-
-Source: learn.microsoft.com/azure/foundry/openai, "API version lifecycle" and "Reasoning models", and
-github.com/anomalyco/opencode/issues/4334, read on 26 November 2026.
-"""
 
 LONGEST_CONNECT = 10.0
 """Seconds that a server may take to accept a connection, however long its answers may take."""
@@ -68,12 +60,6 @@ _DATA = re.compile("^data:(.*)$", re.MULTILINE)
 def _is_whole(stream: Any) -> bool:
     """Whether a server has answered as a whole although a stream was asked for."""
     return "json" in stream.response.headers.get("content-type", "")
-
-
-def chat_limit_field(base_url: str) -> str:
-    """Return the name of the cap on a reply in chat completions of a server: OpenAI and Azure have a newer one."""
-    is_known = is_openai(base_url) or f".{urlsplit(base_url).hostname or ''}".endswith(AZURE)
-    return CHAT.limit_field if is_known else "max_tokens"
 
 
 class OpenAIPlayer(ModelPlayer):
@@ -145,7 +131,8 @@ class OpenAIPlayer(ModelPlayer):
         if self._settings["api_key"] is None:
             raise InvalidArgumentError(f"A model at {self._host} needs a key: set OPENAI_API_KEY.")
         check_key(self._settings["api_key"], self.name)
-        self._limit_field = limit_field or self._usual_limit_field()
+        usual = cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
+        self._limit_field = limit_field or usual
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
         self._optional = OptionalFields(self.name, own)
         self._stream, self._typed = stream, typed
@@ -235,9 +222,6 @@ class OpenAIPlayer(ModelPlayer):
         extra = {field: value for field, value in body.items() if field not in fields}
         return {**typed, "extra_body": extra} if extra else typed
 
-    def _usual_limit_field(self) -> str:
-        return chat_limit_field(self._settings["base_url"])
-
 
 class ResponsesPlayer(OpenAIPlayer):
     """A player that asks a model through the stateless Responses interface; reasoning is sent back with its turn."""
@@ -245,6 +229,3 @@ class ResponsesPlayer(OpenAIPlayer):
     _registered = "openai-responses"
     _interface: Interface = RESPONSES
     _arguments_of_client = arguments_of(Responses.create)
-
-    def _usual_limit_field(self) -> str:
-        return self._interface.limit_field

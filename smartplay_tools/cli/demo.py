@@ -135,8 +135,8 @@ def _players(console: Console) -> Iterator[list[Player]]:
     """The rule player, and the same rules through the client and a server, if both are installed."""
     rule = RulePlayer()
     try:
-        adapter = importlib.import_module("smartplay_openai")
-        client, served = adapter.OpenAIPlayer, adapter.LocalEndpoint(rule)
+        client = importlib.import_module("smartplay_openai").OpenAIPlayer
+        served = importlib.import_module("smartplay_gateway").LocalEndpoint(rule)
     except MissingExtraError as error:
         console.print(str(error), style="dim", highlight=False, soft_wrap=True)
         yield [rule]

@@ -11,7 +11,7 @@ from smartplay_tools.cli import options, serve_mcp, serve_window
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.terminal import say
 
-ENDPOINT = "smartplay_openai"
+ENDPOINT = "smartplay_gateway"
 """The adapter that serves players; imported at first use."""
 
 app = typer.Typer(no_args_is_help=True)

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.players import PlayerConfig
     from smartplay_tools.evaluation.runs.scheduler import RunProgress
 
-ADAPTER = "smartplay_openai"
-"""The adapter that serves windows; imported at first use."""
+GATEWAY = "smartplay_gateway"
+"""The adapter that serves windows and budgets; imported at first use."""
 
 
 OnlyGameTools = Annotated[bool, typer.Option("--only-game-tools", help="Hide the agent's other tools from the model.")]
@@ -149,8 +149,8 @@ def _serve_upstream(
 
     tokenizer = episode.conditions.get("tokenizer")
     manager = ContextManager.of(episode.budget, tokenizer=tokenizer, **more)
-    gateway = importlib.import_module("smartplay_gateway")
-    endpoint = gateway.ContextEndpoint(upstream, manager, host=host, port=port, hosts=hosts, told=tell)
+    served = importlib.import_module(GATEWAY).ContextEndpoint
+    endpoint = served(upstream, manager, host=host, port=port, hosts=hosts, told=tell)
     shown = urlsplit(upstream)._replace(query="", netloc=urlsplit(upstream).netloc.rpartition("@")[2]).geturl()
     say(f"base_url {endpoint.base_url}  ANTHROPIC_BASE_URL {endpoint.url}  (to {shown}; stop with Ctrl-C)")
     with suppress(KeyboardInterrupt):
@@ -165,7 +165,7 @@ def open_endpoint(player: str, base_url: str | None, seed: int, **where: Any) ->
     first = get_player(player, seed=seed, **options)
     one_for_all = getattr(first, "serves_many", False)
     players: Any = first if one_for_all else lambda of_seed: get_player(player, seed=of_seed, **options)
-    return importlib.import_module(ADAPTER).WindowEndpoint(players, **where)
+    return importlib.import_module(GATEWAY).WindowEndpoint(players, **where)
 
 
 def server(base_url: str | None) -> dict[str, Any]:

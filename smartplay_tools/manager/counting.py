@@ -19,7 +19,7 @@ from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import Cut, cut_end, cut_middle
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, with_text, without_pictures
-from smartplay_tools.types.reply_fields import texts_in
+from smartplay_tools.providers.reply_fields import ENCRYPTED, texts_in
 from smartplay_tools.types.tables import read_table
 
 __all__ = ["SENTENCES", "Cost", "MessageCounter", "Tokens", "notice_of_cut"]
@@ -33,9 +33,6 @@ CUTS: Mapping[str, Cut] = {"end": cut_end, "middle": cut_middle}
 SENTENCES: Mapping[str, str] = read_table(__package__, "sentences.toml")
 RESULT_LEFT, PICTURE_LEFT, NO_RESULT = (SENTENCES[name] for name in ("result_left", "picture_left", "no_result"))
 """What stands in place of a result that is too old, of a picture that is left out, and of a result that never came."""
-
-SEALED = {"redacted_thinking": "data", "reasoning.encrypted": "data"}
-"""The encrypted field of parts of some types; elsewhere it is `encrypted_content`."""
 
 REMEMBERED = 200_000
 """How many messages a counter remembers."""
@@ -180,7 +177,7 @@ class MessageCounter:
 def sealed_in(value: Any) -> Iterator[tuple[Given, str]]:
     """Yield every encrypted text of plain data, with the part that holds it."""
     if isinstance(value, Mapping):
-        name = SEALED.get(str(value.get("type")), "encrypted_content")
+        name = ENCRYPTED.get(str(value.get("type")), "encrypted_content")
         if isinstance(value.get(name), str):
             yield value, value[name]
         for inner in value.values():

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.providers.reply_fields import NOT_SENT
 from smartplay_tools.types.arguments import as_text
-from smartplay_tools.types.reply_fields import NOT_SENT
 
 __all__ = ["FORMS", "Content", "Given", "MessageForm", "Said", "form_of"]
 

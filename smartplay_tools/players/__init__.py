@@ -6,6 +6,7 @@ model            `ModelPlayer`, the base class of players that call a model: att
 environment      keys and proxies, checked before anything is asked
 cut_prompts      servers that cut prompts without a word, noticed by their count
 optional_fields  what a server that refuses a part of a request is asked without
+usage            what a server says it has counted, and why its reply ended
 server_errors    whose error it is that a server reports: the model's, the prompt's, the player's, or only this moment's
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
@@ -23,14 +24,11 @@ if TYPE_CHECKING:
         ModelPromptError as ModelPromptError,
         ModelRefusedError as ModelRefusedError,
         UnreadableAnswerError as UnreadableAnswerError,
-        count_in as count_in,
         error_in as error_in,
         given_up as given_up,
         plain_answer as plain_answer,
         reply_in as reply_in,
-        reported_in as reported_in,
         unreadable as unreadable,
-        with_end as with_end,
     )
     from smartplay_tools.players.environment import (
         check_key as check_key,
@@ -48,6 +46,7 @@ if TYPE_CHECKING:
     from smartplay_tools.players.prompt_reading import Reading as Reading, call as call
     from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
     from smartplay_tools.players.server_errors import ServerError as ServerError, server_error as server_error
+    from smartplay_tools.players.usage import read_usage as read_usage, with_end as with_end
     from smartplay_tools.providers.model_names import is_model as is_model
 
 if not TYPE_CHECKING:

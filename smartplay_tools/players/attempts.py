@@ -10,14 +10,13 @@ import math
 import random
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import replace
 from email.utils import parsedate_to_datetime
 from typing import Any
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import PromptRefusedError, SmartPlayError
-from smartplay_tools.players.server_errors import ServerError, ends, server_error
+from smartplay_tools.players.server_errors import ServerError, server_error
 from smartplay_tools.types import Reply, Usage
 
 LONGEST_PAUSE = 8.0
@@ -141,33 +140,6 @@ def unreadable(answer: Mapping[str, Any], problem: str, usage: Usage | None) -> 
     """Return the error of an answer that is not a reply: its own, if it says what went wrong, or that of its shape."""
     kind = BrokenAnswerError if answer.get("error") else UnreadableAnswerError
     return kind(error_in(answer, problem), usage, answer.get("error"))
-
-
-def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
-    """Return a usage that counts for which reasons its reply ended, wherever its provider says so.
-
-    Gemini's endpoint joins two in one text: "function_call_filter: MALFORMED_FUNCTION_CALL".
-    """
-    said = [part for reason in reasons if isinstance(reason, str) for part in reason.lower().split(": ")]
-    counts = dict.fromkeys((ends()[part] for part in said if part in ends()), 1)
-    return (usage or Usage()).model_copy(update=counts) if counts else usage
-
-
-def reported_in(counts: Any, *names: str) -> int | None:
-    """Return the largest number of tokens that a server's usage has under these names; None if it has none.
-
-    Some servers write a number as text.
-    """
-    reported: list[int] = []
-    for name in names if isinstance(counts, Mapping) else ():
-        with suppress(TypeError, ValueError, OverflowError):  # anything else, NaN, infinity
-            reported.append(int(float(counts.get(name))))
-    return max(reported, default=None)
-
-
-def count_in(counts: Any, name: str) -> int:
-    """Return a number of tokens from a server's usage; 0 for anything that is not a number."""
-    return reported_in(counts, name) or 0
 
 
 class Attempts:

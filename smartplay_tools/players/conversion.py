@@ -16,10 +16,10 @@ from types import MappingProxyType
 from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.providers.request_limits import most, shortened
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, pictures_of, text_of
 from smartplay_tools.types.pictures import Picture, is_picture
-from smartplay_tools.types.request_limits import most, shortened
 
 __all__ = [
     "SYSTEM",

@@ -1,7 +1,7 @@
 """Optional fields of requests: a server that refuses one by its name is asked again without it, from then on.
 
 Servers of one interface accept different fields, and word their refusals differently. Whether a refusal is about a
-field is decided by the table of errors (`server_errors`). Which fields are optional is in `request_fields.toml`, with
+field is decided by the table of errors (`server_errors`). Which fields are optional is in the files of providers, with
 the reports: some that requests add, and all that a server has added to a reply, which goes back to it.
 """
 
@@ -12,26 +12,22 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any
 
 from smartplay_tools.players.server_errors import server_error
-from smartplay_tools.types.tables import read_table
+from smartplay_tools.providers.caps import CAPS, other_cap
+from smartplay_tools.providers.tables import names, rows
 from smartplay_tools.visible import logger
 
 log = logger("smartplay_tools.players")
 
-_TABLE = read_table(__package__, "request_fields.toml")
-
-OPTIONAL = tuple(row["name"] for row in _TABLE["optional"] if not row.get("inside"))
+OPTIONAL = frozenset(row["name"] for _, row in rows("optional") if not row.get("inside"))
 """Fields of a request that it may do without."""
 
-OPTIONAL_INSIDE = tuple(row["name"] for row in _TABLE["optional"] if row.get("inside"))
+OPTIONAL_INSIDE = frozenset(row["name"] for _, row in rows("optional") if row.get("inside"))
 """The same inside of its messages and tools."""
 
-CAPS: Mapping[str, str] = {row["name"]: row["other"] for row in _TABLE["cap"]}
-"""The names of the cap on a reply, and the name to try instead."""
-
-WANTED: Mapping[str, str] = {row["name"]: row["words"] for row in _TABLE["wanted"]}
+WANTED = frozenset((row["name"], row["wanted"]) for _, row in rows("field") if "wanted" in row)
 """Fields of replies that a server may want back where a strategy has left them out, and the words that say so."""
 
-DEFINED = frozenset(_TABLE["defined"]["names"])
+DEFINED = frozenset(names("defined"))
 """The fields of replies that an interface defines."""
 
 SCHEMAS = ("parameters", "input_schema")
@@ -81,14 +77,13 @@ class OptionalFields:
         words = f"{getattr(error, 'param', None) or ''}\n{error}\n{getattr(error, 'body', None)}".lower()
         present = [name for name in (*OPTIONAL, *OPTIONAL_INSIDE) if name not in self._own and _has(request, name)]
         refused = _named(present, words)
-        wanted = frozenset(name for name, asked in WANTED.items() if name in words and re.search(asked, words))
+        wanted = frozenset(name for name, asked in WANTED if name in words and re.search(asked, words))
         kept_back, renamed = frozenset[str](), {}
         if said.whose == "field" and not refused:
             kept_back = _named(_added(request), words)
             if not self._renamed:
-                renamed = {
-                    name: other for name, other in CAPS.items() if name in words and self._may_rename(request, name)
-                }
+                caps = [name for name in CAPS if name in words and name in request and name not in self._own]
+                renamed = {name: other_cap(name, words) for name in caps}
         changes = [*sorted((refused - self._left_out) | (kept_back - self._kept_back))]
         changes += [f"{name}, now {other}" for name, other in renamed.items()]
         changes += [f"{name} of every reply, now empty where it was left out" for name in wanted - self._wanted]
@@ -102,9 +97,6 @@ class OptionalFields:
         request.clear()
         request.update(changed)
         return True
-
-    def _may_rename(self, request: Mapping[str, Any], name: str) -> bool:
-        return name in request and name not in self._own
 
 
 def _named(names: Iterable[str], words: str) -> frozenset[str]:

@@ -1,6 +1,6 @@
 """Whose error it is: what a server says in place of a reply, sorted by one table for all interfaces.
 
-The table is `server_errors.toml`, by provider. It knows an error by its status, its codes and its words, wherever they
+The table has the rows of all providers. It knows an error by its status, its codes and its words, wherever they
 stand: in an HTTP error, in an answer with status 200, in a chunk of a stream, in a failed response. A gateway passes on
 what the provider behind it has said, so every error is compared with the rows of all providers.
 """
@@ -16,8 +16,8 @@ from datetime import date
 from functools import cache
 from typing import Any, Literal, get_args
 
+from smartplay_tools.providers.tables import ANY, rows as rows_of
 from smartplay_tools.types import Reply, Usage
-from smartplay_tools.types.tables import read_table
 
 Whose = Literal["model", "prompt", "player", "field", "moment"]
 """Whose error it is.
@@ -35,7 +35,6 @@ CODES = frozenset(["__type", "code", "error_code", "reason", "status", "status_c
 ECHOES = frozenset(["failed_generation", "flagged_input", "input"])
 """Names of what is not the server's own: words of the model and of the prompt, which may say anything."""
 
-ANY = "any server"
 """The provider of rows that hold for every server, after all others: by their status or, without one, by their code."""
 
 HELD: Mapping[Whose, str] = {"model": "reply", "prompt": "tokens", "moment": "wait"}
@@ -95,19 +94,8 @@ class Row:
 def rows() -> tuple[Row, ...]:
     """Return the table in the order in which its rows are tried."""
     order = get_args(Whose)
-    made = [Row(provider, **row) for provider, rows in _table().items() for row in rows if "whose" in row]
+    made = [Row(provider, **row) for provider, row in rows_of("error")]
     return tuple(sorted(made, key=lambda row: len(order) if row.provider == ANY else order.index(row.whose)))
-
-
-@cache
-def ends() -> Mapping[str, str]:
-    """Return the count of `Usage` for each reason for which a reply ended, in small letters."""
-    return {name: row["count"] for rows in _table().values() for row in rows for name in row.get("finish", ())}
-
-
-@cache
-def _table() -> Mapping[str, Sequence[Mapping[str, Any]]]:
-    return read_table(__package__, "server_errors.toml")
 
 
 def server_error(error: Exception | Mapping[str, Any]) -> ServerError:

@@ -6,9 +6,10 @@ Players ask it for every request, so the rules of caches are read only where the
 from __future__ import annotations
 
 from typing import NamedTuple
-from urllib.parse import urlsplit
 
-__all__ = ["CacheFields", "is_openai", "openai_cache_fields"]
+from smartplay_tools.providers.tables import provider_at
+
+__all__ = ["CacheFields", "openai_cache_fields"]
 
 
 class CacheFields(NamedTuple):
@@ -20,17 +21,9 @@ class CacheFields(NamedTuple):
     """Marks in the messages."""
 
 
-def is_openai(base_url: str) -> bool:
-    """Whether an address is OpenAI's, in any region: `eu.api.openai.com` and others, a prefix for each.
-
-    Source: developers.openai.com/api/docs/guides/data-residency, read on 26 November 2026.
-    """
-    return f".{urlsplit(base_url).hostname}".endswith(".api.openai.com")
-
-
 def openai_cache_fields(model: str, base_url: str) -> CacheFields:
     """Return which fields for the cache a model behind OpenAI's interface takes; other providers' servers take none."""
-    if not is_openai(base_url):
+    if provider_at(base_url) != "OpenAI":
         return CacheFields()
     from smartplay_tools.providers.caches import cache_rules, rule_of
 

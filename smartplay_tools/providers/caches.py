@@ -1,7 +1,7 @@
 """The rules of prompt caches as data: what a provider stores, from which length on, and what reading and writing cost.
 
-They are in `caches.toml`, each with the day and the page it was read on, because they change. A file of your own in the
-same form adds rules and replaces those of the same name.
+They are in the files of providers, each with the day and the page it was read on, because they change. A file of your
+own adds rules, each a table of its own name, and replaces those of the same name.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from datetime import date
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.providers.prices import Price, provider_of, scaled
+from smartplay_tools.providers.tables import merged
 
 __all__ = ["CacheRule", "cache_rules", "rule_of"]
 
@@ -111,7 +111,7 @@ def _rule_for(model: str, rules: Mapping[str, CacheRule]) -> CacheRule | None:
 
 @cache
 def _own_rules() -> Mapping[str, CacheRule]:
-    return _read(tomllib.loads(resources.files(__package__).joinpath("caches.toml").read_text(encoding="utf-8")))
+    return _read(merged("caches"))
 
 
 def _read(tables: Mapping[str, Any]) -> dict[str, CacheRule]:

@@ -12,11 +12,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import repeat
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.model_names import is_model
-from smartplay_tools.types import Usage
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
 """The provider that belongs to a player's name, unless the player has another server."""
@@ -26,6 +25,16 @@ Rates = tuple[tuple[int, float], ...]
 
 LATER = ("write", "write_1h")
 """Rates that older manifests do not have."""
+
+
+class Counted(Protocol):
+    """The tokens of a call, such as a `Usage`."""
+
+    prompt: int
+    cached: int | None
+    written: int
+    written_1h: int
+    reply: int
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ class Price:
         """Return the price as plain data; a rate that it has not is left out."""
         return {name: value for name, value in asdict(self).items() if value or name not in LATER}
 
-    def cost(self, usage: Usage) -> float:
+    def cost(self, usage: Counted) -> float:
         """Return the cost of a usage in US dollars."""
         prompt, write, cached = usage.prompt, self.write or self.input, usage.cached or 0
         dollars = (

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from smartplay_tools.types.request_limits import most, shortened
+from smartplay_tools.providers.request_limits import most, shortened
 
 __all__ = ["Arguments", "meaning", "object_in", "read", "value_in"]
 

@@ -15,9 +15,9 @@ from typing import Any, Literal, NotRequired, Required
 from typing_extensions import TypedDict  # Pydantic, which checks recorded messages, needs it on Python 3.11
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.providers.request_limits import most
 from smartplay_tools.types.arguments import DEEPEST, Arguments, Problem, as_text, read, well_formed
 from smartplay_tools.types.pictures import is_picture
-from smartplay_tools.types.request_limits import most
 
 __all__ = [
     "Call",
@@ -119,7 +119,7 @@ def reasoning_of(message: Mapping[str, Any]) -> str:
     items, content = message.get("provider_items", ()), message.get("content")
     if not items and not isinstance(content, list):
         return text
-    from smartplay_tools.types.reply_fields import readable, texts_in  # reads a table that most replies do not need
+    from smartplay_tools.providers.reply_fields import readable, texts_in  # reads a table that most replies do not need
 
     if message.get("role") == "assistant" and isinstance(content, list):
         parts = [part for part in content if isinstance(part, Mapping)]

@@ -13,6 +13,6 @@ import smartplay_tools as sp
 @pytest.fixture
 def endpoint() -> Iterator[Any]:
     """The rule player behind a window endpoint."""
-    so = pytest.importorskip("smartplay_openai")
-    with so.WindowEndpoint(sp.get_player("rule")) as running:
+    sg = pytest.importorskip("smartplay_gateway")
+    with sg.WindowEndpoint(sp.get_player("rule")) as running:
         yield running

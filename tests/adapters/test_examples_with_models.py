@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from smartplay_openai import LocalEndpoint
+from smartplay_gateway import LocalEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.anthropic_stub import AnthropicStub

@@ -10,11 +10,12 @@ import pytest
 
 pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run` has an environment with it")
 
+from smartplay_gateway import LocalEndpoint
 from smartplay_local import LocalPlayer, LocalServer, measure
 from smartplay_local.engine import Loading, Slots, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.text import as_text, call_in, grammar_of
-from smartplay_openai import LocalEndpoint, chat_reply
+from smartplay_openai import chat_reply
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import get_tokenizer

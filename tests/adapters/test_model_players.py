@@ -13,7 +13,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from smartplay_openai import LocalEndpoint, OpenAIPlayer, ResponsesPlayer
+from smartplay_gateway import LocalEndpoint
+from smartplay_openai import OpenAIPlayer, ResponsesPlayer
 
 import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError, ModelPlayer

@@ -17,6 +17,7 @@ from tests.adapters.conformance import fresh, on_a_loop, waiting
 
 pytest.importorskip("openai")
 
+import smartplay_gateway as sg
 import smartplay_openai as so
 
 WAYS = [("openai", False), ("openai", True), ("openai-responses", False), ("openai-responses", True)]
@@ -25,7 +26,7 @@ BUDGET = sp.Budget(prompt_tokens=800, reply_tokens=200)
 
 @pytest.fixture(scope="module")
 def endpoint():
-    with so.LocalEndpoint(sp.get_player("rule"), sp.get_player("random", seed=1)) as endpoint:
+    with sg.LocalEndpoint(sp.get_player("rule"), sp.get_player("random", seed=1)) as endpoint:
         yield endpoint
 
 
@@ -66,7 +67,7 @@ def test_cached_and_reasoning_tokens_are_recorded(name, stream):
     says = {"role": "assistant", "content": "I wait."}
     usage = sp.Usage(prompt=1000, reply=90, cached=640, written=128, reasoning=64)
     with (
-        so.LocalEndpoint(sp.ScriptedPlayer([says] * 3, usage)) as endpoint,
+        sg.LocalEndpoint(sp.ScriptedPlayer([says] * 3, usage)) as endpoint,
         sp.get_player(f"{name}:scripted", base_url=endpoint.base_url, stream=stream) as player,
     ):
         result, _ = record("Hanoi3Disk-v0", player)
@@ -113,7 +114,7 @@ def test_with_or_without_types_the_same_is_sent(name):
     def bodies(typed):
         scripted = sp.ScriptedPlayer([{"role": "assistant", "content": "I wait."}] * 3)
         with (
-            so.LocalEndpoint(scripted) as endpoint,
+            sg.LocalEndpoint(scripted) as endpoint,
             sp.get_player(f"{name}:scripted", base_url=endpoint.base_url, typed=typed) as player,
         ):
             record("Hanoi3Disk-v0", player)
@@ -136,7 +137,7 @@ def test_reasoning_goes_back_with_its_turn_and_leaves_with_it(tmp_path):
     path = tmp_path / "run.jsonl"
     budget = sp.Budget(prompt_tokens=500, tool_calls=12)
     with (
-        so.LocalEndpoint(scripted) as endpoint,
+        sg.LocalEndpoint(scripted) as endpoint,
         sp.get_player("openai-responses:scripted", base_url=endpoint.base_url) as player,
         sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget, transcript=path) as episode,
     ):
@@ -216,7 +217,7 @@ def test_strict_schemas_in_each_interfaces_form(endpoint):
 
 
 def test_the_environment_names_server_and_key(monkeypatch):
-    with so.LocalEndpoint(sp.get_player("rule"), api_key="secret") as guarded:
+    with sg.LocalEndpoint(sp.get_player("rule"), api_key="secret") as guarded:
         monkeypatch.setenv("OPENAI_BASE_URL", guarded.base_url)
         monkeypatch.setenv("OPENAI_API_KEY", "secret")
         with sp.get_player("openai:rule") as player:
@@ -246,8 +247,8 @@ def test_a_model_plays_without_a_web_server():
         ("openai", "from smartplay_openai import OpenAIPlayer", "openai"),
         slowly("openai", "import smartplay_tools as sp; sp.get_player('openai:m')", "openai"),
         slowly("agents", "import smartplay_openai.agents", "agents"),
-        slowly("starlette", "from smartplay_openai import LocalEndpoint", "serve"),
-        slowly("uvicorn", "from smartplay_openai import WindowEndpoint", "serve"),
+        slowly("starlette", "from smartplay_gateway import LocalEndpoint", "serve"),
+        slowly("uvicorn", "from smartplay_gateway import WindowEndpoint", "serve"),
         slowly("langchain", "from smartplay_langchain import SmartPlayMiddleware", "langchain"),
     ],
 )
@@ -261,7 +262,7 @@ def test_a_missing_extra_is_one_sentence(missing, code, extra):
     [
         ("openai starlette uvicorn", "from smartplay_openai import CHAT, RESPONSES, chat_request, responses_reply"),
         slowly("anthropic", "from smartplay_anthropic import reply, request"),
-        slowly("openai", "from smartplay_openai import LocalEndpoint, WindowEndpoint"),
+        slowly("openai", "from smartplay_gateway import LocalEndpoint, WindowEndpoint"),
         slowly("starlette uvicorn", "from smartplay_mcp import MANUAL, game_server, serve_stdio"),
         slowly("langchain langgraph", "from smartplay_langchain import SmartPlayToolkit, to_langchain"),
     ],

@@ -12,6 +12,7 @@ import smartplay_tools as sp
 pytest.importorskip("openai")
 
 import httpx2
+import smartplay_gateway as sg
 import smartplay_openai as so
 
 from smartplay_tools.context.tokens import TokenCounter
@@ -52,7 +53,7 @@ class Broken:
 
 @pytest.fixture(scope="module")
 def endpoint():
-    with so.LocalEndpoint(Echo(), Broken(), sp.get_player("rule")) as endpoint:
+    with sg.LocalEndpoint(Echo(), Broken(), sp.get_player("rule")) as endpoint:
         yield endpoint
 
 
@@ -137,7 +138,7 @@ def test_a_stream_of_response_events(endpoint):
 @pytest.mark.parametrize("kind", [so.OpenAIPlayer, so.ResponsesPlayer])
 @pytest.mark.parametrize("stream", [False, True])
 def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
-    with so.LocalEndpoint(Cut(), Echo()) as endpoint:
+    with sg.LocalEndpoint(Cut(), Echo()) as endpoint:
         where = {"base_url": endpoint.base_url, "stream": stream}
         with kind("cut", **where) as cut, kind("echo", **where) as ended:
             assert [player.reply(sp.Prompt([USER], ())).usage.cut for player in (cut, ended)] == [1, 0]
@@ -145,7 +146,7 @@ def test_a_reply_that_was_cut_is_told_from_one_that_ended(kind, stream):
 
 @pytest.mark.parametrize("reported", [sp.Usage(requests=2), sp.Usage(prompt=5, cached=9), sp.Usage(prompt=-5)])
 def test_usage_is_our_count_where_no_provider_has_counted(reported):
-    with so.LocalEndpoint(sp.ScriptedPlayer([REPLY], reported)) as endpoint:
+    with sg.LocalEndpoint(sp.ScriptedPlayer([REPLY], reported)) as endpoint:
         status, text = ask(endpoint, "/v1/chat/completions", {**chat(USER), "model": "scripted"})
     counter, usage = TokenCounter(), json.loads(text)["usage"]
     counts = {name: usage[name] for name in ("prompt_tokens", "completion_tokens")}
@@ -164,7 +165,7 @@ def test_a_page_that_is_named_may_use_it_with_clients_of_openai_and_of_mcp():
     page = "https://page.example.org"
     own = "authorization, content-type, x-stainless-os, x-stainless-helper-method, openai-project, mcp-protocol-version"
     preflight = {"Origin": page, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": own}
-    with so.LocalEndpoint(Echo(), origins=[page]) as endpoint:
+    with sg.LocalEndpoint(Echo(), origins=[page]) as endpoint:
         url = f"{endpoint.base_url}/chat/completions"
         asked = httpx2.options(url, headers=preflight, trust_env=False, verify=False)
         refused = httpx2.post(url, json={}, headers={"Origin": page}, trust_env=False, verify=False)
@@ -175,7 +176,7 @@ def test_a_page_that_is_named_may_use_it_with_clients_of_openai_and_of_mcp():
 
 
 def test_an_address_of_version_6():
-    with so.LocalEndpoint(Echo(), host="::1") as endpoint:
+    with sg.LocalEndpoint(Echo(), host="::1") as endpoint:
         assert endpoint.base_url.startswith("http://[::1]:")
         assert ask(endpoint, "/v1/models", method="GET")[0] == 200
 
@@ -241,7 +242,7 @@ def test_a_player_that_fails_is_an_error_of_the_server(endpoint, stream):
 
 
 def test_a_key_is_asked_for():
-    with so.LocalEndpoint(Echo(), api_key="schlüssel") as endpoint:
+    with sg.LocalEndpoint(Echo(), api_key="schlüssel") as endpoint:
         assert refusal(endpoint, "/v1/chat/completions", chat(USER))[0] == 401
         assert refusal(endpoint, "/v1/models", None, method="GET")[0] == 401
         key = {"authorization": "Bearer schlüssel".encode()}

@@ -20,6 +20,7 @@ pytest.importorskip("openai")
 
 import httpx2
 import openai
+import smartplay_gateway as sg
 import smartplay_openai as so
 
 from smartplay_tools.players.attempts import Attempts
@@ -32,7 +33,7 @@ class Faulty:
     """The endpoint of the rule player, with faults in the way of its first requests, or of all of them."""
 
     def __init__(self, *faults, always=None):
-        self.endpoint = so.endpoint_app(sp.get_player("rule"))
+        self.endpoint = sg.endpoint_app(sp.get_player("rule"))
         self.faults, self.always = list(faults), always
         self.requests = []
 
@@ -99,7 +100,7 @@ def play(faulty, tmp_path, player="openai:rule", **options):
     settings = {"pause": 0.01, **options}
     budget = settings.pop("budget", sp.Budget())
     with (
-        so.LocalEndpoint(app=faulty) as endpoint,
+        sg.LocalEndpoint(app=faulty) as endpoint,
         sp.get_player(player, base_url=endpoint.base_url, **settings) as model,
         sp.Episode(GAME, seed=7, transcript=path, budget=budget) as episode,
     ):
@@ -322,7 +323,7 @@ def test_a_server_that_cuts_prompts_is_said_once(caplog):
             count = min(300, body["usage"]["prompt_tokens"])
             return {**body, "usage": {**body["usage"], "prompt_tokens": count, "total_tokens": 0}}
 
-    with so.LocalEndpoint(app=Cutting()) as endpoint, sp.get_player("openai:rule", base_url=endpoint.base_url) as model:
+    with sg.LocalEndpoint(app=Cutting()) as endpoint, sp.get_player("openai:rule", base_url=endpoint.base_url) as model:
         for seed in (7, 8):
             with sp.Episode(GAME, seed=seed) as episode:
                 sp.play(episode, model)
@@ -378,7 +379,7 @@ def test_trouble_in_the_midst_of_a_game_keeps_what_was_played(tmp_path):
 
 def test_the_same_on_an_event_loop():
     async def play_it(faulty, **options):
-        with so.LocalEndpoint(app=faulty) as endpoint, sp.Episode(GAME, seed=7) as episode:
+        with sg.LocalEndpoint(app=faulty) as endpoint, sp.Episode(GAME, seed=7) as episode:
             async with sp.get_player("openai:rule", base_url=endpoint.base_url, pause=0.01, **options) as player:
                 return await sp.aplay(episode, player)
 
@@ -464,7 +465,7 @@ def test_a_proxy_in_the_environment_is_asked_for_any_other(monkeypatch):
             await super().__call__({**scope, **here}, receive, send)
 
     hosts = []
-    with so.LocalEndpoint(app=Proxy()) as proxy:
+    with sg.LocalEndpoint(app=Proxy()) as proxy:
         monkeypatch.setenv("HTTP_PROXY", proxy.base_url.removesuffix("/v1"))
         monkeypatch.delenv("NO_PROXY", raising=False)
         url = "http://models.example/v1"

@@ -8,7 +8,7 @@ from typing import Any
 
 import openai
 import pytest
-import smartplay_openai as so
+import smartplay_gateway as sg
 from hypothesis import given, settings, strategies as st
 from starlette.testclient import TestClient
 
@@ -38,7 +38,7 @@ WRAPPINGS: dict[str, Callable[[str], str]] = {
 
 @pytest.fixture(scope="module")
 def client():
-    with so.LocalEndpoint(sp.get_player("rule")) as endpoint:
+    with sg.LocalEndpoint(sp.get_player("rule")) as endpoint:
         http_client = openai.DefaultHttpxClient(trust_env=False, verify=False)
         with openai.OpenAI(
             base_url=endpoint.base_url, api_key="none", max_retries=0, http_client=http_client
@@ -190,7 +190,7 @@ def test_a_forced_tool_that_is_not_the_games_gets_plain_arguments(client):
 def test_one_call_at_a_time_where_that_is_asked_for():
     two = [function_call(call_id, "observe", "{}") for call_id in ("c0", "c1")]
     script = [{"role": "assistant", "content": None, "tool_calls": two}] * 2
-    app = TestClient(so.endpoint_app(sp.ScriptedPlayer(script)), LOCAL)
+    app = TestClient(sg.endpoint_app(sp.ScriptedPlayer(script)), LOCAL)
     for parallel, count in ((False, 1), (True, 2)):
         body = {"model": "scripted", "messages": [{"role": "user", "content": "?"}], "tools": tools_of()}
         answer = app.post("/v1/chat/completions", json={**body, "parallel_tool_calls": parallel}).json()
@@ -217,9 +217,9 @@ def test_a_tool_that_is_no_function_is_refused_in_a_true_sentence(client, tool):
 
 
 def test_a_prompt_can_be_too_long():
-    limits = so.SimulatedLimits(context_tokens=400)
+    limits = sg.SimulatedLimits(context_tokens=400)
     with (
-        so.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
+        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
         sp.get_player("openai:rule", base_url=endpoint.base_url) as player,
     ):
         with sp.Episode("Hanoi3Disk-v0", seed=3) as episode:
@@ -231,9 +231,9 @@ def test_a_prompt_can_be_too_long():
 
 
 def test_a_service_can_be_busy():
-    limits = so.SimulatedLimits(busy_every=3)
+    limits = sg.SimulatedLimits(busy_every=3)
     with (
-        so.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
+        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
         sp.get_player("openai:rule", base_url=endpoint.base_url, pause=0.0) as player,
         sp.Episode("Hanoi3Disk-v0", seed=3) as episode,
     ):
@@ -246,7 +246,7 @@ def test_a_service_can_be_busy():
 def test_limits_that_would_refuse_everything_are_refused():
     for limits in ({"context_tokens": 0}, {"busy_every": 1}):
         with pytest.raises(sp.InvalidArgumentError, match="would refuse every"):
-            so.SimulatedLimits(**limits)
+            sg.SimulatedLimits(**limits)
 
 
 # Whatever is sent.
@@ -277,7 +277,7 @@ ROUND = st.builds(
 
 @pytest.fixture(scope="module")
 def app():
-    return TestClient(so.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), LOCAL)
+    return TestClient(sg.endpoint_app(sp.get_player("rule"), sp.get_player("rule-notes")), LOCAL)
 
 
 @pytest.mark.parametrize("content", [True, 1, [None], [[]]])

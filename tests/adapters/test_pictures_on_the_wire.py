@@ -293,7 +293,7 @@ def test_inspect_has_pictures_where_the_interface_takes_them(interface):
 def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks_in(interface):
     """The host's agent may speak any interface and keep words only; the model is sent the window."""
     pytest.importorskip("anthropic" if interface == "messages" else "openai")
-    from smartplay_openai import WindowEndpoint
+    from smartplay_gateway import WindowEndpoint
 
     from tests.adapters.openai_stub import OpenAIStub
     from tests.adapters.window_host import INTERFACES, client_of, play_through
@@ -316,7 +316,7 @@ def test_the_window_endpoint_sends_its_model_the_pictures_whatever_the_host_asks
 
 def test_the_window_endpoint_refuses_a_model_that_is_not_said_to_see():
     pytest.importorskip("openai")
-    from smartplay_openai import WindowEndpoint
+    from smartplay_gateway import WindowEndpoint
 
     with (
         WindowEndpoint(sp.get_player("rule")) as endpoint,

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 import smartplay_openai as so
-from smartplay_openai.responses import read_items
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.players.wire.responses import read_items
 from smartplay_tools.types.messages import text_of
 from tests.adapters.openai_stub import OpenAIStub
 

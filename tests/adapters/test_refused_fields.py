@@ -8,6 +8,7 @@ import logging
 from typing import Any
 
 import pytest
+import smartplay_gateway as sg
 import smartplay_openai as so
 
 import smartplay_tools as sp
@@ -89,7 +90,7 @@ def test_requests_under_way_when_the_first_one_is_refused(tmp_path, caplog):
     faulty = Refusing(refusing(["include"], SERVERS["by its name"]))
 
     async def play_all() -> list[sp.EpisodeResult]:
-        with so.LocalEndpoint(app=faulty) as endpoint:
+        with sg.LocalEndpoint(app=faulty) as endpoint:
             async with sp.get_player("openai-responses:rule", base_url=endpoint.base_url) as player:
                 episodes = [sp.Episode("Hanoi3Disk-v0", seed=seed) for seed in range(3)]
                 return await asyncio.gather(*(sp.aplay(episode, player) for episode in episodes))

@@ -52,14 +52,14 @@ def completion(model: str) -> dict[str, Any]:
 
 
 def serve_openai(stack: ExitStack, folder: Path, *, token: str | None = None, **address: Any) -> Case:
-    so = pytest.importorskip("smartplay_openai")
-    server = so.LocalEndpoint(sp.get_player("rule"), api_key=token, **address)
+    sg = pytest.importorskip("smartplay_gateway")
+    server = sg.LocalEndpoint(sp.get_player("rule"), api_key=token, **address)
     return Case(stack.enter_context(server), "/v1/chat/completions", completion("rule"))
 
 
 def serve_window(stack: ExitStack, folder: Path, **address: Any) -> Case:
-    so = pytest.importorskip("smartplay_openai")
-    server = stack.enter_context(so.WindowEndpoint(sp.get_player("rule"), **address))
+    sg = pytest.importorskip("smartplay_gateway")
+    server = stack.enter_context(sg.WindowEndpoint(sp.get_player("rule"), **address))
     return Case(server, "/v1/chat/completions", completion(f"smartplay/{server.open(GAME, seed=7)}"))
 
 

@@ -14,8 +14,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from smartplay_openai import LocalEndpoint, WindowEndpoint
-from smartplay_openai.server import app
+from smartplay_gateway import LocalEndpoint, WindowEndpoint, endpoint as app
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling

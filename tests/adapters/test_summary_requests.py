@@ -51,8 +51,9 @@ def by_langchain(episode: sp.Episode) -> None:
 
 
 def by_endpoint(episode: sp.Episode, player: str = "openai") -> None:
-    adapter = pytest.importorskip("smartplay_openai")
-    with adapter.LocalEndpoint(sp.get_player("rule-notes")) as endpoint:
+    pytest.importorskip("openai")
+    gateway = pytest.importorskip("smartplay_gateway")
+    with gateway.LocalEndpoint(sp.get_player("rule-notes")) as endpoint:
         asking = sp.get_player(f"{player}:rule-notes", base_url=endpoint.base_url)
         sp.play(episode, asking)
         asking.close()

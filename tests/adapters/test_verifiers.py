@@ -20,7 +20,7 @@ pytest.importorskip("verifiers", reason="needs smartplay-tools[verifiers]; `.ci/
 
 import verifiers.v1 as vf
 from packaging.requirements import Requirement
-from smartplay_openai import LocalEndpoint
+from smartplay_gateway import LocalEndpoint
 from smartplay_verifiers import (
     SmartPlayConfig,
     SmartPlayHarness,

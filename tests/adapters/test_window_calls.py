@@ -9,20 +9,12 @@ from functools import partial
 from typing import Any
 
 import pytest
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling, move
 from tests.adapters.test_window_endpoint import BY_CLIENT, ask
-from tests.adapters.window_host import (
-    INTERFACES,
-    TOOLS,
-    WORDS,
-    HostAgent,
-    client_of,
-    play_through,
-    scripted,
-)
+from tests.adapters.window_host import INTERFACES, TOOLS, WORDS, HostAgent, client_of, play_through, scripted
 
 GAME = "Hanoi3Disk-v0"
 MOVES = [calling(act(short)) for short in WAY]

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from smartplay_openai.window.app import FORMATS
-from smartplay_openai.window.formats import CompletionRequest, HostFormat
+from smartplay_gateway.window.app import FORMATS
+from smartplay_gateway.window.formats import CompletionRequest, HostFormat
 
 from tests.adapters.conformance import WAY, act, calling
 from tests.adapters.window_host import INTERFACES, TOOLS, client_of, scripted

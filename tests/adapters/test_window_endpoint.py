@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_openai import WindowEndpoint, WindowStore, window_app
+from smartplay_gateway import WindowEndpoint, WindowStore, window_app
 
 import smartplay_tools as sp
 from smartplay_tools.players import ModelCallError

@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.records import replay

@@ -12,7 +12,7 @@ import anthropic
 import httpx2
 import pytest
 from anthropic.lib.tools import beta_tool
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import httpx2
 import openai
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 

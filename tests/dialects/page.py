@@ -1,17 +1,19 @@
-"""The tables of `docs/servers.md`, made of the rules: `python -m tests.dialects.page` writes them."""
+"""Tables of `docs`, made of the providers' files and the rules: `python -m tests.dialects.page` writes them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from smartplay_tools.players.server_errors import rows as rows_of_errors
+from smartplay_tools.providers.tables import each, rows as rows_of
 from smartplay_tools.types.groups import grouped
 from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
 
-PAGE = Path(__file__).parents[2] / "docs" / "servers.md"
+PAGES = [Path(__file__).parents[2] / "docs" / name for name in ("openai.md", "servers.md")]
 KINDS = {"refuses": "refuses", "overlooks": "does not read", "says": "answers with", "streams": "streams"}
 
 
@@ -67,14 +69,56 @@ def errors() -> Iterator[list[str]]:
         yield [whose, about, ", ".join(dict.fromkeys(row.provider for row in same))]
 
 
+def fields() -> Iterator[list[str]]:
+    """Each field of a reply, those that an interface defines first, with who sends it."""
+    yield [
+        "interface",
+        "field or type",
+        "what it is, or who sends it",
+        "counted",
+        "goes back",
+        "pieces of a stream",
+        "empty",
+    ]
+    senders: dict[Any, list[str]] = {}
+    for provider, row in rows_of("field"):
+        same = tuple(row[key] for key in ("interface", "name", "pieces", "empty"))
+        has = tuple("yes" if row.get(key, True) else "no" for key in ("counted", "sent"))
+        senders.setdefault((*same, has, row.get("holds")), []).append(provider)
+    order = ("chat", "Responses", "Messages")
+    for same in sorted(senders, key=lambda same: (order.index(same[0]), same[1] == "any other", same[5] is None)):
+        interface, name, pieces, empty, has, holds = same
+        shown = name if name == "any other" else f"`{name}`"
+        yield [interface, shown, ", ".join(senders[same]) if holds is None else holds, *has, pieces, empty]
+
+
+def names() -> Iterator[list[str]]:
+    """What providers call what a request or an answer has."""
+    yield ["what", "name", "server"]
+    listed = {"cap on a reply": each("cap"), "why a reply ended": each("end_fields")}
+    listed |= {f"tokens: {kind}": each("usage", kind) for kind in ("cached", "written", "written_1h", "reasoning")}
+    for kind in ("cut", "refused", "paused", "broken_calls"):
+        listed[f"end: {kind}"] = ((who, row["reasons"]) for who, row in rows_of("end") if row["count"] == kind)
+    listed["a request does without"] = ((who, row["name"]) for who, row in rows_of("optional"))
+    listed["goes back"] = ((who, f"{row['most']:,} {row['what']}") for who, row in rows_of("limit"))
+    for what, said in listed.items():
+        for who, called in said:
+            called = [called] if isinstance(called, str) else called
+            yield [what, ", ".join(f"`{name}`" for name in called), who]
+
+
 def renewed(page: str) -> str:
     """The page with its tables as the rules have them."""
     tables = {name: matrix(name) for name in ("chat", "responses", "messages")} | {
         "set": to_set(),
         "errors": errors(),
         "rules": rules(),
+        "fields": fields(),
+        "names": names(),
     }
     for name, rows in tables.items():
+        if f"<!-- table: {name} -->" not in page:
+            continue
         begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
         before, rest = page.split(begin)
         page = f"{before}{begin}{table(rows)}\n{rest[rest.index(end) :]}"
@@ -82,4 +126,5 @@ def renewed(page: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for each_page in PAGES:
+        each_page.write_text(renewed(each_page.read_text(encoding="utf-8")), encoding="utf-8")

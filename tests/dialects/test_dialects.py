@@ -13,7 +13,7 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from tests.adapters.conformance import GAME, SEED
 from tests.dialects.failures import Failure
-from tests.dialects.page import PAGE, renewed
+from tests.dialects.page import PAGES, renewed
 from tests.dialects.rules import Dialect
 from tests.dialects.said import Json, Said, readable
 from tests.dialects.scripts import HOSTILE, MIXED, SHORT
@@ -109,5 +109,5 @@ def test_a_reply_that_never_ends_ends_the_episode(way, dialect, name):
 
 def test_the_page_has_the_tables_of_the_rules():
     """`python -m tests.dialects.page` writes them."""
-    page = PAGE.read_text(encoding="utf-8")
-    assert page == renewed(page)
+    for page in (path.read_text(encoding="utf-8") for path in PAGES):
+        assert page == renewed(page)

@@ -9,7 +9,7 @@ from datetime import date
 from typing import Any
 
 import pytest
-from smartplay_openai import WindowEndpoint
+from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.players.server_errors import Row, rows

@@ -8,6 +8,7 @@ from itertools import product
 import pytest
 from smartplay_openai import CHAT
 
+from smartplay_tools.providers.tables import providers, rows
 from tests.dialects.rules import DIALECTS, LIMITS, RULES
 from tests.dialects.scripts import HOSTILE, ODD, SOLVED
 from tests.dialects.server import in_pieces, whole_answer
@@ -24,6 +25,22 @@ def test_every_rule_is_of_a_dialect_and_says_where_it_is_from():
         assert rule.source
         assert rule.read >= date(2026, 11, 26)
     assert all(dialect.rules("refuses") for dialect in DIALECTS.values())
+
+
+READ = "name hosts cap defined end_fields not_counted parts usage field optional error end limit caches pictures"
+
+
+def test_a_provider_s_file_has_nothing_that_nobody_reads():
+    for name, table in providers().items():
+        assert {*table} <= {*READ.split()}, name
+    reported = [(who, row) for kind in ("optional", "end", "limit") for who, row in rows(kind)]
+    assert all(row["source"] and row["read"] >= date(2026, 11, 26) for _, row in reported)
+
+
+def test_every_name_of_thoughts_at_the_tests_server_is_in_the_provider_s_file():
+    known = {(who, row["name"]) for who, row in rows("field")}
+    said = [rule for rule in RULES if rule.kind == "says" and rule.act.func.__name__ in ("thoughts_as", "thoughts_in")]
+    assert {(who, rule.act.keywords["name"]) for rule in said for who in rule.dialects} <= known
 
 
 def test_every_limit_is_of_a_way_and_a_dialect():

@@ -76,7 +76,7 @@ def by_player(kind: str) -> Play:
 
 
 def at_window(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-    from smartplay_openai import WindowEndpoint
+    from smartplay_gateway import WindowEndpoint
 
     from tests.adapters.window_host import HostAgent
 
@@ -85,7 +85,7 @@ def at_window(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
 
 
 def at_endpoint(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-    from smartplay_openai import LocalEndpoint
+    from smartplay_gateway import LocalEndpoint
 
     with (
         player(server, stream) as model,

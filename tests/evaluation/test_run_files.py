@@ -196,7 +196,7 @@ def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path)
     file, text = read_run_file(marked("run.toml", 'games = ["Hanoi3Disk-v0"]'))
     assert file.games == [HANOI]
     assert text.startswith("games")
-    own = resources.files("smartplay_tools.providers").joinpath("caches.toml").read_text(encoding="utf-8")
-    assert cache_rules(marked("caches.toml", own)) == cache_rules()
+    own = resources.files("smartplay_tools.providers").joinpath("data/vllm.toml").read_text(encoding="utf-8")
+    assert cache_rules(marked("caches.toml", "[vllm]" + own.partition("[caches.vllm]")[2])) == cache_rules()
     nim = marked("nim.py", Path("tests/data/nim.py").read_text())
     assert read_file(f"{nim}:SPEC", is_one=lambda held: True).value.id == "Nim-v0"

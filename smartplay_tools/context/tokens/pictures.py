@@ -1,4 +1,4 @@
-"""Rules by which providers count the tokens of a picture: here the ways to count, in `pictures.toml` the providers.
+"""Rules by which providers count the tokens of a picture: here the ways to count, in the files of providers the rules.
 
 A rule is a part of the tokenizer: `o200k_base+claude-28` counts words with o200k_base and pictures by `claude-28`, and
 records have that name.
@@ -7,19 +7,15 @@ records have that name.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import date
 from fractions import Fraction
-from functools import partial
 from typing import Any
 
-from smartplay_tools.types.tables import read_table
+from smartplay_tools.providers.tables import merged
 
 __all__ = ["RULES", "PictureRule"]
-
-Count = Callable[[int, int], int]
-"""Width and height, in pixels, to tokens."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +25,16 @@ class PictureRule:
     name: str
     title: str
     """The models that count so."""
-    count: Count
-    examples: Mapping[tuple[int, int], int]
-    """(width, height) to tokens, as the source has them."""
+    way: str
+    examples: Sequence[tuple[int, int, int]]
+    """Width, height and tokens, as the source has them."""
     source: str
     read_on: date
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+
+    def count(self, width: int, height: int) -> int:
+        """Return the tokens of a picture of this many pixels."""
+        return _WAYS[self.way](width, height, **self.numbers)
 
 
 def _patches(width: int, height: int, side: int) -> int:
@@ -88,14 +89,5 @@ _WAYS: Mapping[str, Callable[..., int]] = {
 }
 
 
-def _rule(
-    name: str, *, title: str, way: str, examples: Any, source: str, read_on: date, numbers: Any = None
-) -> PictureRule:
-    sizes = {(width, height): tokens for width, height, tokens in examples}
-    return PictureRule(name, title, partial(_WAYS[way], **numbers or {}), sizes, source, read_on)
-
-
-RULES: Mapping[str, PictureRule] = {
-    name: _rule(name, **fields) for name, fields in read_table(__package__, "pictures.toml").items()
-}
+RULES: Mapping[str, PictureRule] = {name: PictureRule(name, **fields) for name, fields in merged("pictures").items()}
 """Every rule by its name."""

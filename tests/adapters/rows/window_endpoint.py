@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from smartplay_openai import OpenAIPlayer, WindowEndpoint
+from smartplay_gateway import WindowEndpoint
+from smartplay_openai import OpenAIPlayer
 
 import smartplay_tools as sp
 from tests.adapters.conformance import EACH, WEATHER, Held, Replies, Window

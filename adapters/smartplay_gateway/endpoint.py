@@ -1,0 +1,399 @@
+"""The endpoint as an ASGI application and as a server: routes, responses, and refusals as OpenAI words them.
+
+`LocalEndpoint` runs it, in a thread beside a test or a script, or in the foreground for the command line. The responses
+(JSON, streams of events, refusals) are those of the window endpoint as well.
+
+With `SimulatedLimits` the endpoint refuses long prompts and frequent requests like a paid service. They are for testing
+agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both refusals are
+deterministic, so a test that fails once fails again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import uuid
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, TypeVar, cast
+
+from smartplay_tools.errors import extra_named
+
+with extra_named("An endpoint", "serve"):
+    import uvicorn as _uvicorn  # noqa: F401
+    from starlette.applications import Starlette
+    from starlette.concurrency import run_in_threadpool
+    from starlette.exceptions import HTTPException
+    from starlette.requests import Request
+    from starlette.responses import Response, StreamingResponse
+    from starlette.routing import Route
+    from starlette.types import ASGIApp, Receive, Scope, Send
+
+from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, SmartPlayError, Usage
+from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.errors import PromptRefusedError
+from smartplay_tools.players import ModelCallError, server_error
+from smartplay_tools.players.wire import CHAT, RESPONSES, Event, Interface, RequestError, Streaming, ToolChoice, bad
+from smartplay_tools.types.arguments import object_in
+from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
+from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded
+
+
+@dataclass
+class SimulatedLimits:
+    """The limits of an endpoint; by default there are none.
+
+    Arguments:
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
+        busy_every: N, where every Nth request is refused with status 429.
+        retry_after: the seconds that such a refusal asks to wait.
+    """
+
+    context_tokens: int | None = None
+    busy_every: int | None = None
+    retry_after: float = 0.0
+    _requests: itertools.count[int] = field(default_factory=lambda: itertools.count(1), init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raise an error for limits under which no request would ever be answered."""
+        if self.context_tokens is not None and self.context_tokens < 1:
+            raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
+        if self.busy_every is not None and self.busy_every < 2:
+            raise InvalidArgumentError(f"busy_every={self.busy_every} would refuse every request; give at least 2.")
+
+    def check_rate(self) -> None:
+        """Count a request; raise `RequestError` if it is to be refused."""
+        if self.busy_every is not None and next(self._requests) % self.busy_every == 0:
+            problem = f"Rate limit reached: this endpoint refuses one in {self.busy_every} requests. Try again."
+            headers = {"retry-after": f"{self.retry_after:g}"}
+            raise RequestError(429, problem, code="rate_limit_exceeded", kind="requests", headers=headers)
+
+    def check_length(self, tokens: int, param: str) -> None:
+        """Raise `RequestError` if a prompt of this many tokens is too long."""
+        if self.context_tokens is not None and tokens > self.context_tokens:
+            problem = f"This model's maximum context length is {self.context_tokens} tokens, the prompt has {tokens}."
+            raise RequestError(400, problem, param=param, code="context_length_exceeded")
+
+
+T = TypeVar("T")
+
+
+async def read_request(request: Request, read: Callable[[dict[str, Any]], T], *, at_once: int = 0) -> T:
+    """Return what a function makes of the object that a request holds; `RequestError` for anything else.
+
+    It works in a thread, because a long conversation takes long to read, and others play meanwhile. A body of at most
+    `at_once` bytes is read here, where the switch to a thread would take longer.
+    """
+    sent = await request.body()
+
+    def read_body() -> T:
+        body = object_in(sent)
+        if body is None:
+            raise RequestError(400, "The body of a request is a JSON object.")
+        try:
+            return read(body)
+        except RecursionError:
+            raise RequestError(400, "The body is nested too deeply.") from None
+        except SmartPlayError as error:
+            raise RequestError(400, str(error)) from error
+
+    return read_body() if len(sent) <= at_once else await asyncio.to_thread(read_body)
+
+
+WRONG_KEY = RequestError(
+    401,
+    "The API key is wrong or missing.",
+    code="invalid_api_key",
+    headers={"www-authenticate": "Bearer", "x-should-retry": "false"},
+)
+"""The refusal of a request without the key."""
+
+
+def json_response(body: Mapping[str, Any], status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
+    """Return a body as a response."""
+    # ASCII, since a message may hold half a character, which UTF-8 cannot.
+    return Response(json.dumps(body), status, headers, media_type="application/json")
+
+
+HEAD_AFTER = 0.1
+"""Seconds for which an answer is awaited before the head of a stream is sent, or the client is watched for leaving.
+
+An error that comes before the head of a stream has a status.
+"""
+
+SILENCE = 5.0
+"""Seconds after which a stream has a sign of life; load balancers close connections that are silent for 60 s."""
+
+GONE = 499
+"""The status of a request whose client has gone, as web servers log it; nobody receives it."""
+
+
+async def respond(
+    request: Request,
+    form: Streaming,
+    answering: Coroutine[Any, Any, dict[str, Any]],
+    body: Mapping[str, Any],
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """Return the response to a request, whole or as a stream, as it asks; without a client, nothing is answered.
+
+    The head of a stream does not wait for the answer.
+    """
+    answer = asyncio.create_task(answering)
+    await asyncio.wait({answer}, timeout=HEAD_AFTER)
+    if body.get("stream") and (not answer.done() or answer.exception() is None):
+        return _Stream(answer, form, body, headers)
+    if not answer.done():
+        gone = asyncio.create_task(_disconnect(request))
+        try:
+            await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if not answer.done():
+                return Response(status_code=GONE)
+        finally:
+            answer.cancel()
+            gone.cancel()
+    return json_response(answer.result(), 200, headers)
+
+
+async def _disconnect(request: Request) -> None:
+    """Wait until the client has gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+class _Stream(StreamingResponse):
+    """An answer as server-sent events, with signs of life until it is there."""
+
+    def __init__(
+        self,
+        answer: asyncio.Task[dict[str, Any]],
+        form: Streaming,
+        body: Mapping[str, Any],
+        headers: Mapping[str, str] | None,
+    ) -> None:
+        self._answer, self._form, self._body = answer, form, body
+        super().__init__(self._parts(), media_type="text/event-stream", headers=headers)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the stream; the request ends with it, when its client has gone, too."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._answer.cancel()
+
+    async def _parts(self) -> AsyncIterator[str]:
+        while not self._answer.done():
+            yield self._form.alive
+            await asyncio.wait({self._answer}, timeout=SILENCE)
+        try:
+            answer = self._answer.result()
+        except Exception as error:
+            told = error if isinstance(error, RequestError) else unexpected(error)
+            yield event_text(self._form.failure(told))
+            if told is not error:
+                raise
+            return
+        for event in self._form.stream(answer, self._body):
+            yield event_text(event)
+
+
+def event_text(event: Event) -> str:
+    """Return an event as a server-sent event."""
+    name, data = event
+    text = data if isinstance(data, str) else json.dumps(data)
+    return f"event: {name}\ndata: {text}\n\n" if name else f"data: {text}\n\n"
+
+
+async def refuse(request: Request, error: RequestError) -> Response:
+    """Answer a request that is refused."""
+    return json_response(error.body(), error.status, error.headers)
+
+
+def unexpected(error: Exception) -> RequestError:
+    """Return the refusal of a request at which the server failed."""
+    return RequestError(500, f"{type(error).__name__}: {error}")
+
+
+async def fail(request: Request, error: Exception) -> Response:
+    """Answer a request at which the server failed."""
+    return json_response(unexpected(error).body(), 500)
+
+
+async def refuse_http(request: Request, error: HTTPException) -> Response:
+    """Answer a request to a path or with a method that is not served."""
+    refused = RequestError(error.status_code, f"{error.detail}: {request.method} {request.url.path}")
+    return json_response(refused.body(), error.status_code, error.headers)
+
+
+def model_object(name: str) -> dict[str, Any]:
+    """Return a model's entry in the list of models."""
+    return {"id": name, "object": "model", "created": 0, "owned_by": "smartplay-tools"}
+
+
+HANDLERS: dict[Any, Any] = {RequestError: refuse, HTTPException: refuse_http, Exception: fail}
+"""How an application answers exceptions."""
+
+
+PlayerLike = Player | AsyncPlayer
+
+
+def endpoint_app(
+    *players: PlayerLike,
+    api_key: str | None = None,
+    limits: SimulatedLimits | None = None,
+    hosts: Sequence[str] = (),
+    origins: Sequence[str] = (),
+) -> ASGIApp:
+    """Return an ASGI application that answers for these players; a request's `model` is a player's name.
+
+    The state of a player (such as the draws of the random player) continues over all requests; rules and models have
+    no state.
+
+    Arguments:
+        players: the players.
+        api_key: a key that requests must have.
+        limits: simulated limits of a paid service; requests that exceed them are refused.
+        hosts: the names under which it is reached, in addition to this machine's own; with or without a port.
+        origins: the web pages that may use it from a browser.
+    """
+    endpoint = _Endpoint(players, limits or SimulatedLimits())
+
+    async def admit(request: Request) -> Response | None:
+        return None if api_key is None or carries(request, api_key) else await refuse(request, WRONG_KEY)
+
+    routes = [
+        *(Route(interface.path, endpoint.handler(interface), methods=["POST"]) for interface in (CHAT, RESPONSES)),
+        Route("/v1/models", endpoint.list_models),
+        Route("/v1/models/{name:path}", endpoint.show_model),
+    ]
+    handlers: Any = HANDLERS
+    app = Starlette(routes=routes, exception_handlers=handlers)
+    return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
+
+
+@dataclass(frozen=True)
+class _CompletionRequest:
+    """What a request asks; `tokens` are those of the whole prompt, of which the player sees what `choice` allows."""
+
+    player: PlayerLike
+    prompt: Prompt
+    choice: ToolChoice
+    tokens: int
+    body: Mapping[str, Any]
+
+
+class _Endpoint:
+    def __init__(self, players: tuple[PlayerLike, ...], limits: SimulatedLimits) -> None:
+        self._players = {player.name: player for player in players}
+        self._limits = limits
+        self._counter = TokenCounter()
+
+    def handler(self, interface: Interface) -> Any:
+        """Return the function that answers an interface's requests."""
+
+        async def handle(request: Request) -> Response:
+            self._limits.check_rate()
+            asked = await read_request(request, partial(self._read, interface))
+            return await respond(request, interface, self._answer(interface, asked), asked.body)
+
+        return handle
+
+    async def _answer(self, interface: Interface, asked: _CompletionRequest) -> dict[str, Any]:
+        reply = await _ask(asked.player, asked.prompt)
+        message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
+        counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
+        usage = counted.replaced_by(reply.usage)
+        return interface.write(with_fresh_ids(message), asked.player.name, usage)
+
+    async def list_models(self, request: Request) -> Response:
+        """Answer GET /v1/models."""
+        return json_response({"object": "list", "data": [model_object(name) for name in self._players]})
+
+    async def show_model(self, request: Request) -> Response:
+        """Answer GET /v1/models/NAME."""
+        return json_response(model_object(self._player(request.path_params["name"]).name))
+
+    def _read(self, interface: Interface, body: dict[str, Any]) -> _CompletionRequest:
+        player = self._player(body.get("model"))
+        prompt, choice = interface.read(body), interface.read_tool_choice(body)
+        tokens = self._counter.prompt(prompt.messages, prompt.tools)
+        self._limits.check_length(tokens, "input" if interface is RESPONSES else "messages")
+        allowed = choice.restrict(prompt)
+        return _CompletionRequest(player, allowed, choice, tokens, body)
+
+    def _player(self, model: Any) -> PlayerLike:
+        if not isinstance(model, str):
+            raise bad("A request names its model.", "model")
+        if model not in self._players:
+            names = ", ".join(self._players)
+            raise RequestError(404, f"There is no model {model!r} here; known: {names}.", code="model_not_found")
+        return self._players[model]
+
+
+async def _ask(player: PlayerLike, prompt: Prompt) -> Reply:
+    if isinstance(player, AsyncPlayer):
+        try:
+            return await player.areply(prompt)
+        except Exception as error:
+            raise _failed(error) from error
+
+    def reply() -> Reply:
+        try:
+            return player.reply(prompt)
+        except Exception as error:  # StopIteration, too, which no coroutine may raise
+            raise _failed(error) from error
+
+    return await run_in_threadpool(reply)
+
+
+def with_fresh_ids(message: Message) -> Message:
+    """Return a message whose calls have ids that nobody has used: players repeat theirs."""
+    calls = [cast(MessageToolCall, {**call, "id": f"call_{uuid.uuid4().hex[:24]}"}) for call in calls_of(message)]
+    return {**message, "tool_calls": calls} if calls else message
+
+
+PROMPT_CODES = {"context": "context_length_exceeded", "moderation": "content_filter"}
+"""OpenAI's codes for prompts that are refused, by what the refusal is about."""
+
+
+def _failed(error: Exception) -> RequestError:
+    if isinstance(error, PromptRefusedError):
+        return RequestError(400, str(error), code=PROMPT_CODES.get(server_error(error).about))
+    if isinstance(error, SmartPlayError) and not isinstance(error, ModelCallError):
+        return RequestError(400, str(error), code="player_refused")
+    return RequestError(500, f"The player failed: {type(error).__name__}: {error}", code="player_failed")
+
+
+class LocalEndpoint(Server):
+    """A server for players; in a `with` block it runs in its own thread.
+
+        with LocalEndpoint(sp.get_player("rule")) as endpoint:
+            sp.play(episode, sp.get_player("openai:rule", base_url=endpoint.base_url))
+
+    Arguments:
+        players: the players; a request's `model` is a player's name.
+        host, port: the address; port 0 is a free port. The address is bound at once.
+        api_key: a key that requests must have.
+        limits: simulated limits of a paid service, on the length of prompts and the rate of requests.
+        hosts, origins: names under which it is reached, and web pages that may use it. An address that other machines
+            reach needs the names and a key.
+        app: an ASGI application to serve instead, such as one around `endpoint_app`.
+    """
+
+    def __init__(
+        self,
+        *players: PlayerLike,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        api_key: str | None = None,
+        limits: SimulatedLimits | None = None,
+        hosts: Sequence[str] = (),
+        origins: Sequence[str] = (),
+        app: Any = None,
+    ) -> None:
+        check_address(host, api_key, hosts)
+        made = endpoint_app(*players, api_key=api_key, limits=limits, hosts=hosts, origins=origins)
+        super().__init__(app or made, host, port, asks=players)
+        self.base_url = f"{self.url}/v1"
