@@ -174,7 +174,7 @@ async def test_an_asynchronous_model_is_awaited(is_asynchronous: bool):
 
 def test_a_summary_is_recorded_as_a_message_that_was_made(tmp_path: Path):
     prompt = summarising(Model(), record=tmp_path).fit(steps(20))
-    (recorded,) = read_thread(next(tmp_path.iterdir()))
+    (recorded,) = read_thread(next(tmp_path.iterdir())).prompts
     assert list(recorded.messages) == prompt.messages
 
 
