@@ -2,8 +2,7 @@
 
 It imports nothing of the package but is given plain data: the turns of `tests/checker.py`, the budget as a dictionary,
 `n`, which counts the tokens of a text, and the summaries that were shown. The definition that it is written from is
-`docs/budgets.md` and `docs/strategies.md`. Everything is a fold over all prefixes of the turns; what follows from the
-first k of them is computed once.
+`docs/budgets.md` and `docs/strategies.md`. What follows from the first k turns is computed once.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from importlib import resources
+from itertools import accumulate
 from typing import Any
 
 from tests.counting import message_tokens, picture_tokens, plain_text, tools_tokens
@@ -84,8 +84,11 @@ class Judge:
         """a: how many of the first turns are pinned: the longest beginning that fits beside the other pins."""
         self.notes_fit = functools.cache(self._notes_fit)
         """Whether the notes are pinned after k turns."""
+        self.first = functools.cache(self._first)
+        """f: the first turn of the run after k turns."""
+        self.whole = functools.cache(lambda i: self.tokens(self.turns[i]["messages"]))
+        """What a turn takes as it was first shown."""
         self._costs: dict[Any, int] = {}
-        self._folds: dict[int, tuple[int, bool]] = {0: (0, False)}
 
     # What is old.
 
@@ -97,48 +100,35 @@ class Judge:
         return max(made[1:], default=made[0])
 
     def _boundary(self, k: int) -> int:
-        if self.history is None:
-            return 0
-        return self._date_from(k, self.history, self.slack if self.masks else Fraction(0))
+        return 0 if self.history is None else self.moved(self.newest(k), self.history)
 
     def _words_from(self, k: int) -> int:
-        return 0 if self.words_kept is None else self._date_from(k, self.words_kept, self.slack)
-
-    def _date_from(self, k: int, kept: int, slack: Fraction) -> int:
-        """The oldest date of which all is shown after k turns; with slack, it moves in blocks."""
-        if slack == 0:
-            return max(0, self.newest(k) - kept)
-        oldest = 0
-        for j in range(1, k + 1):
-            t = self.newest(j)
-            if t - oldest > kept:
-                oldest = t - math.ceil((1 - slack) * kept)
-        return oldest
+        return 0 if self.words_kept is None else self.moved(self.newest(k), self.words_kept)
 
     def _pictures_from(self, k: int) -> int:
-        if self.pictures_kept is None:
-            return 0
-        counts = [sum(map(has_picture, turn["messages"])) for turn in self.turns[:k]]
-        if self.slack == 0:
-            return max(0, sum(counts) - self.pictures_kept)
-        p = 0
-        for j in range(1, k + 1):
-            shown = sum(counts[:j])
-            if shown - p > self.pictures_kept:
-                p = shown - 1 - math.ceil((1 - self.slack) * (self.pictures_kept - 1))
-        return p
+        shown = sum(has_picture(one) for turn in self.turns[:k] for one in turn["messages"])
+        return self.moved(shown - 1, self.pictures_kept - 1) if self.pictures_kept is not None and shown else 0
+
+    def moved(self, n: int, most: int) -> int:
+        """The smallest multiple of a block that is at most `most` behind n."""
+        block, boundary = 1 + math.floor(self.slack * most), 0
+        while n - boundary > most:
+            boundary += block
+        return boundary
 
     def plays_no_step(self, i: int) -> bool:
         return self.step(i) == (self.step(i - 1) if i else 0)
 
-    def outlived(self, i: int, k: int, follow: int) -> bool:
-        """Whether a turn without a step is followed directly by more than `follow` of its like."""
+    def outlived(self, i: int, k: int) -> bool:
+        """Whether a turn without a step is followed directly by too many of its like."""
         if not self.ages_by_turn or not self.plays_no_step(i):
             return False
-        j = i + 1
-        while j < k and self.plays_no_step(j):
-            j += 1
-        return j - i - 1 > follow
+        begin, stop = i, i + 1
+        while begin > 0 and self.plays_no_step(begin - 1):
+            begin -= 1
+        while stop < k and self.plays_no_step(stop):
+            stop += 1
+        return i - begin < self.moved(stop - begin - 1, self.history)
 
     # What is pinned.
 
@@ -251,52 +241,33 @@ class Judge:
         size = self.size(k - 1, k, notes=self.notes_fit(k), anchors=0)
         return self.cap is not None and size + self.reserve > self.cap
 
-    def fill(self, k: int, share: Fraction) -> int:
-        notes, last = self.notes_fit(k), self.size(k - 1, k, notes=self.notes_fit(k))
-        i = k - 1
-        while i > 0:
-            fits = self.cap is None or self.size(i - 1, k, notes=notes) - last <= share * (
-                self.cap - self.reserve - last
-            )
-            if not self.masks and self.history is not None:
-                kept = math.ceil(share * self.history)
-                if self.step(i - 1) < self.newest(k) - kept or self.outlived(i - 1, k, kept):
-                    break
-            if not fits:
-                break
+    def fill(self, k: int) -> int:
+        """f: where Fill stops, and with slack the first turn of a block from there on."""
+        notes, i = self.notes_fit(k), k - 1
+        while i > 0 and not self.too_old(i - 1, k):
+            if self.cap is not None and self.size(i - 1, k, notes=notes) + self.reserve > self.cap:
+                return self.begin_of_block(i, k)
             i -= 1
         return i
 
-    def fold(self, k: int) -> tuple[int, bool]:
-        """f after k turns, and whether the prompt does not fit."""
-        for j in range(len(self._folds), k + 1):
-            before, _ = self._folds[j - 1]
-            if self.slack != 0 and self.stays(before, j):
-                self._folds[j] = before, False
-            elif self.overflows(j):
-                self._folds[j] = j - 1, True
-            else:
-                share = 1 - self.slack
-                f = self.fill(j, share)
-                assert self.slack == 0 or f > before, "a window that moves goes on"
-                self._folds[j] = f, False
-        return self._folds[k]
+    def too_old(self, i: int, k: int) -> bool:
+        old = not self.masks and self.history is not None and self.step(i) < self.boundary(k)
+        return old or self.outlived(i, k)
 
-    def stays(self, f: int, k: int) -> bool:
-        shown = self.tokens(self.summary(k - 1))
-        fits = self.cap is None or self.size(f, k, notes=self.notes_fit(k)) + self.asking + shown <= self.cap
-        if self.masks or self.history is None:
-            return fits
-        old = self.step(f) < self.newest(k) - self.history
-        return fits and not old and not any(self.outlived(i, k, self.history) for i in range(f, k))
+    def begin_of_block(self, i: int, k: int) -> int:
+        block = max(1, math.floor(self.slack * (self.cap - self.reserve - self.frame(k))))
+        blocks = [place // block for place in accumulate((self.whole(j) for j in range(k)), initial=0)]
+        while i < k - 1 and blocks[i] == blocks[i - 1]:
+            i += 1
+        return i
 
     def pins_fit(self, k: int) -> bool:
-        if self.choices is not None:
-            return k == 0 or not self.overflows(k)
-        return k == 0 or not self.fold(k)[1]
+        return k == 0 or not self.overflows(k)
 
-    def first(self, k: int) -> int:
-        return self.fold(k)[0]
+    def _first(self, k: int) -> int:
+        if k == 0:
+            return 0
+        return k - 1 if self.overflows(k) else self.fill(k)
 
     def asks(self, k: int) -> bool:
         """Whether a summary is asked for before the prompt of turn k."""
@@ -304,7 +275,7 @@ class Judge:
             self.summary_cap is not None
             and k > 0
             and self.pins_fit(k)
-            and self.first(k) > max(self.first(k - 1), self.anchors(k))
+            and self.first(k) > max(*map(self.first, range(k)), self.anchors(k))
         )
 
     # Views.

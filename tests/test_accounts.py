@@ -108,7 +108,7 @@ def shown(record: Record, left: Departure, **budget: int | None) -> bool:
     return left.turn in window.view().selection
 
 
-# With slack a window depends on all prompts before.
+# With slack another cap has other blocks.
 @pytest.mark.parametrize("record", [name for name, budget in BUDGETS.items() if not budget.slack], indirect=True)
 def test_a_turn_would_have_stayed_with_what_is_said_and_not_with_less(record):
     for left in accounts_of(record).departures():
@@ -121,13 +121,17 @@ def test_a_turn_would_have_stayed_with_what_is_said_and_not_with_less(record):
             assert left.keeps - record.budget["prompt_tokens"] == left.needs - left.free
 
 
-def test_a_window_with_slack_would_have_stood_still_with_the_cap_that_is_said():
-    with sp.Episode(BANDIT, seed=3, budget=BUDGETS["slack"], transcript=(events := [])) as episode:
+@pytest.mark.parametrize("name", ["slack", "summary"])
+def test_with_slack_it_says_what_a_prompt_with_all_its_turns_needed(name):
+    with sp.Episode(BANDIT, seed=3, budget=BUDGETS[name], transcript=(events := [])) as episode:
         sp.play(episode, Talker())
     first = next(accounts_of(Record(events)).departures())
     assert first.reason == "full"
-    assert shown(Record(events), dataclasses.replace(first, turn=0), prompt_tokens=first.keeps)
-    assert not shown(Record(events), dataclasses.replace(first, turn=0), prompt_tokens=first.keeps - 1)
+    more = {"prompt_tokens": first.keeps, "slack": 0, "summary_tokens": None}
+    more["prompt_tokens"] -= episode.ledger.strategies.reserve
+    assert shown(Record(events), dataclasses.replace(first, turn=0), **more)
+    more["prompt_tokens"] -= 1
+    assert not shown(Record(events), dataclasses.replace(first, turn=0), **more)
 
 
 def test_every_turn_that_is_not_in_a_prompt_has_left_before(record):

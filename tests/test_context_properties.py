@@ -10,6 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
+from smartplay_tools.context.prompts.wording import Wording
+from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.errors import PromptOverflowError
@@ -155,6 +157,12 @@ def test_a_view_depends_on_the_turns_alone(
                 judged(judge, number, window)
             if number < len(turns):
                 window.append(turns[number])
+        if slack == 0:  # no prompt differs from one of version 2
+            fold = Strategies(budget, episode.counter, Wording.of("v2"))
+            before = ContextWindow(head["messages"], tools, budget, episode.counter, fold)
+            for number, turn in enumerate(turns, 1):
+                before.append(turn)
+                judged(judge, number, before)
         if budget.summary_tokens is None:
             judged(judge, len(turns), ContextWindow.of(turns, head["messages"], tools, budget, episode.counter))
 

@@ -9,6 +9,7 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.prompts.wording import VERSION, Wording
+from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
@@ -30,8 +31,10 @@ def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slac
     episode = sp.Episode(GAME, seed=0, tokenizer=scripts.Words())
     cap = episode.counter.prompt([], ()) + 100
     budget = episode.budget.model_copy(update={"prompt_tokens": cap, "history": None, "slack": 1.0})
-    view = ContextWindow.of(turns, [], (), budget, episode.counter).view()
-    assert [message["content"][0] for message in view.messages if message["role"] == "assistant"] == ["c", "d"]
+    window = ContextWindow([], (), budget, episode.counter, Strategies(budget, episode.counter, Wording.of("v2")))
+    for one in turns:
+        window.append(one)
+    assert [message["content"][0] for message in window.view().messages if message["role"] == "assistant"] == ["c", "d"]
 
 
 def test_results_of_foreign_calls_with_one_id_answer_them_in_order_and_rebuild(tmp_path: Path) -> None:

@@ -66,13 +66,13 @@ class TestMasking:
     @pytest.mark.parametrize(
         ("budget", "dropped"),
         [
-            # Of 239 free tokens, half are 119.5, and two more turns would take 120.
-            (room(298, slack=0.5, history=None), [0, 0, 0, 0, 0, 4, 4, 4]),
-            # Of 3 steps, half are 1.5, and 2 stay.
-            ({"slack": 0.5, "history": 3}, [0, 0, 0, 0, 2, 2, 4, 4]),
+            # A block has 149 tokens, and of 59 or 60 in a turn, turns 3, 6 and 8 begin one.
+            (room(298, slack=0.5, history=None), [0, 0, 0, 0, 0, 3, 3, 6, 6, 6]),
+            # A block has 2 steps, and turn 1 plays the second step.
+            ({"slack": 0.5, "history": 3}, [0, 0, 0, 1, 1, 3, 3, 5, 5, 7]),
         ],
     )
-    def test_of_a_full_window_no_token_more_than_the_share_stays_and_no_step_less(self, budget, dropped):
+    def test_turns_leave_in_blocks_of_tokens_and_of_steps(self, budget, dropped):
         conversation, seen = begin(**budget), []
         for _ in dropped:
             conversation.receive(acting())

@@ -65,7 +65,8 @@ def shown(window: ContextWindow) -> list[str]:
     [
         ({}, [8, 9, 10, 11]),
         ({"first_turns": 1}, [0, 9, 10, 11]),
-        ({"slack": 0.5}, [9, 10, 11]),
+        ({"slack": 0.5}, [8, 9, 10, 11]),
+        ({"slack": 0.75}, [9, 10, 11]),
         ({"history": 1}, [10, 11]),
     ],
 )

@@ -26,8 +26,8 @@ from tests import scripts
 
 ROOT = Path(__file__).parents[1]
 GAME = "Hanoi3Disk-v0"
-RELEASED = dict.fromkeys(("v1", "v2"), "45f901036551305bcd54171cf06dcfd89e725983c134feb906772a77824fdb6a")
-"""The sha256 of each version, which a release never changes; the words of the second are those of the first."""
+RELEASED = dict.fromkeys(("v1", "v2", "v3"), "45f901036551305bcd54171cf06dcfd89e725983c134feb906772a77824fdb6a")
+"""The sha256 of each version, which a release never changes; the words of all are those of the first."""
 ADDED = {
     SENTENCES: "304b2629d1a6a3ad9ea4a8ca45920f0b0e52d88304b0f07f6018ee6d756464b5",
     ("too_many",): "f6a8d5612e3d319b6978c0d039552c82ff4e7a75d13d8b6a17093166d343c33a",
@@ -79,7 +79,7 @@ def test_an_object_of_tools_says_what_the_tools_say(kind):
 
 def test_a_config_with_an_unknown_version_is_refused():
     config = cell_config(get_spec(GAME)).with_seed(1).model_copy(update={"prompts": "v9"})
-    with pytest.raises(InvalidArgumentError, match=r"no prompts 'v9' in this release; it knows v1, v2\.$"):
+    with pytest.raises(InvalidArgumentError, match=r"no prompts 'v9' in this release; it knows v1, v2, v3\.$"):
         sp.Episode.from_config(config)
 
 
@@ -96,7 +96,7 @@ def of_v9() -> list[dict[str, Any]]:
 @pytest.mark.parametrize("read", [sp.replay, sp.resume, lambda events: list(sent_prompts(events))])
 def test_a_record_of_an_unknown_version_is_told_as_such(of_v9, read):
     with pytest.raises(
-        TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1, v2"
+        TranscriptError, match=r"made with prompts 'v9', which this release does not know; it knows v1, v2, v3"
     ):
         read(of_v9)
 

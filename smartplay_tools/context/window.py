@@ -25,6 +25,7 @@ from dataclasses import replace
 from itertools import accumulate, pairwise, takewhile
 from typing import Any, TypeAlias
 
+from smartplay_tools.context.fold import FoldedTurns
 from smartplay_tools.context.newest import NewestTurns
 from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.prompts.wording import VERSION, Wording
@@ -80,7 +81,9 @@ class ContextWindow:
         """The turn that a strategy has pinned, of which every observation is masked before the run."""
         self._pinned_tokens = self._first_turns = 0
         """The tokens of that turn, and how many of the first turns stay."""
-        self._run = NewestTurns(budget, self.strategies)
+        self._run = self._new_run()
+        self._left = 0
+        """The latest turn that a run has begun with: a summary has been asked for of the turns before it."""
         self._rule: Rule | None = None
         self._by_words = False
         """The rule that makes every prompt in place of the window, if there is one (`follow`)."""
@@ -98,6 +101,12 @@ class ContextWindow:
         self._overflow: int | None = None
         """The tokens of what every prompt shows, if it does not fit."""
         self.change_head(head, tools)
+
+    def _new_run(self) -> NewestTurns:
+        asking, reserve = self.strategies.summaries, self.strategies.reserve
+        if self.strategies.words.has_grid or not self.budget.slack:
+            return NewestTurns(self.budget, self.counter, reserve)
+        return FoldedTurns(self.budget, self.counter, reserve, 0 if asking is None else asking.question_tokens)
 
     @classmethod
     def of(
@@ -379,15 +388,16 @@ class ContextWindow:
 
     def _move(self, newest_before: int | None) -> None:
         """Move the run on; where that makes turns leave, a summary may be asked for first."""
-        run, was_first, summary = self._run, self._run.first, self._summary
-        summary_tokens = 0 if summary is None else summary.tokens
-        run.append(self.turns, self._prompt_tokens, oldest=self.oldest, pinned=self.pinned, summary=summary_tokens)
+        run, summary = self._run, self._summary
+        sizes = {"head": self.head_tokens, "summary": 0 if summary is None else summary.tokens}
+        run.append(self.turns, self._prompt_tokens, oldest=self.oldest, pinned=self.pinned, **sizes)
+        left, self._left = self._left, max(self._left, run.first)
         before = self._before = self._playing
         self._asking = self._overflow = None
         self._playing = self._played(self._newest_turns())
         if run.overflows:
             self._overflow = self._prompt_tokens(len(self.turns) - 1) + self.strategies.reserve
-        elif self.strategies.summaries is not None and run.first > max(was_first, self._first_turns):
+        elif self.strategies.summaries is not None and run.first > max(left, self._first_turns):
             self._asking = self._request(before, newest_before)
 
     def _newest_turns(self) -> Selection:

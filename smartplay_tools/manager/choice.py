@@ -171,7 +171,8 @@ class _Decision:
         if rules.own_words is not None:
             self._words = bisect_left(steps, moved_on_grid(step, rules.own_words, rules.slack))
         if rules.newest_pictures is not None:
-            self._pictures = bisect_left(pictures, moved_on_grid(pictures[-1], rules.newest_pictures, rules.slack))
+            left_out = moved_on_grid(pictures[-1] - 1, rules.newest_pictures - 1, rules.slack)
+            self._pictures = bisect_left(pictures, left_out)
         self._late = self._unit_of(newest)
         self._extra = 0
         """The tokens by which the unit of the last message is longer because it is not masked."""
@@ -214,7 +215,7 @@ class _Decision:
             return self._extra + self._run(first, last + 1) + sums[bisect_left(pinned, first)]
 
         lowest = 0 if rules.masks else min(self._results, last)
-        first, _ = first_on_grid(self._sums.whole, block_of(rules.slack, room), lowest, room, tokens)
+        first = first_on_grid(self._sums.whole, block_of(rules.slack, room), lowest, room, tokens)
         if needs_user and not bisect_left(pinned, first) and reading.units[first].kind == "reply":
             first = next((number for number in reading.users if number > first), first)
         before = pinned[: bisect_left(pinned, first)]

@@ -75,7 +75,10 @@ class Departure:
     free: int | None = None
     """If it did not fit: the tokens that were free. Without slack only."""
     keeps: int | None = None
-    """The smallest history or cap on prompts (`reason` says which) that would have kept the turn."""
+    """The smallest history or cap on prompts (`reason` says which) that would have kept the turn.
+
+    With slack it is what the prompt needed with all its turns: a larger cap has other blocks.
+    """
 
 
 class Accounts:
@@ -86,6 +89,7 @@ class Accounts:
         self._counter = shared_counter(record.config.tokenizer, record.config.prompts)
         self._budget = ResolvedBudget(**record.budget)
         words = Wording.of(record.config.prompts)
+        self._has_grid = words.has_grid
         self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns
         self._steps = [turn.step for turn in self._turns]
@@ -210,9 +214,8 @@ class Accounts:
         """The first turn of the run that moved on; turns before it were pinned."""
         history = budget.history if self._drops else None
         oldest = oldest_of(view, turns)
-        still = view["tokens"] - self._summary(view) + self._summary(before)
         needs = {turn: self._needs(turns[turn], oldest, view) for turn in gone}
-        unmoved = still + sum(needs.values()) + (self._form.question_tokens if self._form else 0)
+        unmoved = view["tokens"] - self._summary(view) + sum(needs.values()) + self._kept_free(before)
         room = None if cap is None else cap - view["tokens"]
         for turn in reversed(gone):
             age = step - turns[turn].step
@@ -231,6 +234,12 @@ class Accounts:
                 yield left(reason="block")
             if room is not None:
                 room -= needs[turn]
+
+    def _kept_free(self, before: ViewEvent) -> int:
+        """The tokens of a question for a summary and of the longest answer; by the fold, of the summary that stays."""
+        if self._form is None:
+            return 0
+        return self._form.reserve if self._has_grid else self._form.question_tokens + self._summary(before)
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""

@@ -156,7 +156,7 @@ def chosen(form: str, messages: Messages, cap: int, options: dict[str, Any]) -> 
         step += any(kind(form, messages[number]) == "result" for number in unit)
         steps.append(step)
     history, slack, masks = options["history"], options["slack"], options["beyond_history"] == "mask"
-    jump = max(1, math.floor(slack * history)) if history is not None else 1
+    jump = math.floor(slack * history) + 1 if history is not None else 1
     oldest = 0 if history is None or step <= history else math.ceil((step - history) / jump) * jump
 
     def cost(at: int, *, shown: bool) -> int:

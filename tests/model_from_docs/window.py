@@ -34,7 +34,7 @@ class View:
 
 @dataclass
 class Window:
-    """The state that is carried from turn to turn: the first turn of the run and the boundaries that move in blocks."""
+    """What is decided after each turn."""
 
     budget: Any
     n: Counting
@@ -42,6 +42,8 @@ class Window:
     """Tokens of the question for a summary; 0 without summaries."""
     longest_summary: int
     first: int = 0
+    left: int = 0
+    """The latest turn that any prompt so far began with: of earlier ones no summary is asked for again."""
     oldest: int = 0
     words: int = 0
     pictures: int = 0
@@ -58,12 +60,12 @@ class Window:
     def decide(self, turns: Sequence[Turn], head: int, summary: int) -> None:
         """Decide after a turn; `head` and `summary` are tokens of head, tools and priming, and of the last summary."""
         budget, cap = self.budget, self.budget.prompt_tokens
-        slack, newest = Fraction(str(budget.slack)), len(turns) - 1
+        newest = len(turns) - 1
         shows = [item.shows for turn in turns for item in turn.items if item.shows is not None]
         t = max(shows, default=0)
-        self.oldest = self._boundary(self.oldest, t, budget.history, budget.beyond_history == "mask")
-        self.words = self._boundary(self.words, t, budget.own_words, True)
-        self.pictures = self._left_out(sum(item.picture is not None for turn in turns for item in turn.items))
+        shown = sum(item.picture is not None for turn in turns for item in turn.items)
+        self.oldest, self.words = self._boundary(t, budget.history), self._boundary(t, budget.own_words)
+        self.pictures = self._boundary(shown - 1, budget.newest_pictures and budget.newest_pictures - 1)
         o = max((i for i, turn in enumerate(turns) if any(item.shows == t for item in turn.items)), default=newest)
         notes = [i for i, turn in enumerate(turns) if turn.notes is not None]
         q = notes[-1] if notes and turns[notes[-1]].notes else None
@@ -94,36 +96,31 @@ class Window:
         def cost(i: int) -> int:
             return head + sum(by_age[i:]) + sum(before[pin] for pin in pins if pin < i)
 
-        def too_old(i: int, share: Fraction) -> bool:
+        def too_old(i: int) -> bool:
             if budget.history is None or budget.beyond_history == "mask":
                 return False
-            most = math.ceil(share * budget.history)
-            following = next((k for k, turn in enumerate(turns[i + 1 :]) if turn.plays), newest - i)
-            stalled = budget.stalled_turns is not None and not turns[i].plays and following > most
-            return turns[i].step < t - most or stalled
+            begin = next((k + 1 for k in range(i, -1, -1) if turns[k].plays), 0)
+            end = next((k for k in range(i, len(turns)) if turns[k].plays), len(turns))
+            follow = self._boundary(end - begin - 1, budget.history)
+            stalled = budget.stalled_turns is not None and not turns[i].plays and i - begin < follow
+            return turns[i].step < self.oldest or stalled
 
-        def fill(share: Fraction) -> int:
-            i, base = newest, cost(newest)
-            while i > 0 and not too_old(i - 1, share):
-                if cap is not None and cost(i - 1) - base > share * (cap - reserve - base):
-                    break
-                i -= 1
-            return i
+        def fits(i: int) -> bool:
+            return cap is None or cost(i) + reserve <= cap
 
-        self.leaves = None
-        stays = (
-            slack > 0
-            and (cap is None or cost(self.first) + self.question + summary <= cap)
-            and not any(too_old(i, Fraction(1)) for i in range(self.first, newest))
-        )
-        if not stays:
-            if cap is not None and cost(newest) + reserve > cap:
-                self.ends = True
-                return
-            moved = fill(1 - slack)
-            if budget.summary_tokens is not None and moved > anchors:
-                self.leaves = moved
-            self.first = moved
+        if not fits(newest):
+            self.leaves, self.ends, self.first, self.left = None, True, newest, newest
+            return
+        moved = newest
+        while moved > 0 and not too_old(moved - 1) and fits(moved - 1):
+            moved -= 1
+        if cap is not None and moved > 0 and not too_old(moved - 1):
+            sizes = [self.n.messages(turn.seen(0, 0)) for turn in turns]
+            block = max(1, math.floor(Fraction(str(budget.slack)) * (cap - head - reserve)))
+            while moved < newest and sum(sizes[:moved]) // block == sum(sizes[: moved - 1]) // block:
+                moved += 1
+        self.leaves = moved if budget.summary_tokens is not None and moved > max(anchors, self.left) else None
+        self.first, self.left = moved, max(moved, self.left)
         self.ends = False
         run = {*range(self.first, len(turns))}
         shown = tuple((i, None if i == q and i not in run and i != o else self.oldest) for i in sorted(run | pins))
@@ -146,19 +143,9 @@ class Window:
         texts = tuple(sorted(asked.choice.texts.items()))
         self.view = View(each, 0, self.words, self.pictures, frozenset(shown), texts)
 
-    def _left_out(self, m: int) -> int:
-        """Return how many of m pictures are left out."""
-        k, slack = self.budget.newest_pictures, Fraction(str(self.budget.slack))
-        if k is None:
+    def _boundary(self, n: int, most: int | None) -> int:
+        """Return the smallest multiple of a block that is at most `most` before n."""
+        if most is None or n <= most:
             return 0
-        if not slack:
-            return max(0, m - int(k))
-        return self.pictures if m - self.pictures <= k else m - 1 - math.ceil((1 - slack) * (k - 1))
-
-    def _boundary(self, now: int, t: int, most: int | None, in_blocks: bool) -> int:
-        if most is None:
-            return 0
-        slack = Fraction(str(self.budget.slack))
-        if not slack or not in_blocks:
-            return max(0, t - most)
-        return now if t - now <= most else t - math.ceil((1 - slack) * most)
+        block = math.floor(Fraction(str(self.budget.slack)) * most) + 1
+        return block * -((most - n) // block)

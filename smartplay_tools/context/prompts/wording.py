@@ -16,7 +16,7 @@ from typing import Any
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.types.tables import read_table
 
-VERSION = "v2"
+VERSION = "v3"
 """The version that new episodes have, which every transcript contains."""
 
 
@@ -32,6 +32,11 @@ class Wording:
     def takes_numbers(self) -> bool:
         """Whether `act` takes an action's number as a JSON number, which was a mistake under version 1."""
         return self.version != "v1"
+
+    @property
+    def has_grid(self) -> bool:
+        """Whether a window with slack moves on the grid (`context.grid`), and not by the fold of earlier versions."""
+        return self.version not in ("v1", "v2")
 
     @staticmethod
     @functools.cache

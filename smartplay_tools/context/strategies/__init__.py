@@ -92,7 +92,7 @@ class Strategies:
         """
         self.calls_compactor = True
         """Whether a compactor is called, and does not only stand for what a record says it did."""
-        self._budget = budget
+        self._budget, self.words = budget, words
 
     def load_custom(self, digest: str | None, *, is_recorded: bool) -> None:
         """Make the custom strategy that the budget names, if it names one; `digest` is that of its file.

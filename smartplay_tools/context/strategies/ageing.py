@@ -7,36 +7,10 @@ a row only the newest are kept.
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
-
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, boundary
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import Budget
-
-
-class Stretches:
-    """Finds, turn by turn, which turns are too old because too many turns without a step follow them."""
-
-    def __init__(self, follow: int | None, share: Fraction | int = 1) -> None:
-        """`follow` is how many may follow, None for any number; `share` of them may in a window that moves."""
-        self._follow = math.inf if follow is None else follow
-        self._follow_after_move = math.inf if follow is None else math.ceil(share * follow)
-        self._length = 0
-        self.first = self.first_after_move = 0
-        """The first turn that is not too old, for a window that stays and for one that moves.
-
-        All earlier turns are too old, or a later turn is.
-        """
-
-    def append(self, turn: int, *, has_step: bool) -> None:
-        """Take note of the next turn."""
-        self._length = 0 if has_step else self._length + 1
-        if self._length > self._follow_after_move + 1:
-            self.first_after_move = turn - int(self._follow_after_move)
-        if self._length > self._follow + 1:
-            self.first = turn - int(self._follow)
 
 
 class Ageing(BudgetStrategy):
@@ -48,8 +22,7 @@ class Ageing(BudgetStrategy):
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         self.drops = drops_old_turns(budget)
         """Whether a turn that is older than the history ends the selection."""
-        self._share = share_kept(budget.slack)
-        self._by_turn = self.drops and budget.stalled_turns is not None
+        self._moved = boundary(0 if self.drops and not words.has_grid else budget.slack, words)
 
     @classmethod
     def refusal(cls, budget: Budget, history: int | None) -> str | None:
@@ -63,15 +36,9 @@ class Ageing(BudgetStrategy):
     def oldest(self, step: int, history: int | None, before: int) -> int:
         """Return b, the oldest observation that is not masked at a step; `before` is b before the latest turn.
 
-        With masking and slack it moves in blocks, as a window does.
+        With slack it moves in blocks, as a window does.
         """
-        if history is None:
-            return 0
-        return moved(step, before, history, 1 if self.drops else self._share)
-
-    def stretches(self, history: int | None) -> Stretches:
-        """Return the object that ages turns without a step; a window that moves has slack."""
-        return Stretches(history if self._by_turn else None, self._share)
+        return 0 if history is None else self._moved(step, history, before)
 
 
 def drops_old_turns(budget: Budget) -> bool:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
+from smartplay_tools.context.fold import moved_by_fold
+from smartplay_tools.context.grid import moved_on_grid
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Form, Turn
@@ -147,13 +147,12 @@ def decides(kind: type[BudgetStrategy], decision: str) -> bool:
     return getattr(kind, decision) is not getattr(BudgetStrategy, decision)
 
 
-def moved(step: int, before: int, limit: int, share: Fraction | int) -> int:
-    """Return a boundary at most `limit` behind a step; with slack it stays at `before` until it has to, then jumps."""
-    if share == 1:
-        return max(0, step - limit)
-    return before if step - before <= limit else step - math.ceil(share * limit)
+Boundary: TypeAlias = Callable[[int, int, int], int]
+"""Returns a boundary at most a limit behind a step, given step, limit, and the boundary before the latest turn."""
 
 
-def share_kept(slack: float) -> Fraction | int:
-    """Return 1 - slack, read as a decimal: in floats, ceil((1 - .7) x 10) is 4. Without slack it is the integer 1."""
-    return 1 - Fraction(str(slack)) if slack else 1
+def boundary(slack: float, words: Wording) -> Boundary:
+    """Return how a boundary moves; with slack it does so in blocks."""
+    if words.has_grid:
+        return lambda step, limit, before: moved_on_grid(step, limit, slack)
+    return lambda step, limit, before: moved_by_fold(step, limit, slack, before)

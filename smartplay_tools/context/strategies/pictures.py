@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, boundary
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection
 from smartplay_tools.types import Budget
@@ -20,7 +20,7 @@ class Pictures(BudgetStrategy):
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.newest_pictures is not None
-        self._past, self._share = budget.newest_pictures - 1, share_kept(budget.slack)
+        self._past, self._moved = budget.newest_pictures - 1, boundary(budget.slack, words)
 
     @classmethod
     def refused_form(cls, observation: str) -> str | None:
@@ -35,4 +35,4 @@ class Pictures(BudgetStrategy):
 
     def elided(self, shown: int, before: int) -> int:
         """Return p: of the `shown` pictures so far, the first p are elided; `before` is p before the latest turn."""
-        return moved(shown - 1, before, self._past, self._share) if shown else 0
+        return self._moved(shown - 1, self._past, before) if shown else 0

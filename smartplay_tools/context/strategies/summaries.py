@@ -8,11 +8,10 @@ the sentence that introduces it, because the tokens of two texts do not add up t
 
 from __future__ import annotations
 
-import math
-
+from smartplay_tools.context.grid import moved_on_grid
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.ageing import drops_old_turns, turns_leave
-from smartplay_tools.context.strategies.base import BudgetStrategy, Summary, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, Summary
 from smartplay_tools.context.tokens import TokenCounter, truncation
 from smartplay_tools.context.turns import Form
 from smartplay_tools.types import Budget
@@ -41,7 +40,7 @@ class Summaries(BudgetStrategy):
         if budget.slack == 0:
             return "summary_tokens at slack 0 would ask for a summary at every step; give a slack, such as 0.5."
         aged = history if drops_old_turns(budget) else None
-        if aged is not None and aged == math.ceil(share_kept(budget.slack) * aged):
+        if aged is not None and moved_on_grid(aged + 1, aged, budget.slack) == 1:
             return (
                 f"summary_tokens with history={history} and slack={budget.slack:g} would ask for a summary at every "
                 "step; raise one of the two."

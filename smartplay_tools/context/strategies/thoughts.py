@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.context.strategies.base import BudgetStrategy, moved, share_kept
+from smartplay_tools.context.strategies.base import BudgetStrategy, boundary
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import Selection
 from smartplay_tools.types import Budget
@@ -20,7 +20,7 @@ class Thoughts(BudgetStrategy):
 
     def __init__(self, budget: Budget, counter: TokenCounter, words: Wording) -> None:
         assert budget.own_words is not None
-        self._limit, self._share = budget.own_words, share_kept(budget.slack)
+        self._limit, self._moved = budget.own_words, boundary(budget.slack, words)
 
     def recorded(self, chosen: Selection) -> Mapping[str, Any]:
         """Return w."""
@@ -28,4 +28,4 @@ class Thoughts(BudgetStrategy):
 
     def trimmed_before(self, step: int, before: int) -> int:
         """Return w: replies of turns older than this are trimmed at a step; `before` is w before the latest turn."""
-        return moved(step, before, self._limit, self._share)
+        return self._moved(step, self._limit, before)

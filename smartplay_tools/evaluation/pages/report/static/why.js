@@ -82,7 +82,7 @@ function leftWords(episode, now, turn) {
   if (slack > 0)
     return (
       `${begin}the window was full. With all its turns that prompt needed ${number(keeps)} tokens of ${number(cap)}, ` +
-      `and with a slack of ${slack} a full window gives up a block of turns at once. With a cap of ${number(keeps)} it would have stood still there.`
+      `and with a slack of ${slack} a full window gives up a block of turns at once.`
     );
   const room = free >= 0 ? `${number(free)} of ${number(cap)} were free` : "newer turns did not fit either";
   return `${begin}it needed ${plural(needs, "token")}, and ${room}. With a cap of ${number(keeps)} it would have stayed.`;
