@@ -39,8 +39,8 @@ def latency(row: Row, timings: Sequence[Row]) -> float | None:
     return seconds / row["turns"] if timings and row.get("turns") else None
 
 
-CONTROLS = ("random", "blind")
-"""Players that do not read their prompts: they show what chance and recorded actions score, and differ from nothing."""
+CONTROLS = ("random", "blind", "first", "always")
+"""Players that do not read their prompts: they show what chance and fixed actions score, and differ from nothing."""
 
 
 def is_control(player: str) -> bool:
