@@ -216,7 +216,8 @@ def mean_score(rows: Sequence[Row]) -> MeanEstimate:
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     """Return a mean with its interval; without one, whether all its episodes were equal.
 
-    A difference, whose `sign` is "+", that is the same in all pairs and not 0 has the p value of the sign test instead.
+    A difference, whose `sign` is "+", that is the same in all pairs has the p value of the sign test instead, or is
+    said to be equal.
     """
     if estimate is None:
         return "no pairs"
@@ -224,6 +225,8 @@ def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     mean = f"{estimate.mean:{sign}{digits}}"
     if sign == "+" and estimate.sign_p is not None:
         return f"{mean} in all {estimate.episodes}, p {estimate.sign_p:.1g}"
+    if sign == "+" and estimate.is_zero:
+        return f"equal in all {estimate.episodes}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"

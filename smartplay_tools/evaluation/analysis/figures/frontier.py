@@ -120,7 +120,7 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
     # Of equal points the one with the narrowest window gets the label; the best scores are labelled first.
     windows = window_names([c.cell for c in members])
     front = [pair for pair in zip(members, windows, strict=True) if _on_front(pair[0], price)]
-    front.sort(key=lambda pair: width(pair[0].cell))
+    front.sort(key=lambda pair: width(pair[0].cell.budget))
     front.sort(key=lambda pair: _point(pair[0], price), reverse=True)
     points = [axes.transData.transform(_point(c, price)) for c in members]
     marks = [text for text in axes.texts if text.get_text() == CUT]
