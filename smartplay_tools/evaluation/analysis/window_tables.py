@@ -168,6 +168,11 @@ def is_cut(comparison: WindowComparison) -> bool:
     return is_much_cut(comparison.cut_share)
 
 
+def marks_of(comparison: WindowComparison) -> str:
+    """Return the marks of a cell in figures: of cut results, and of episodes that ended before their game did."""
+    return CUT * is_cut(comparison) + EARLY * bool(comparison.ends)
+
+
 def _difference(comparison: WindowComparison, decimals: int, *, single: bool) -> str:
     if comparison.is_reference:
         return "full context" if comparison.is_whole else "reference"
