@@ -18,11 +18,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table, repeat_previous
+from page_tables import Experiment, arguments, complete, deciding, interval, markdown_table, repeat_previous
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_dots,
@@ -238,16 +239,17 @@ def scores_table(cells: Cells, cap: int) -> str:
     for way, longest in lines_of(cells, cap):
         places = [(stage, cap, longest, way) for stage in stages]
         lines.append([label(cells, cap, way, longest), *(_score(cells, place) for place in places)])
-    return markdown_table(["strategy", *stages], lines)
+    return markdown_table(*deciding(["strategy", *stages], lines))
 
 
 def _score(cells: Cells, place: tuple[str, int, int, str]) -> str:
     way = place[-1]
     if place not in cells:
         return ""
+    early = EARLY * bool(ends_of(cells[place]))
     if way == DROPPING:
-        return interval(estimate(cells[place], score))
-    return interval(less_dropping(cells, place), "+") if acts(way, cells[place]) else "never acts"
+        return interval(estimate(cells[place], score)) + early
+    return interval(less_dropping(cells, place), "+") + early if acts(way, cells[place]) else "never acts"
 
 
 WORK: Mapping[str, tuple[Measure, Bounds | None]] = {
