@@ -409,7 +409,10 @@ def dots(cells: Cells) -> Figure:
                     draw_dots(panel, [mean_score(rows)], [place + spread(look, 3)], Series.number(look), player)
         name, rows = best_baseline(cells, game, cells["fresh", TAUGHT, game, DROPPING])
         panel.axvline(_mean(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
-        title = f"{GAMES[game]}: no model is shown to beat\na line of code, {name.partition(' ')[0]}"
+        own = cells["fresh", TAUGHT, game, DROPPING]
+        less = paired_difference(own, rows, score)
+        verdict = "scores more" if less is not None and (less.high or 0) < 0 else "scores as much, as far as is shown"
+        title = f"{GAMES[game]}: under {DROPPING} a line of code,\n{name.partition(' ')[0]}, {verdict}"
         panel.set(title=title, xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
         panel.set_yticklabels(ways if panel is axes[0] else [])
     legend_below(drawn, note=sample_note(counts))
