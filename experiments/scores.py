@@ -20,7 +20,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.pairs import Measure, reward, sample, steps
+from smartplay_tools.evaluation.analysis.pairs import Measure, reward, sample, score, steps
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
@@ -81,7 +81,8 @@ def points(rows: Sequence[Row]) -> str:
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         played = {cell.player: own for cell, own in cells}
         shown = [played["random"], best_line(played)[1], played["rule"]]
-        if any(row["reward"] != row["score"] for own in shown for row in own):
+        played_rows = [row for own in shown for row in own]
+        if any(map(reward, played_rows)) and any(reward(row) != score(row) for row in played_rows):
             told = [f"{_mean(own, reward):+.2f} in {_mean(own, steps):,.0f} steps" for own in shown]
             lines.append((f"`{game}`", *told))
     return markdown_table(("setting", *HEADINGS), lines)
