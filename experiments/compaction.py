@@ -23,6 +23,7 @@ from page_tables import Experiment, arguments, complete, interval, markdown_tabl
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_dots,
@@ -250,9 +251,10 @@ def _score(cells: Cells, place: tuple[str, int, int, str]) -> str:
     way = place[-1]
     if place not in cells:
         return ""
+    early = EARLY * bool(ends_of(cells[place]))
     if way == DROPPING:
-        return interval(estimate(cells[place], score))
-    return interval(less_dropping(cells, place), "+") if acts(way, cells[place]) else "never acts"
+        return interval(estimate(cells[place], score)) + early
+    return interval(less_dropping(cells, place), "+") + early if acts(way, cells[place]) else "never acts"
 
 
 SHOWN = {

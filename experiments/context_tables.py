@@ -24,6 +24,7 @@ from page_tables import (
     table_across,
 )
 
+from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.names import strategy_name
@@ -83,7 +84,7 @@ def _costs(line: Line) -> str:
 def _money(rows: Sequence[Row]) -> str:
     """What an episode of every window costs under the rules of caches, the least of a game and a rule in bold."""
     rules = TARIFFS["money"]
-    headings = ("game", "cap, slack", "score", "tokens", *(rule.label for rule in rules))
+    headings = ("game", "cap, slack", "steps", "score", "tokens", *(rule.label for rule in rules))
     lines: list[tuple[str, ...]] = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         costs = [[fmean(row["costs"][at] for row in own) for at in range(len(rules))] for _, own in cells]
@@ -91,7 +92,8 @@ def _money(rows: Sequence[Row]) -> str:
         for (cell, own), amounts in zip(cells, costs, strict=True):
             window = f"{_limit(cell.budget['prompt_tokens'])}, {cell.budget['slack']:g}"
             score, used = fmean(row["score"] for row in own), fmean(map(tokens, own))
-            facts = (f"`{game}`", window, f"{score:,.4g}", short(used))
+            steps = f"{fmean(row['steps'] for row in own):,.0f}{EARLY * bool(ends_of(own))}"
+            facts = (f"`{game}`", window, steps, f"{score:,.4g}", short(used))
             bold = ("**" if amount == best else "" for amount, best in zip(amounts, least, strict=True))
             lines.append((*facts, *(f"{mark}{short(own)}{mark}" for mark, own in zip(bold, amounts, strict=True))))
     return markdown_table(headings, lines)

@@ -4,6 +4,7 @@
     python experiments/models.py --qwen FILE --pilot     # ten worlds, from which the questions were chosen
     python experiments/models.py --qwen FILE             # other worlds; continues where it stopped
     python experiments/models.py --qwen FILE --publish   # both, with three records of every cell
+    python experiments/models.py --controls              # the scripts alone, in seconds
     python experiments/tables.py models                  # the tables of the page, from the published rows
 
 It needs the extras `local`, `popgym`, `evaluation`, `langchain` and `pydantic-ai`. Qwen2.5-Coder-1.5B-Instruct plays as
@@ -21,13 +22,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, repeat_previous
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
 from smartplay_tools.evaluation.analysis.decisions import mde
 from smartplay_tools.evaluation.analysis.figures.style import (
+    GREY,
     Series,
     draw_dots,
     figure,
@@ -36,7 +40,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     spread,
 )
-from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
+from smartplay_tools.evaluation.analysis.pairs import Measure, paired_difference, reward, sample, score, steps
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -130,7 +134,7 @@ def play(out: Path, stages: Sequence[Stage], seed: int, qwen: str) -> None:
 def _evaluate(out: Path, config: PlayerConfig, game: str, way: str, **given: Any) -> None:
     fields = {"prompt_tokens": None if way == WIDEST else CAP, "history": None, "tool_calls": CALLS, **WAYS[way]}
     given |= {"budget_line": "on"} if way == TOLD else {}
-    folder, budget = out / config.name.partition(":")[0] / game / way, sp.Budget(**fields)
+    folder, budget = out / _folder(config.name) / game / way, sp.Budget(**fields)
     done = sp.evaluate([game], [config], budgets=budget, out=folder, **given)
     print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
 
@@ -142,14 +146,33 @@ def _config(player: str, qwen: str) -> PlayerConfig:
     return PlayerConfig(name=player, factory=LocalPlayer, options={**options, "threads": 1})
 
 
+READING = {HANDS: ("win-stay", "leave-after-two", "last-hand", "count-last-5"), BANDIT: ("win-stay", "leave-after-two")}
+"""The baselines of one line that read what a window shows, so that they play under the same caps as the models."""
+
+
+def fixed_actions(game: str) -> Sequence[str]:
+    """Return the baselines that play one action and read nothing, so that no cap changes what they play."""
+    return [f"always:{number}" for number in range(1, sp.GAMES[game].count_actions() + 1)]
+
+
 def play_controls(out: Path) -> None:
     """Play the same worlds with scripts, whose scores the models' are read against."""
     for game in GAMES:
         scripted = "reader" if sp.GAMES[game].memory else "rule"
         worlds = max(8, *(stage.worlds for stage in STAGES if game in stage.games))
-        for name in ("random", scripted, f"blind:{out / scripted / game / WIDEST}"):
-            given: Any = {"trials": worlds, "seed": SEED, "executor": "inline"}
-            _evaluate(out, PlayerConfig(name=name), game, WIDEST, **given)
+        capped = ASKED if game in READING else CAPS
+        players = dict.fromkeys(("random", *fixed_actions(game)), (WIDEST,))
+        players |= dict.fromkeys((*READING.get(game, ()), scripted), capped)
+        players |= {f"blind:{out / scripted / game / WIDEST}": (WIDEST,)}
+        for name, ways in players.items():
+            for way in ways:
+                given: Any = {"trials": worlds, "seed": SEED, "executor": "inline"}
+                _evaluate(out, PlayerConfig(name=name), game, way, **given)
+
+
+def _folder(player: str) -> str:
+    """The name of a player's folder and of its rows: `always` keeps its action, and `blind` no path."""
+    return player if player.startswith("always:") else player.partition(":")[0]
 
 
 def rows_of(out: Path) -> Iterator[Row]:
@@ -201,6 +224,77 @@ def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> s
     return markdown_table(["player", "game", *ways], lines)
 
 
+def points_table(cells: Cells) -> str:
+    """The points that the two games of the questions have paid, which are not their scores, and the steps played."""
+    lines = []
+    for player in (*MODELS, "random", "blind", "rule"):
+        for game in READING:
+            own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
+            if any(own):
+                told = [_points(rows) for rows in own]
+                lines.append([player, GAMES[game], *told])
+    return markdown_table(["player", "game", *ASKED], lines)
+
+
+def _points(rows: Sequence[Row]) -> str:
+    return f"{_mean(rows, reward):+.2f} in {_mean(rows, steps):.1f} steps" if rows else ""
+
+
+def _mean(rows: Sequence[Row], measure: Measure) -> float:
+    return fmean(sample(rows, measure).values)
+
+
+def baselines_table(cells: Cells) -> str:
+    """Every baseline of one line in the worlds of the taught model under the smallest cap, and the model less it."""
+    lines = []
+    for game in READING:
+        own = cells.get(("fresh", TAUGHT, game, DROPPING), [])
+        lines.append([GAMES[game], f"**{TAUGHT}**", *_facts(own), "", ""])
+        for player in (*baselines(game), "blind", "rule", "random"):
+            rows = _under(cells, player, game, DROPPING)
+            less = (interval(paired_difference(own, rows, measure), "+") for measure in (score, reward))
+            lines.append([GAMES[game], player, *_facts(rows), *less])
+    headings = ["game", "player", "score", "points", "steps", "model less it, score [95 %]", "points [95 %]"]
+    return markdown_table(headings, lines)
+
+
+def best_table(cells: Cells) -> str:
+    """Every model under the smallest cap beside the baseline of one line that scores most in the same worlds."""
+    lines = []
+    for player in MODELS:
+        for game, name in GAMES.items():
+            if own := cells.get(("fresh", player, game, DROPPING), []):
+                best, rows = best_baseline(cells, game, own)
+                less = interval(paired_difference(own, rows, score), "+")
+                lines.append([player, name, f"{len(own)}", f"{_mean(own, score):.2f}", best, less])
+    headings = ["player", "game", "worlds", "score", "best baseline", "model less it, score [95 %]"]
+    return markdown_table(headings, lines)
+
+
+def best_baseline(cells: Cells, game: str, rows: Sequence[Row]) -> tuple[str, list[Row]]:
+    """Return the baseline of one line that scores most under the smallest cap in the worlds of these rows."""
+    worlds = {row["trial"] for row in rows}
+    others = {
+        each: [row for row in _under(cells, each, game, DROPPING) if row["trial"] in worlds] for each in baselines(game)
+    }
+    best = max(others, key=lambda each: _mean(others[each], score))
+    return f"{best} ({_mean(others[best], score):.2f})", others[best]
+
+
+def baselines(game: str) -> Sequence[str]:
+    """Return the baselines of one line that can play a game."""
+    return (*READING.get(game, ()), *fixed_actions(game))
+
+
+def _under(cells: Cells, player: str, game: str, way: str) -> list[Row]:
+    """The rows of a script in a way; one that reads nothing was played without a cap, which is the same."""
+    return cells.get(("fresh", player, game, way)) or cells.get(("fresh", player, game, WIDEST), [])
+
+
+def _facts(rows: Sequence[Row]) -> tuple[str, ...]:
+    return f"{_mean(rows, score):.2f}", f"{_mean(rows, reward):+.2f}", f"{_mean(rows, steps):.1f}"
+
+
 def ways_table(cells: Cells) -> str:
     """The same for every way, at the games that were played in all of them; the first row is there to compare with."""
     places = ((QWEN, HANDS), (TAUGHT, HANDS), (TAUGHT, BANDIT))
@@ -209,7 +303,8 @@ def ways_table(cells: Cells) -> str:
 
 
 def _score(rows: Sequence[Row]) -> str:
-    return f"{interval(mean_score(rows))} ({len(rows)})" if rows else ""
+    """The mean score, the number of worlds, and a mark where episodes ended before their game did."""
+    return f"{interval(mean_score(rows))} ({len(rows)}){EARLY * bool(ends_of(rows))}" if rows else ""
 
 
 def ends_table(cells: Cells) -> str:
@@ -291,7 +386,13 @@ def dots(cells: Cells) -> Figure:
                 if rows := cells.get(("fresh", player, game, way), []):
                     counts.add(len(rows))
                     draw_dots(panel, [mean_score(rows)], [place + spread(look, 3)], Series.number(look), player)
-        panel.set(title=GAMES[game], xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
+        name, rows = best_baseline(cells, game, cells["fresh", TAUGHT, game, DROPPING])
+        panel.axvline(_mean(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
+        own = cells["fresh", TAUGHT, game, DROPPING]
+        less = paired_difference(own, rows, score)
+        verdict = "scores more" if less is not None and (less.high or 0) < 0 else "scores as much, as far as is shown"
+        title = f"{GAMES[game]}: under {DROPPING} a line of code,\n{name.partition(' ')[0]}, {verdict}"
+        panel.set(title=title, xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
         panel.set_yticklabels(ways if panel is axes[0] else [])
     legend_below(drawn, note=sample_note(counts))
     return drawn
@@ -303,7 +404,10 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     return {
         "models": scores_table(cells, MODELS, ASKED),
         "models-ways": ways_table(cells),
-        "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), (WIDEST,)),
+        "models-points": points_table(cells),
+        "models-baselines": baselines_table(cells),
+        "models-best": best_table(cells),
+        "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), CAPS),
         "models-ends": ends_table(cells),
         "models-locked": locked_table(cells),
         "models-questions": questions_table(cells),
@@ -317,9 +421,14 @@ def main() -> None:
     """Play, and print or publish the tables."""
     parser = arguments(__doc__, "runs/models")
     parser.add_argument("--pilot", action="store_true", help="play the worlds from which the questions were chosen")
-    parser.add_argument("--qwen", required=True, help="the file of Qwen2.5-Coder-1.5B-Instruct in four bits")
+    parser.add_argument("--qwen", default="", help="the file of Qwen2.5-Coder-1.5B-Instruct in four bits")
+    parser.add_argument("--controls", action="store_true", help="play the scripts alone")
     asked = parser.parse_args()
-    if not asked.publish:
+    if not (asked.controls or asked.publish or asked.qwen):
+        parser.error("name the file of Qwen2.5-Coder with --qwen, or play the scripts alone with --controls")
+    if asked.controls:
+        play_controls(asked.out / "fresh")
+    elif not asked.publish:
         stages, seed = (PILOT, PILOT_SEED) if asked.pilot else (STAGES, SEED)
         play(asked.out / ("pilot" if asked.pilot else "fresh"), stages, seed, asked.qwen)
         play_controls(asked.out / "fresh")

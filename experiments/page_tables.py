@@ -18,6 +18,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import smartplay_tools as sp
+from smartplay_tools.evaluation.analysis.beside import EARLY
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
@@ -154,6 +155,18 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]]) -> st
     return "\n".join(map(table_row, [headings, ["---"] * len(headings), *rows]))
 
 
+def deciding(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """Return a table without its columns of differences that all pairs of all lines leave equal; rows keep them."""
+    kept = [at for at, column in enumerate(zip(*lines, strict=True)) if not _is_equal(column)]
+    return [headings[at] for at in kept], [[line[at] for at in kept] for line in lines]
+
+
+def _is_equal(column: Sequence[str]) -> bool:
+    """Whether every difference in a column, below the score that is its reference, is of equal pairs."""
+    told = [cell for cell in column[1:] if cell]
+    return bool(told) and all(cell.startswith(("equal in all", "identical", "never acts")) for cell in told)
+
+
 @dataclass(frozen=True)
 class Line:
     """A cell in a table: its comparison with the reference of its family, and its rows."""
@@ -222,7 +235,7 @@ def compared_lines(rows: Sequence[Row], along: Sequence[str], without: Container
 GAME: Column = "game", lambda line: f"`{line.compared.cell.game}`"
 PLAYER: Column = "player", lambda line: line.compared.cell.player
 EPISODES: Column = "episodes", lambda line: str(line.compared.episodes)
-SCORE: Column = "score [95 %]", lambda line: interval(line.compared.means["score"])
+SCORE: Column = "score [95 %]", lambda line: interval(line.compared.means["score"]) + EARLY * bool(line.compared.ends)
 TOKENS: Column = "tokens an episode", lambda line: f"{line.compared.means['tokens'].mean:,.0f}"
 STABLE: Column = "prefix-stable", lambda line: f"{100 * line.compared.means['prefix_share'].mean:.1f} %"
 
@@ -254,7 +267,8 @@ def mean_score(rows: Sequence[Row]) -> MeanEstimate:
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     """Return a mean with its interval; without one, whether all its episodes were equal.
 
-    A difference, whose `sign` is "+", that is the same in all pairs and not 0 has the p value of the sign test instead.
+    A difference, whose `sign` is "+", that is the same in all pairs has the p value of the sign test instead, or is
+    said to be equal.
     """
     if estimate is None:
         return "no pairs"
@@ -262,6 +276,8 @@ def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:
     mean = f"{estimate.mean:{sign}{digits}}"
     if sign == "+" and estimate.sign_p is not None:
         return f"{mean} in all {estimate.episodes}, p {estimate.sign_p:.1g}"
+    if sign == "+" and estimate.is_zero:
+        return f"equal in all {estimate.episodes}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{estimate.low:{sign}{digits}}, {estimate.high:{sign}{digits}}]"

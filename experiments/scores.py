@@ -9,8 +9,9 @@ Budgets are the settings' own.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score
@@ -19,6 +20,7 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
+from smartplay_tools.evaluation.analysis.pairs import Measure, reward, sample, score, steps
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
@@ -31,14 +33,21 @@ TRIALS = {
 }  # fmt: skip
 """Worlds of each setting, by the family of games."""
 PLAYERS = ("random", "rule")
+LINES = {
+    "bandit": ("win-stay", "leave-after-two"),
+    "rock_paper_scissors": ("win-stay", "leave-after-two", "last-hand", "count-last-5"),
+}
+"""The baselines of one line that can play a game, besides each of its actions again and again."""
 
 
 def play(out: Path, families: Sequence[str] | None) -> Iterator[Row]:
-    """Play every setting with every player, and yield the rows."""
+    """Play every setting with every player and every baseline, and yield the rows."""
     settings = [game for game in sp.GAMES if game in sp.GAMES.benchmark]
     for family, games in grouped(settings, lambda game: sp.GAMES[game].family).items():
         if not families or family in families:
-            yield from complete(games, PLAYERS, trials=TRIALS[family], out=out / family, executor="inline").rows
+            actions = range(1, sp.GAMES[games[0]].count_actions() + 1)
+            players = (*PLAYERS, *LINES.get(family, ()), *(f"always:{number}" for number in actions))
+            yield from complete(games, players, trials=TRIALS[family], out=out / family, executor="inline").rows
 
 
 def scores(rows: Sequence[Row]) -> str:
@@ -46,11 +55,41 @@ def scores(rows: Sequence[Row]) -> str:
     people, *models = PAPER_RESULTS
     lines = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
-        means = {cell.player: interval(mean_score(own)) for cell, own in cells}
+        played = {cell.player: own for cell, own in cells}
+        means = {player: interval(mean_score(played[player])) for player in PLAYERS}
+        name, line = best_line(played)
+        means["one line"] = f"{interval(mean_score(line))}, `{name}`"
         best = f"{max(model.raw[game] for model in models):,g}" if game in people.raw else ""
         human = f"{people.raw[game]:,g}" if game in people.raw else ""
-        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in PLAYERS), best, human))
-    return markdown_table(("setting", "worlds", *PLAYERS, "best model of the paper", "human"), lines)
+        lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in SHOWN), best, human))
+    return markdown_table(("setting", "worlds", *HEADINGS, "best model of the paper", "human"), lines)
+
+
+SHOWN = ("random", "one line", "rule")
+HEADINGS = ("random", "best of one line", "rule")
+
+
+def best_line(played: Mapping[str, Sequence[Row]]) -> tuple[str, Sequence[Row]]:
+    """Return the baseline of one line with the best mean score among the players of a setting."""
+    lines = {player: rows for player, rows in played.items() if player not in PLAYERS}
+    return max(lines.items(), key=lambda pair: mean_score(pair[1]).mean)
+
+
+def points(rows: Sequence[Row]) -> str:
+    """The points of the settings that pay others than their score counts, with the steps where they differ."""
+    lines = []
+    for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
+        played = {cell.player: own for cell, own in cells}
+        shown = [played["random"], best_line(played)[1], played["rule"]]
+        played_rows = [row for own in shown for row in own]
+        if any(map(reward, played_rows)) and any(reward(row) != score(row) for row in played_rows):
+            told = [f"{_mean(own, reward):+.2f} in {_mean(own, steps):,.0f} steps" for own in shown]
+            lines.append((f"`{game}`", *told))
+    return markdown_table(("setting", *HEADINGS), lines)
+
+
+def _mean(rows: Sequence[Row], measure: Measure) -> float:
+    return fmean(sample(rows, measure).values)
 
 
 def visible(rows: Sequence[Row]) -> str:
@@ -83,12 +122,17 @@ def _three(value: float) -> str:
 
 def capabilities(rows: Sequence[Row]) -> dict[str, Figure]:
     """The figure of capabilities of `rule` and `random`, at the settings that have normalised scores."""
-    players = [row for row in rows if row["game"] in PAPER_SETTINGS]
+    players = [row for row in rows if row["game"] in PAPER_SETTINGS and row["player"] in PLAYERS]
     return {"capabilities-capabilities": run_figures(players)["capabilities"]}
 
 
+def tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tables of pages by their names."""
+    return {"scores": scores(rows), "points": points(rows), "visible": visible(rows)}
+
+
 DEGREES = Experiment("degrees", lambda _: {"degrees": degrees()}, read=lambda: None)
-EXPERIMENT = Experiment("scores", lambda rows: {"scores": scores(rows), "visible": visible(rows)}, capabilities)
+EXPERIMENT = Experiment("scores", tables, capabilities)
 
 
 def main() -> None:

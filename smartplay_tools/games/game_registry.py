@@ -76,6 +76,8 @@ class Scoring:
     `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
     and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
     `worst_step` is the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
+    `best_step` is the most that a step adds to it, and `points_of_step` are the least and the most that a step pays:
+    with a cap on calls, scores and points cannot be further apart than these allow.
     """
 
     rollout: int
@@ -84,6 +86,22 @@ class Scoring:
     score_bounds: tuple[float, float] | None = None
     two_valued: bool = False
     worst_step: float | None = None
+    best_step: float | None = None
+    points_of_step: tuple[float, float] | None = None
+
+    def bounds_in(self, steps: int) -> tuple[float, float] | None:
+        """Return the lowest and the highest score that an episode of at most so many steps can have, if declared."""
+        if self.score_bounds is None or self.best_step is None:
+            return self.score_bounds
+        low, high = self.score_bounds
+        return low, max(low, min(high, min(steps, self.rollout) * self.best_step))
+
+    def points_in(self, steps: int) -> tuple[float, float] | None:
+        """Return the least and the most that an episode of at most so many steps can pay, if that is declared."""
+        if self.points_of_step is None:
+            return None
+        low, high = (min(steps, self.rollout) * points for points in self.points_of_step)
+        return min(low, 0), max(high, 0)
 
     def normalize(self, score: float) -> float | None:
         """The normalised score, or None if there is no human score."""

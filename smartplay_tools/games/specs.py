@@ -6,7 +6,7 @@ No game is imported: a setting names its class as a string, and the class is loa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -36,11 +36,12 @@ _MINECRAFT = _challenges(1, 1, 2, 1, 3, 2, 1, 2, 3)
 
 _GAMES = "smartplay_tools.games"
 _FAMILIES: Mapping[str, Mapping[str, Any]] = {
-    "bandit": {"entry_point": f"{_GAMES}.bandit:Bandit", "action_count": 2, "worst_step": 0},
+    "bandit": {"entry_point": f"{_GAMES}.bandit:Bandit", "action_count": 2, "worst_step": 0, "best_step": 1},
     "rock_paper_scissors": {
         "entry_point": f"{_GAMES}.rock_paper_scissors:RockPaperScissors",
         "action_count": 3,
         "worst_step": 0,
+        "best_step": 1,
     },
     "hanoi": {"entry_point": f"{_GAMES}.hanoi:Hanoi", "action_count": 6},
     "messenger": {"entry_point": f"{_GAMES}.messenger.game:Messenger", "action_count": 5},
@@ -79,6 +80,13 @@ _SETTINGS: tuple[
 )
 # fmt: on
 
+
+def _points_of_step(scores: Sequence[float] = (), arms: Sequence[tuple[float, float]] = (), **_: Any) -> Any:
+    """What a step of the bandit or of Rock Paper Scissors pays: as much as an amount of the setting, won or lost."""
+    amounts = [*scores, *(amount for _, amount in arms)]
+    return (-max(amounts), max(amounts)) if amounts else None
+
+
 GAMES = Games(
     GameSpec(
         family=family,
@@ -91,6 +99,7 @@ GAMES = Games(
         challenges=challenges,
         human_score=HUMAN_SCORES.get(id),
         min_score=MIN_SCORES.get(id),
+        points_of_step=_points_of_step(**kwargs),
         **_FAMILIES[family],
     )
     for family, id, kwargs, history, rollout, trials, score_bounds, challenges in _SETTINGS  # noqa: A001 - its name

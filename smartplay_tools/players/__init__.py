@@ -8,6 +8,7 @@ cut_prompts      servers that cut prompts without a word, noticed by their count
 optional_fields  what a server that refuses a part of a request is asked without
 usage            what a server says it has counted, and why its reply ended
 server_errors    whose error it is that a server reports: the model's, the prompt's, the player's, or only this moment's
+baselines        players of one line, which a model has to beat
 scripted         players without a model: prepared replies, the first action, a random one, the game's own answer
 """
 

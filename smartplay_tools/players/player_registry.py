@@ -37,11 +37,15 @@ def takes_seed(factory: Callable[..., Any]) -> bool:
 
 
 PLAYERS: dict[str, str] = {
+    "always": "smartplay_tools.players.baselines:AlwaysPlayer",
     "anthropic": "smartplay_anthropic:AnthropicPlayer",
     "blind": "smartplay_tools.evaluation.runs.blind:BlindPlayer",
+    "count-last-5": "smartplay_tools.players.baselines:CountLastFivePlayer",
     "first": "smartplay_tools.players.scripted:FirstPlayer",
     "human": "smartplay_tools.players.human.player:HumanPlayer",
     "langchain": "smartplay_langchain:LangChainPlayer",
+    "last-hand": "smartplay_tools.players.baselines:LastHandPlayer",
+    "leave-after-two": "smartplay_tools.players.baselines:LeaveAfterTwoPlayer",
     "local": "smartplay_local:LocalPlayer",
     "openai": "smartplay_openai:OpenAIPlayer",
     "openai-responses": "smartplay_openai:ResponsesPlayer",
@@ -50,6 +54,7 @@ PLAYERS: dict[str, str] = {
     "reader": "smartplay_tools.players.reader:ReaderPlayer",
     "rule": "smartplay_tools.players.rule:RulePlayer",
     "rule-notes": "smartplay_tools.players.rule:RuleNotesPlayer",
+    "win-stay": "smartplay_tools.players.baselines:WinStayPlayer",
 }
 """The players of this package: name -> location of the class."""
 
@@ -61,7 +66,19 @@ _REGISTRY = Registry("player", PLAYERS, ENTRY_POINTS)
 
 @overload
 def get_player(
-    name: Literal["first", "human", "oracle", "random", "reader", "rule", "rule-notes"],
+    name: Literal[
+        "count-last-5",
+        "first",
+        "human",
+        "last-hand",
+        "leave-after-two",
+        "oracle",
+        "random",
+        "reader",
+        "rule",
+        "rule-notes",
+        "win-stay",
+    ],
     *,
     seed: int = 0,
     **options: Any,

@@ -69,10 +69,13 @@ def has_reported_tokens(row: Row) -> bool:
     return provider is not None and Usage(**provider).has_tokens
 
 
+GAME_ENDS = ("terminated", "rollout")
+"""The game's own ends; every other one is early: a cap, a stall, an error, a host or a person has caused it."""
+
 EARLY_ENDS = frozenset(
     {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error", "game_error"}
 )
-"""Ends that a budget, a stall, a strategy or a wrong value of the game causes, before the game's own."""
+"""Of the early ends, those that a budget, a stall, a strategy or a wrong value of the game causes."""
 
 
 def has_early_end(row: Row) -> bool:

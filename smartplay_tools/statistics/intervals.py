@@ -66,8 +66,12 @@ class Bounds:
     @property
     def of_differences(self) -> Bounds:
         """What the difference of two such values can be."""
-        width = self.high - self.low
-        return Bounds(-width, width, self.two_valued, paired=True)
+        return self.less(self)
+
+    def less(self, other: Bounds) -> Bounds:
+        """What such a value less one within `other` can be."""
+        is_two_valued = self.two_valued and other.two_valued
+        return Bounds(self.low - other.high, self.high - other.low, is_two_valued, paired=True)
 
     def hold(self, ordered: Ordered) -> bool:
         """Whether sorted values are as declared; a declaration that one of them contradicts does not count."""
@@ -118,7 +122,12 @@ class MeanEstimate:
     @property
     def sign_p(self) -> float | None:
         """The p value of the sign test of a difference that is the same in all pairs, and not 0; otherwise None."""
-        return float(2.0 ** (1 - self.episodes)) if self.all_equal and self.mean else None
+        return float(2.0 ** (1 - self.episodes)) if self.all_equal and not self.is_zero else None
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether every value is 0, but for rounding."""
+        return self.all_equal and abs(self.mean) < 1e-9
 
 
 def with_ends(name: str, estimate: MeanEstimate | None) -> dict[str, float | None]:

@@ -387,13 +387,15 @@ def scores_within_its_bounds(spec: GameSpec) -> None:
 
 @_check
 def adds_no_less_than_its_worst_step(spec: GameSpec) -> None:
-    """No step adds less to the score than `worst_step`."""
-    if spec.worst_step is None:
+    """No step adds less to the score than `worst_step`, nor more than `best_step`."""
+    if spec.worst_step is None and spec.best_step is None:
         return
     for seed in range(SCORED_EPISODES):
-        least = min(after - before for before, after in itertools.pairwise(_scores(spec, seed)))
-        holds = least >= spec.worst_step or math.isclose(least, spec.worst_step)  # a sum of floats is rounded
-        require(holds, f"a step adds {least:g} to the score, and worst_step is {spec.worst_step:g}")
+        added = [after - before for before, after in itertools.pairwise(_scores(spec, seed))]
+        for name, end, sign in (("worst_step", min(added), 1), ("best_step", max(added), -1)):
+            declared = getattr(spec, name)  # a sum of floats is rounded
+            holds = declared is None or sign * end >= sign * declared or math.isclose(end, declared)
+            require(holds, f"a step adds {end:g} to the score, and {name} is {declared}")
 
 
 @_check

@@ -108,8 +108,8 @@ def test_names_say_what_differs_and_a_note_what_does_not():
     (table, *_) = comparison_tables(compare(run))
     assert [cells[0].strip() for cells in table.rows] == [
         "BanditTwoArmedHighLowFixed-v0",
-        "rule, history 1",
         "rule, history 5",
+        "rule, history 1",
     ]
     assert any(note.startswith("everywhere: ") and "replies <= 100" in note for note in table.notes)
 

@@ -70,10 +70,10 @@ def test_a_table_keeps_every_episode_and_marks_the_cell(cards):
     assert cell.score.mean == pytest.approx((0.5 - 0.98) / 2)
     table = headline(summary)
     assert "rule\N{DOUBLE DAGGER}" in table.rows[1][0]
-    assert any(note.startswith("\N{DOUBLE DAGGER}: 1 that ended early") for note in table.notes)
+    assert any("ended before their game did (prompt_tokens 1)" in note for note in table.notes)
     assert "\N{DOUBLE DAGGER}" in TERMS
     windows = windows_table(compare_windows(rows))
-    assert windows.rows[1][-1].endswith("\N{DOUBLE DAGGER}")
+    assert windows.rows[1][0].endswith("\N{DOUBLE DAGGER}")
     assert rows[1]["score"] == 0
 
 

@@ -52,6 +52,8 @@ def test_measures_of_an_episode():
     assert measures == {
         "score": 40,
         "normalized_score": pytest.approx(40 / 45),
+        "reward": 40,
+        "steps": 50,
         "tokens": 420,
         "prefix_share": 0.25,
         "cost": 0.25,

@@ -124,9 +124,10 @@ def cells_of(tables) -> str:
 
 def test_the_headline_has_a_line_for_every_game_and_player(rows):
     table = headline(summarize(rows))
-    assert [column.heading for column in table.columns] == ["game and player", "n", "score", "% human", "tokens", "USD"]
+    headings = ["game and player", "n", "score", "points", "% human", "tokens", "USD"]
+    assert [column.heading for column in table.columns] == headings
     assert [row[0] for row in table.rows] == [HANOI4, "  random, prompts <= 2,000", HANOI, "  rule", RPS, "  scripted"]
-    assert table.rows[3] == ("  rule", "2", "3.00 [0.67, 3.00]", "100", "5.1k", "0")
+    assert table.rows[3] == ("  rule", "2", "3.00 [0.67, 3.00]", "+100.00", "100", "5.1k", "0")
     assert table.rows[5][-1] == "1.00"
 
 
@@ -141,7 +142,7 @@ def test_figures_of_a_game_have_the_same_decimals():
         row | {"score": 1234.5 * trial} for trial, row in enumerate(play_rows("Crafter-v0", trials=2, budget=budget))
     ]
     (_, line) = headline(summarize(crafter)).rows
-    assert line[2] == "617 [-7,226, 8,460]"
+    assert line[3] == "617 [-7,226, 8,460]"
 
 
 def test_every_figure_is_in_the_details(rows):
@@ -175,7 +176,7 @@ def test_cut_results_are_warned_of():
     summary = summarize(play_rows("Crafter-v0", "random", 2, budget=budget))
     assert summary.cells[0].cut_share > 0.9
     text = cells_of([headline(summary)])
-    assert "random\N{DAGGER}" in text
+    assert "random\N{DOUBLE DAGGER}\N{DAGGER}" in text
     assert "tool results were cut to fit" in text
     assert "cut to fit" not in cells_of([headline(summarize(play_rows(HANOI, trials=1)))])
 

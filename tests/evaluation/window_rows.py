@@ -37,6 +37,7 @@ def row(seed: int = 0, score: float = 0.0, *, tokens: int = 100, cost: float | N
     measured = {
         "seed": seed,
         "score": score,
+        "reward": score,
         "normalized_score": score / 45,
         "tokens": {"prompt": tokens, "reply": 0, "prefix": tokens // 2, "overruns": 0, "provider": None},
         "cost": cost,

@@ -85,6 +85,10 @@ IN_A_TEXT_GAME = {
     ),
     "bounds that are too low": ([(BOUNDS, "score_bounds=(0, 1),")], "It scores 2, outside of 0 to 1"),
     "scores between two values": ([(BOUNDS, f"{BOUNDS} two_valued=True,")], "It is two_valued, and scores 1"),
+    "a best step that is too small": (
+        [(BOUNDS, f"{BOUNDS} best_step=0,")],
+        "A step adds 1 to the score, and best_step is 0",
+    ),
     "two values without bounds": ([(BOUNDS, "two_valued=True,")], "two-valued and declares no score_bounds"),
     "a step below the worst": (
         [("self.score += 1\n", "self.score -= 3\n"), (BOUNDS, "worst_step=-1,")],

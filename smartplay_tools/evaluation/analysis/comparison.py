@@ -4,7 +4,8 @@ A **side** is a player under one condition in one run. Episodes of two sides wit
 pair; they play the same world, so differences between worlds cancel out (`pairs`). Each side is compared with its
 counterpart in the first run: the side of the same player under the same condition (another version), or else the only
 one under the same condition (another player), or else the only one of the same player (another budget), or else the
-only side of that run. Within the first run, and if none of these exists, sides are compared with the first run's first
+only side of that run. Within the first run, a side is compared with the widest window of its player, as in the table of
+a sweep, and that one with the first player's. If none of these exists, sides are compared with the first run's first
 side. `reference` names a player to compare with instead.
 
 Wins, ties and losses count pairs by score. Differences have 95 % intervals, each by itself.
@@ -20,6 +21,7 @@ from typing import Any
 
 from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.beside import ends_of
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
 from smartplay_tools.evaluation.analysis.pairs import (
@@ -32,6 +34,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     samples,
     score,
 )
+from smartplay_tools.evaluation.analysis.windows import width
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
 from smartplay_tools.types import Budget
@@ -52,6 +55,8 @@ class Side:
     """A short description of the condition; empty for the default."""
     facts: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
     """The budget and the rules."""
+    width: tuple[float, ...] = field(default=(), compare=False, repr=False)
+    """How wide its window is, in the first of its games (`windows.width`)."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,10 @@ class Pairing:
     losses: int
     is_identical: bool
     """Whether every prompt and reply is equal on both sides."""
+    ends: Mapping[str, int] = field(default_factory=dict)
+    """How many of this side's episodes ended before their game did, by the reason."""
+    reference_ends: Mapping[str, int] = field(default_factory=dict)
+    """The same of the reference."""
     verdict: Verdict | None = None
     """What the pairs show within a margin, if there is one."""
 
@@ -172,7 +181,8 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
             played = {cell.game: members for cell, members in groups if cell in condition.cells}
             if played:
                 facts = {**condition.budget, **condition.rules}
-                side = Side(run, condition.player, condition.label_among(all_conditions), facts)
+                label = condition.label_among(all_conditions)
+                side = Side(run, condition.player, label, facts, width(condition.cells[0].budget))
                 sides.setdefault(side, {}).update(played)
     return sides
 
@@ -189,7 +199,8 @@ def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first
     elif side.run == first_run:
         # The first run is compared with itself if there is no other.
         alone = all(other.run == side.run for other in sides)
-        return first[0] if alone and side != first[0] else None
+        nearest = (other for other in (_widest(side, first), _widest(first[0], first)) if other != side)
+        return next(nearest, None) if alone else None
     same_condition = [other for other in first if other.label == side.label]
     candidates = (
         [other for other in same_condition if other.player == side.player],
@@ -197,6 +208,11 @@ def _counterpart(side: Side, sides: Sequence[Side], reference: str | None, first
         [other for other in first if other.player == side.player],
     )
     return next((alike[0] for alike in candidates if len(alike) == 1), first[0])
+
+
+def _widest(side: Side, sides: Sequence[Side]) -> Side:
+    """The side of the same player with the widest window; the first, where several are as wide."""
+    return max((other for other in sides if other.player == side.player), key=lambda other: other.width)
 
 
 def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: Margin | None) -> tuple[Pairing, ...]:
@@ -226,6 +242,8 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: M
                 ties=signs[0],
                 losses=signs[-1],
                 is_identical=are_identical(own),
+                ends=ends_of(sides[side][game]),
+                reference_ends=ends_of(sides[other][game]),
                 verdict=verdict,
             )
         )
@@ -297,7 +315,8 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             own, other = each.means.get(measure), means[each.game, each.reference].get(measure)
             row |= {measure: own and own.mean, f"reference_{measure}": other and other.mean}
             row |= with_ends(f"{measure}_difference", each.differences.get(measure))
-        row |= {"identical": each.is_identical}
+        row |= {"identical": each.is_identical, "ended_early": sum(each.ends.values())}
+        row |= {"reference_ended_early": sum(each.reference_ends.values())}
         if comparison.is_judged:
             names = {"verdict": "word", "margin": "margin", "mde": "mde"}
             row |= {name: each.verdict and getattr(each.verdict, own) for name, own in names.items()}

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
+from smartplay_tools.evaluation.analysis.beside import (
+    EARLY,
+    POINTS,
+    Beside,
+    column_notes,
+    early_notes,
+    shows_points,
+    shows_steps,
+)
+from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Side
 from smartplay_tools.evaluation.analysis.decisions import Verdict
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
@@ -17,6 +26,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
 NOTES = (
@@ -39,31 +49,76 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     rows = sections((game, _game_rows(comparison, game, names)) for game in games)
     judged = comparison.is_judged
     last = Column("verdict", words=True) if judged else Column("tokens")
-    headings = (*columns("", "pairs", "score", "+-", "W/T/L"), last)
-    notes = (NOTES[0], *VERDICT_NOTES) if judged else NOTES
-    tables = [TextTable("compared", headings, rows, (*notes, *_notes(comparison)))]
+    beside = list(_beside(comparison).values())
+    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", "+-", "W/T/L"), last)
+    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes(beside, points=False)]
+    notes += [*_notes(comparison), *early_notes(beside)]
+    tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
+    if shows_points(beside):
+        tables.append(_points_table(comparison, names))
     if len(games) > 1:
         tables.append(_overall_table(comparison, names))
     return tables
+
+
+def _points_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
+    """The points of every side, and their differences, where points are not what scores count."""
+    beside = _beside(comparison)
+    games = grouped(comparison.pairings, lambda each: each.game)
+    rows: list[tuple[str, ...]] = []
+    for game, members in games.items():
+        rows.append((game,))
+        for reference, pairings in grouped(members, lambda each: each.reference).items():
+            paid = fixed(beside[game, reference].points, 2, "+")
+            rows.append((f"  {_named(game, reference, names, beside)}", paid, "reference"))
+            for each in pairings:
+                paid = fixed(each.means["reward"].mean, 2, "+")
+                less = with_interval(each.differences.get("reward"), 2, sign="+")
+                rows.append((f"    {_named(game, each.side, names, beside)}", paid, less))
+    notes = (NOTES[0], POINTS, *early_notes(beside.values()))
+    return TextTable(_title("points", comparison, names), columns("", "points", "+-"), tuple(rows), notes)
+
+
+def _named(game: str, side: Side, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]) -> str:
+    return names[side] + EARLY * bool(beside[game, side].ends)
+
+
+def _title(measure: str, comparison: Comparison, names: Mapping[Side, str]) -> str:
+    """What is compared with what, as a caption: the reference by its name, if there is one alone."""
+    references = {names[side] for _, side, _ in comparison.references}
+    return f"compared: {measure} less those of {references.pop() if len(references) == 1 else 'their references'}"
+
+
+def _beside(comparison: Comparison) -> dict[tuple[str, Side], Beside]:
+    """What decides about the columns, of every side in every game."""
+    ends = {(each.game, each.reference): each.reference_ends for each in comparison.pairings}
+    means = {(game, side): means for game, side, means in comparison.references}
+    ends |= {(each.game, each.side): each.ends for each in comparison.pairings}
+    means |= {(each.game, each.side): each.means for each in comparison.pairings}
+    return {key: Beside.of(key[0], means[key], ends[key]) for key in means}
 
 
 def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> Iterator[tuple[str, ...]]:
     pairings = [each for each in comparison.pairings if each.game == game]
     references = [(side, means) for named, side, means in comparison.references if named == game]
     points = decimals_of([*(each.means["score"] for each in pairings), *(means["score"] for _, means in references)])
+    beside = _beside(comparison)
+    has_steps = shows_steps(list(beside.values()))
+
+    def line(side: Side, pairs: str, mean: float, *others: str) -> tuple[str, ...]:
+        steps = (f"{beside[game, side].steps:,.1f}",) if has_steps else ()
+        return f"  {_named(game, side, names, beside)}", pairs, *steps, fixed(mean, points), *others
+
     for side, means in references:
         last = "" if comparison.is_judged else _tokens(means)
-        yield f"  {names[side]}", NOTHING, fixed(means["score"].mean, points), "reference", "", last
+        yield line(side, NOTHING, means["score"].mean, "reference", "", last)
         for each in pairings:
             if each.reference == side:
                 told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
-                yield _pairing_row(each, names[each.side], points, told)
-
-
-def _pairing_row(each: Pairing, name: str, points: int, last: str) -> tuple[str, ...]:
-    difference = "identical" if each.is_identical else with_interval(each.differences.get("score"), points, sign="+")
-    outcome, mean = f"{each.wins}/{each.ties}/{each.losses}", fixed(each.means["score"].mean, points)
-    return f"    {name}", f"{each.pairs}", mean, difference, outcome, last
+                difference = with_interval(each.differences.get("score"), points, sign="+")
+                shown = "identical" if each.is_identical else difference, f"{each.wins}/{each.ties}/{each.losses}", told
+                name, *own = line(each.side, f"{each.pairs}", each.means["score"].mean, *shown)
+                yield f"  {name}", *own
 
 
 def _verdict(verdict: Verdict | None) -> str:
@@ -79,16 +134,22 @@ def _tokens(means: Mapping[str, MeanEstimate]) -> str:
 
 
 def _overall_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
-    rows = [_overall_row(each, names) for each in comparison.overall]
+    rows = [_overall_row(each, names, _beside(comparison)) for each in comparison.overall]
     headings = columns("", "games", "% human, +-", "W/T/L")
     note = "% human, +-: difference of normalised scores, the mean over the games that have one"
-    return TextTable("over all games", headings, tuple(rows), (note,))
+    title = f"over all games, {_title('human scores', comparison, names)}"
+    early = early_notes(_beside(comparison).values())
+    return TextTable(title, headings, tuple(rows), (note, *early))
 
 
-def _overall_row(each: Overall, names: Mapping[Side, str]) -> tuple[str, ...]:
+def _overall_row(
+    each: Overall, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]
+) -> tuple[str, ...]:
     difference = with_interval(each.difference, 1, factor=100, sign="+")
     outcome = f"{each.wins}/{each.ties}/{each.losses}"
-    return f"{names[each.side]} against {names[each.reference]}", f"{len(each.games)}", difference, outcome
+    early = any(own.ends for (_, side), own in beside.items() if side in (each.side, each.reference))
+    name = f"{names[each.side]}{EARLY * early} against {names[each.reference]}"
+    return name, f"{len(each.games)}", difference, outcome
 
 
 def side_names(comparison: Comparison) -> dict[Side, str]:

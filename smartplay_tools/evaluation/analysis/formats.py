@@ -187,5 +187,6 @@ _LATEX = {
     "<": "\\textless{}",
     ">": "\\textgreater{}",
     "\N{DAGGER}": "\\textdagger{}",
+    "\N{DOUBLE DAGGER}": "\\textdaggerdbl{}",
     "\N{PLUS-MINUS SIGN}": "$\\pm$",
 }

@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 
+from smartplay_tools.evaluation.analysis.beside import EARLY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.numbers import (
@@ -16,6 +17,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     count,
     decimals_of,
     dollars,
+    fixed,
     interval_notes,
     percent,
     with_interval,
@@ -28,9 +30,6 @@ CUT = "\N{DAGGER}"
 
 UNPLAYED = "!"
 """The mark of cells with episodes in which no action was ever played."""
-
-EARLY = "\N{DOUBLE DAGGER}"
-"""The mark of cells with episodes that ended early and count as the least that they could have scored."""
 
 INTERVALS = "[ ]: 95 % interval of the mean"
 OF_AN_EPISODE = "tokens, USD: of an episode, mean"
@@ -49,9 +48,12 @@ Named = tuple[str, CellSummary]
 
 def headline(summary: RunSummary, title: str = "") -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
-    rows = sections((game, _rows(cells)) for game, cells in by_game(summary))
-    headings = columns("game and player", "n", "score", "% human", "tokens", "USD")
-    intervals = [INTERVALS, OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
+    beside = [cell.beside for cell in summary.cells]
+    has_steps, has_points = shows_steps(beside), shows_points(beside)
+    rows = sections((game, _rows(cells, has_steps, has_points)) for game, cells in by_game(summary))
+    shown = [*(["steps"] if has_steps else []), "score", *(["points"] if has_points else [])]
+    headings = columns("game and player", "n", *shown, "% human", "tokens", "USD")
+    intervals = [INTERVALS, *column_notes(beside), OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
     return TextTable(title or shared(summary), headings, rows, (*intervals, *warnings(summary.cells)))
 
 
@@ -79,8 +81,7 @@ def warnings(cells: Iterable[CellSummary]) -> list[str]:
         notes.append(
             f"{UNPLAYED}: {unplayed} without any action, whose scores say nothing of how well the player plays"
         )
-    if early := sum(cell.early for cell in cells):
-        notes.append(f"{EARLY}: {early} that ended early; each counts as the least that the missing steps allow")
+    notes += early_notes(cell.beside for cell in cells)
     worst = max((cell.cut_share or 0.0 for cell in cells), default=0.0)
     if is_much_cut(worst):
         notes.append(
@@ -109,10 +110,13 @@ def game_name(cell: CellSummary) -> str:
     return f"{cell.cell.game} ({', '.join(made)})" if made else cell.cell.game
 
 
-def _rows(cells: Sequence[Named]) -> Iterator[tuple[str, ...]]:
+def _rows(cells: Sequence[Named], has_steps: bool, has_points: bool) -> Iterator[tuple[str, ...]]:
     decimals = decimals_of(cell.score for _, cell in cells)
     for name, cell in cells:
         human = NOTHING if cell.normalized_score is None else f"{100 * cell.normalized_score.mean:.0f}"
         cost = NOTHING if cell.episode_cost is None else dollars(cell.episode_cost.mean)
         score = with_interval(cell.score, decimals)
-        yield f"  {name}", count(cell.episodes, cell.score), score, human, short(cell.episode_tokens.mean), cost
+        steps = (f"{cell.beside.steps:,.1f}",) if has_steps else ()
+        points = (fixed(cell.reward.mean, 2, "+"),) if has_points else ()
+        shown = (*steps, score, *points, human, short(cell.episode_tokens.mean), cost)
+        yield f"  {name}", count(cell.episodes, cell.score), *shown

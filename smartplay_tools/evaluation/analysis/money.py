@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
+from smartplay_tools.evaluation.analysis.beside import EARLY, Beside, column_notes, early_notes, ends_of, shows_steps
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
@@ -43,6 +44,9 @@ class CellCost:
     episodes: int
     uncounted: int
     """Episodes without prompts on record, which are in no mean."""
+    ends: Mapping[str, int]
+    """How many of these episodes ended before their game did, by the reason."""
+    steps: float
     score: float
     """The mean, as of every other table: of worlds or chains, where these have several episodes."""
     tokens: float
@@ -57,6 +61,11 @@ class CellCost:
     """US dollars, from the provider's own count of tokens; None if it reported none, or has no known price."""
     billed: float | None
     """US dollars of the same episodes under the rule of their model; None if none is known."""
+
+    @property
+    def marked(self) -> str:
+        """The window, marked where episodes ended early."""
+        return self.window + EARLY * bool(self.ends)
 
 
 def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, run: str = "") -> list[CellCost]:
@@ -86,6 +95,8 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
                 window=name or "the default",
                 episodes=len(pairs),
                 uncounted=len(members) - len(pairs),
+                ends=ends_of(row for row, _ in pairs),
+                steps=fmean(row["steps"] for row, _ in pairs),
                 score=fmean(sample([row for row, _ in pairs], score).values),
                 tokens=fmean(row["tokens"]["prompt"] + row["tokens"]["reply"] for row, _ in pairs),
                 costs=tuple(fmean(charge.cost for charge in charges) for charges in by_tariff),
@@ -109,6 +120,8 @@ def cost_tables(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[Te
 def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
     """Return what an episode of every cell costs, with a column for each tariff, and its bill, if there is one."""
     billed = any(cell.bill is not None for cell in cells)
+    beside = list(map(_beside, cells))
+    has_steps = shows_steps(beside)
     rows: list[tuple[str, ...]] = []
     for title, members in _families(cells):
         decimals = decimals_of([mean_estimate([cell.score]) for cell in members])
@@ -119,10 +132,18 @@ def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
                 _amount(cost, tariff) + LEAST * (cost == lowest and len(members) > 1)
                 for cost, tariff, lowest in zip(cell.costs, tariffs, least, strict=True)
             ]
-            facts = (f"{cell.episodes}", fixed(cell.score, decimals), short(cell.tokens))
-            rows.append((f"  {cell.window}", *facts, *(_bill(cell) if billed else ()), *marked))
-    headings = ["n", "score", "tokens", *(["bill", "modelled", "+-"] if billed else []), *(t.label for t in tariffs)]
-    notes = [UNIT, MODEL, f"{LEAST}: the cheapest window of the player at the game"]
+            steps = (f"{cell.steps:,.1f}",) if has_steps else ()
+            facts = (f"{cell.episodes}", *steps, fixed(cell.score, decimals), short(cell.tokens))
+            rows.append((f"  {cell.marked}", *facts, *(_bill(cell) if billed else ()), *marked))
+    headings = [
+        "n",
+        *(["steps"] if has_steps else []),
+        "score",
+        "tokens",
+        *(["bill", "modelled", "+-"] if billed else []),
+        *(t.label for t in tariffs),
+    ]
+    notes = [UNIT, MODEL, *column_notes(beside), f"{LEAST}: the cheapest window of the player at the game"]
     if billed:
         notes.append("bill: USD by the provider's count; modelled: under the rule of the model; +-: their difference")
     return TextTable("what an episode costs", columns("window", *headings), tuple(rows), (*notes, *_left_out(cells)))
@@ -135,7 +156,8 @@ def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
     """
     rows: list[tuple[str, ...]] = []
     for cell in cells:
-        rows.append((f"{cell.title}, {cell.window}: score {cell.score:.4g}, {short(cell.tokens)} tokens",))
+        scored = f"score {cell.score:.4g} in {cell.steps:,.4g} steps"
+        rows.append((f"{cell.title}, {cell.marked}: {scored}, {short(cell.tokens)} tokens",))
         figures = zip(tariffs, cell.costs, cell.early, cell.shares, strict=True)
         for tariff, cost, early, (read, written) in figures:
             point = _amount(cost / cell.score, tariff) if cell.score > 0 else NOTHING
@@ -159,10 +181,15 @@ def flip_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[Tex
         for at, tariff in enumerate(tariffs):
             costs = [cell.costs[at] for cell in members]
             first, last = members[costs.index(min(costs))], members[costs.index(max(costs))]
-            figures = (_amount(first.costs[at], tariff), last.window, _amount(last.costs[at], tariff))
-            rows.append((f"  {tariff.label}", first.window, *figures))
+            figures = (_amount(first.costs[at], tariff), last.marked, _amount(last.costs[at], tariff))
+            rows.append((f"  {tariff.label}", first.marked, *figures))
     words = Column("cheapest", words=True), Column("cost"), Column("dearest", words=True), Column("cost")
-    return [TextTable("which window is cheapest", (Column("rule", words=True), *words), tuple(rows))] if rows else []
+    notes = tuple(early_notes(map(_beside, cells)))
+    return (
+        [TextTable("which window is cheapest", (Column("rule", words=True), *words), tuple(rows), notes)]
+        if rows
+        else []
+    )
 
 
 def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict[str, Any]]:
@@ -175,6 +202,8 @@ def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict
             "window": cell.window,
             "episodes": cell.episodes,
             "score": cell.score,
+            "steps": cell.steps,
+            "ended_early": sum(cell.ends.values()),
             "tokens": cell.tokens,
             "rule": tariff.rule.name,
             "tariff": tariff.label,
@@ -203,7 +232,16 @@ def _amount(cost: float, tariff: Tariff) -> str:
 
 
 def _left_out(cells: Sequence[CellCost]) -> list[str]:
+    """What a reader has to know of these episodes: which are left out, and which ended early."""
     uncounted = sum(cell.uncounted for cell in cells)
+    return [*_without(uncounted), *early_notes(map(_beside, cells))]
+
+
+def _beside(cell: CellCost) -> Beside:
+    return Beside(cell.cell.game, cell.score, cell.score, cell.steps, cell.ends)
+
+
+def _without(uncounted: int) -> list[str]:
     return [f"{uncounted} episodes have no prompts or no usage on record and are left out"] if uncounted else []
 
 

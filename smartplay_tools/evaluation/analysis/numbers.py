@@ -32,13 +32,16 @@ def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float
     """Return "mean [low, high]", the mean alone for one episode, or that all are equal where no bounds are declared.
 
     `factor` is 100 for percent; `sign` is "+" for differences, which are printed with their sign. A difference that is
-    the same in all pairs, and not 0, has the p value of the sign test instead of an interval.
+    the same in all pairs has no interval here: that it is 0 is said in words, and another one has the p value of the
+    sign test.
     """
     if estimate is None:
         return NOTHING
     mean = fixed(factor * estimate.mean, decimals, sign)
     if sign == "+" and estimate.sign_p is not None:
         return f"{mean} in all {estimate.episodes}, p {estimate.sign_p:.1g}"
+    if sign == "+" and estimate.is_zero:
+        return f"equal in all {estimate.episodes}"
     if estimate.low is None or estimate.high is None:
         return f"{mean} (all {estimate.episodes} equal)" if estimate.all_equal else mean
     return f"{mean} [{fixed(factor * estimate.low, decimals, sign)}, {fixed(factor * estimate.high, decimals, sign)}]"

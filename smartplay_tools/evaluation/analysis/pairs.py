@@ -39,8 +39,8 @@ def latency(row: Row, timings: Sequence[Row]) -> float | None:
     return seconds / row["turns"] if timings and row.get("turns") else None
 
 
-CONTROLS = ("random", "blind")
-"""Players that do not read their prompts: they show what chance and recorded actions score, and differ from nothing."""
+CONTROLS = ("random", "blind", "first", "always")
+"""Players that do not read their prompts: they show what chance and fixed actions score, and differ from nothing."""
 
 
 def is_control(player: str) -> bool:
@@ -78,9 +78,21 @@ def cost(row: Row) -> float | None:
     return None if row["cost"] is None else float(row["cost"])
 
 
+def reward(row: Row) -> float:
+    """The points of the game, which its player was told: the sum of its rewards."""
+    return float(row["reward"])
+
+
+def steps(row: Row) -> float:
+    """The steps that were played."""
+    return float(row["steps"])
+
+
 MEASURES: Mapping[str, Measure] = {
     "score": score,
     "normalized_score": normalized_score,
+    "reward": reward,
+    "steps": steps,
     "tokens": tokens,
     "prefix_share": prefix_share,
     "cost": cost,
@@ -88,16 +100,20 @@ MEASURES: Mapping[str, Measure] = {
 """The measures by which cells are compared."""
 
 
-def bounds_of(measure: Measure, scoring: Scoring | None) -> Bounds | None:
-    """Return what a measure can be in a setting, if that is declared; the setting need not be known."""
+def bounds_of(measure: Measure, scoring: Scoring | None, calls: int | None = None) -> Bounds | None:
+    """Return what a measure can be in a setting in so many calls, if that is declared; it need not be known."""
     if measure in (prefix_share, completion):
         return Bounds(0, 1, two_valued=measure is completion)
     if measure in (tokens, cost):
         return Bounds(0, math.inf)
-    if scoring is None or scoring.score_bounds is None or measure not in (score, normalized_score):
+    if scoring is None or measure not in (score, normalized_score, reward, steps):
         return None
-    low, high = map(scoring.normalize, scoring.score_bounds) if measure is normalized_score else scoring.score_bounds
-    return None if low is None or high is None else Bounds(low, high, scoring.two_valued)
+    most = scoring.rollout if calls is None else min(scoring.rollout, calls)
+    if measure is steps:
+        return Bounds(0, most)
+    ends = scoring.points_in(most) if measure is reward else scoring.bounds_in(most)
+    low, high = (None, None) if ends is None else map(scoring.normalize, ends) if measure is normalized_score else ends
+    return None if low is None or high is None else Bounds(low, high, scoring.two_valued and measure is not reward)
 
 
 def values(rows: Iterable[Row], measure: Measure) -> list[float]:
@@ -111,9 +127,9 @@ def completion(row: Row) -> float | None:
     return None if spec is not None and spec.family in FAMILIES_WITHOUT_OBJECTIVE else float(row["completed"])
 
 
-def reward(row: Row) -> float:
-    """The sum of the game's rewards."""
-    return float(row["reward"])
+def _bounds_in(measure: Measure, row: Row) -> Bounds | None:
+    """What a measure can be in the setting of a row and under its cap on calls."""
+    return bounds_of(measure, scoring_of(row), row["budget"].get("tool_calls"))
 
 
 def sample(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) -> Sample:
@@ -122,7 +138,7 @@ def sample(rows: Sequence[Row], measure: Measure, bounds: Bounds | None = None) 
     `bounds` are those of the measure, where it is not one of the game's.
     """
     measured = [(unit_of(row), value) for row in rows if (value := measure(row)) is not None]
-    return _of_units(measured, bounds or (bounds_of(measure, scoring_of(rows[0])) if rows else None))
+    return _of_units(measured, bounds or (_bounds_in(measure, rows[0]) if rows else None))
 
 
 def _of_units(measured: Sequence[tuple[int, float]], bounds: Bounds | None) -> Sample:
@@ -168,8 +184,8 @@ def difference_sample(paired: Sequence[Pair], measure: Measure) -> Sample:
     unit_differences = [
         (unit, value - other) for unit, value, other in measured if value is not None and other is not None
     ]
-    bounds = bounds_of(measure, scoring_of(paired[0][0])) if paired else None
-    return _of_units(unit_differences, None if bounds is None else bounds.of_differences)
+    own, other = (_bounds_in(measure, row) for row in paired[0]) if paired else (None, None)
+    return _of_units(unit_differences, None if own is None or other is None else own.less(other))
 
 
 def difference_samples(paired: Sequence[Pair]) -> dict[str, Sample]:

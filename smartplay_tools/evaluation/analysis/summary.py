@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from smartplay_tools.episode.config import differs
+from smartplay_tools.evaluation.analysis.beside import Beside, early_ends, ends_of
 from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, label_in
 from smartplay_tools.evaluation.analysis.pairs import (
@@ -28,7 +29,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     tokens,
 )
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
-from smartplay_tools.records.rows import Row, has_early_end, has_reported_tokens, is_unplayed
+from smartplay_tools.records.rows import Row, has_reported_tokens, is_unplayed
 from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.types import EndReason
 from smartplay_tools.types.groups import grouped
@@ -126,12 +127,20 @@ class CellSummary:
     unplayed: int
     """Episodes that ended without a single action; their scores say nothing of how well the player plays."""
     early: int
-    """Episodes that a budget, a stall or a strategy ended and whose score counts as `records.rows.mean_score`."""
+    """Episodes that ended before their game did."""
 
     @property
     def privileged(self) -> bool:
         """Whether the player had access to the game's state."""
         return "player" in self.deviations
+
+    @property
+    def beside(self) -> Beside:
+        """What may have to stand beside its score."""
+        steps = self.counts["steps"] / self.episodes
+        return Beside(
+            self.cell.game, self.score.mean, self.reward.mean, steps, early_ends(Counter(self.end_reasons).elements())
+        )
 
     @property
     def cut_share(self) -> float | None:
@@ -250,7 +259,7 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
         deviations=_deviations(cell, rows),
         unplayed=sum(map(is_unplayed, rows)),
-        early=sum(map(has_early_end, rows)),
+        early=sum(ends_of(rows).values()),
         cost=None if None in costs else math.fsum(costs),
         episode_tokens=estimates["tokens"],
         episode_cost=None if None in costs else estimates["cost"],

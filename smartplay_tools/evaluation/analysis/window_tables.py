@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
+from smartplay_tools.evaluation.analysis.beside import EARLY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
-from smartplay_tools.evaluation.analysis.headline import CUT, EARLY, MANY_CUTS, TERMS, is_much_cut
+from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
@@ -15,6 +16,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     count,
     decimals_of,
     dollars,
+    fixed,
     interval_notes,
     percent,
     with_interval,
@@ -29,7 +31,7 @@ NOTES = (
     "tokens: prompts and replies of an episode; stable: of its prompts, in a prefix that did not change",
     "*: on the game's Pareto front of score against tokens",
 )
-FULL_NOTE = "full context: nothing left the window in any episode"
+FULL_NOTE = "full context: nothing left the window in any episode, as far as it was played"
 TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T); p: Holm's"
 SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
 CONTROLS = "controls, which do not read their prompts, are not among the differences that hold together"
@@ -43,6 +45,10 @@ ShownColumn = tuple[str, Callable[[WindowComparison], str]]
 """A column of a table of cells: its heading, and what it shows of a cell."""
 
 
+STEPS: ShownColumn = ("steps", lambda c: f"{c.means['steps'].mean:,.1f}")
+POINTS: ShownColumn = ("points", lambda c: fixed(c.means["reward"].mean, 2, "+"))
+
+
 def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
     """Return the table of a sweep, with a heading for each family of cells.
 
@@ -51,14 +57,18 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     differences = [c.differences.get("score") if single else c.together for c in comparisons]
     compared = sum(c.p is not None for c in comparisons)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
+    beside = [c.beside for c in comparisons]
+    has_steps, has_points = shows_steps(beside), shows_points(beside)
 
     def figures(members: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         decimals = decimals_of(c.means["score"] for c in members)
         return (
             ("n", lambda c: count(c.episodes, c.means["score"])),
+            *([STEPS] if has_steps else []),
             ("score", lambda c: with_interval(c.means["score"], decimals)),
             ("+-", lambda c: _difference(c, decimals, single=single)),
             *([] if single else [("p", lambda c: _p_value(c.p))]),
+            *([POINTS] if has_points else []),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
             *([("USD", lambda c: dollars(c.means["cost"].mean) if "cost" in c.means else NOTHING)] if priced else []),
@@ -75,7 +85,8 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
-        *([f"{EARLY}: {TERMS[EARLY]}"] if any(c.early for c in comparisons) else []),
+        *column_notes(beside),
+        *early_notes(beside),
     ]
     return cells_table("windows", comparisons, figures, notes)
 
@@ -97,8 +108,25 @@ def cells_table(
         headings = [name for name, _ in shown]
         rows.append((heading,))
         for name, comparison in zip(names, members, strict=True):
-            rows.append((f"  {name}", *(show(comparison) for _, show in shown)))
+            marked = f"{name}{EARLY}" if comparison.ends else name
+            rows.append((f"  {marked}", *(show(comparison) for _, show in shown)))
     return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
+
+
+def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
+    """Return the points of every cell and their differences, where points are not what scores count."""
+    beside = [c.beside for c in comparisons]
+    if not shows_points(beside):
+        return []
+
+    def figures(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+        return (
+            *([STEPS] if shows_steps(beside) else []),
+            ("points", lambda c: with_interval(c.means["reward"], 2, sign="-")),
+            ("+-", lambda c: with_interval(c.differences.get("reward"), 2, sign="+")),
+        )
+
+    return [cells_table("points", comparisons, figures, [TOOK, *column_notes(beside), *early_notes(beside)])]
 
 
 TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
@@ -106,13 +134,18 @@ SECONDS = "s: seconds that a player took for a turn, without those of the game"
 
 
 def took_tables(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes, MeanEstimate]) -> list[TextTable]:
-    """Return what an episode of each cell took: tokens and, where they are known, time, and US dollars.
+    """Return what an episode of each cell was paid, if that is not its score, and what it took.
+
+    It took tokens and, where they are known, time, and US dollars.
 
     `seconds` has the time of a turn by the key of the cell (`latencies`).
     """
+    beside = [c.beside for c in comparisons]
+    notes = [TOOK, *([SECONDS] if seconds else []), *column_notes(beside, points=False), *early_notes(beside)]
 
     def tokens(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         return (
+            *([STEPS] if shows_steps(beside) else []),
             ("tokens", lambda c: amount(c.means["tokens"], short)),
             ("+-", lambda c: amount(c.differences.get("tokens"), short, sign="+")),
             *([("s", lambda c: amount(seconds.get(c.cell.key()), "{:.2g}".format))] if seconds else []),
@@ -120,18 +153,24 @@ def took_tables(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes,
 
     def cost(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         return (
+            *([STEPS] if shows_steps(beside) else []),
             ("USD", lambda c: amount(c.means.get("cost"), dollars)),
             ("+-", lambda c: amount(c.differences.get("cost"), dollars, sign="+")),
         )
 
-    tables = [cells_table("took", comparisons, tokens, [TOOK, SECONDS] if seconds else [TOOK])]
+    tables = [*points_tables(comparisons), cells_table("took", comparisons, tokens, notes)]
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
-    return [*tables, *([cells_table("took, in US dollars", comparisons, cost, [TOOK])] if priced else [])]
+    return [*tables, *([cells_table("took, in US dollars", comparisons, cost, notes)] if priced else [])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:
     """Whether too many results of a cell were cut for its score to measure its window alone."""
     return is_much_cut(comparison.cut_share)
+
+
+def marks_of(comparison: WindowComparison) -> str:
+    """Return the marks of a cell in figures: of cut results, and of episodes that ended before their game did."""
+    return CUT * is_cut(comparison) + EARLY * bool(comparison.ends)
 
 
 def _difference(comparison: WindowComparison, decimals: int, *, single: bool) -> str:
@@ -149,4 +188,4 @@ def _p_value(p: float | None) -> str:
 
 def _marks(comparison: WindowComparison, *, priced: bool) -> str:
     fronts = ("*" if comparison.on_token_front else "") + ("$" if priced and comparison.on_cost_front else "")
-    return fronts + CUT * is_cut(comparison) + EARLY * (comparison.early > 0)
+    return fronts + CUT * is_cut(comparison)

@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from smartplay_tools.evaluation.analysis.beside import Beside, ends_of
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
@@ -34,7 +35,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     samples,
 )
 from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
-from smartplay_tools.records.rows import Row, has_early_end, is_whole
+from smartplay_tools.records.rows import Row, is_whole
 from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
@@ -93,8 +94,8 @@ class WindowComparison:
     """Episodes with a counterpart in the reference."""
     confidence: float
     """The level of each interval that holds together with the others."""
-    early: int
-    """Episodes that ended early and whose score counts as `records.rows.mean_score`."""
+    ends: Mapping[str, int]
+    """How many of its episodes ended before their game did, by the reason."""
     on_token_front: bool
     """Whether the cell is on the game's Pareto front of mean score against mean tokens."""
     on_cost_front: bool | None
@@ -104,6 +105,11 @@ class WindowComparison:
     def is_reference(self) -> bool:
         """Whether this is the reference of its family."""
         return self.cell == self.reference
+
+    @property
+    def beside(self) -> Beside:
+        """What may have to stand beside its score."""
+        return Beside.of(self.cell.game, self.means, self.ends)
 
 
 def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> list[WindowComparison]:
@@ -140,7 +146,7 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             cut_share=cut_share(members),
             pairs=len(played[at]),
             confidence=method.confidence,
-            early=sum(map(has_early_end, members)),
+            ends=ends_of(members),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
         )
@@ -157,13 +163,11 @@ def latencies(rows: Iterable[Row], timings: Iterable[Row]) -> dict[bytes, MeanEs
     return {cell.key(): own["seconds"] for (cell, _), own in zip(groups, estimates, strict=True) if own}
 
 
-def width(cell: PlayedCell) -> tuple[float, float, float, float]:
+def width(budget: Mapping[str, Any]) -> tuple[float, float, float, float]:
     """A sort key of windows, which is larger for a window that shows more, and then for one with fewer strategies."""
-    history, prompt_tokens = (
-        float("inf") if cell.budget[name] is None else float(cell.budget[name]) for name in WINDOW[:2]
-    )
-    strategies = sum(cell.budget[name] != default for name, default in STRATEGIES.items())
-    return history, prompt_tokens, -cell.budget["slack"], -strategies
+    history, prompt_tokens = (float("inf") if budget[name] is None else float(budget[name]) for name in WINDOW[:2])
+    strategies = sum(budget.get(name, default) != default for name, default in STRATEGIES.items())
+    return history, prompt_tokens, -budget["slack"], -strategies
 
 
 def is_widest_but(comparison: WindowComparison, field: str) -> bool:
@@ -183,7 +187,7 @@ def _references(groups: Sequence[tuple[PlayedCell, list[Row]]], along: Sequence[
     widest: dict[bytes, int] = {}
     for at, (name, (cell, _)) in enumerate(zip(families, groups, strict=True)):
         best = widest.setdefault(name, at)
-        if width(cell) > width(groups[best][0]):
+        if width(cell.budget) > width(groups[best][0].budget):
             widest[name] = at
     return [widest[name] for name in families]
 
@@ -215,7 +219,7 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
         "reference": comparison.is_reference,
         "full_context": comparison.is_reference and comparison.is_whole,
     }
-    row |= {"cut_share": comparison.cut_share}
+    row |= {"cut_share": comparison.cut_share, "ended_early": sum(comparison.ends.values())}
     for measure in MEASURES:
         row |= with_ends(measure, comparison.means.get(measure))
         row |= with_ends(f"{measure}_difference", comparison.differences.get(measure))

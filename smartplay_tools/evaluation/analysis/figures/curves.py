@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
-from smartplay_tools.evaluation.analysis.window_tables import is_cut
+from smartplay_tools.evaluation.analysis.window_tables import marks_of
 from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
 from smartplay_tools.types import Budget
 from smartplay_tools.types.groups import grouped
@@ -54,7 +54,10 @@ def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
         look, beside = style.Series.number(index), style.spread(index, len(lines))
         measured = [c for c in members if "score" in c.differences]
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
-        style.draw_estimates(scores, positions, [c.differences["score"] for c in measured], look, label)
+        less = [c.differences["score"] for c in measured]
+        style.draw_estimates(scores, positions, less, look, label)
+        points = [(x, each.mean) for x, each in zip(positions, less, strict=True)]
+        style.mark_points(scores, points, map(marks_of, measured))
         measured = [c for c in members if "prefix_share" in c.means]
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
         style.draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
@@ -66,7 +69,8 @@ def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
         panel.set(xlabel="slack (share of the window given up at once)", xlim=(-0.4, len(amounts) - 0.6))
         panel.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
     members = [c for line in lines.values() for c in line]
-    style.legend_below(drawn, columns=2, note=style.sample_note(c.episodes for c in members))
+    notes = [style.sample_note(c.episodes for c in members), *style.mark_notes(map(marks_of, members))]
+    style.legend_below(drawn, columns=2, note="; ".join(notes))
     return drawn
 
 
@@ -85,8 +89,8 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
             if line:
                 means = [c.means["score"] for c in line]
                 style.draw_estimates(panel, positions, means, style.Series.number(index), name)
-                cut = [(x, c.means["score"].mean) for x, c in zip(positions, line, strict=True) if is_cut(c)]
-                style.mark_cut(panel, cut)
+                points = [(x, mean.mean) for x, mean in zip(positions, means, strict=True)]
+                style.mark_points(panel, points, map(marks_of, line))
         _draw_human(panel, members)
         panel.set(title=visible(game), xlabel=label, ylabel="mean score (points)")
         panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
@@ -95,7 +99,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
     others = {Budget(**{name: c.cell.budget[name] for name in WINDOW if name != field}).describe() for c in shown}
     under = [f"under {others.pop()}"] if len(others) == 1 and len(shown) < len(comparisons) else []
     notes = [style.sample_note(c.episodes for c in shown), *under]
-    notes += [style.CUT_NOTE] if any(map(is_cut, shown)) else []
+    notes += style.mark_notes(map(marks_of, shown))
     style.legend_below(drawn, note="; ".join(notes))
     return drawn
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures import style
-from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.evaluation.analysis.names import series_name, window_names
-from smartplay_tools.evaluation.analysis.window_tables import is_cut
+from smartplay_tools.evaluation.analysis.window_tables import marks_of
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import typeset
@@ -57,8 +56,8 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
         panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)
-        style.mark_cut(panel, [_point(c, price) for c in members if is_cut(c)])
-    notes = [style.sample_note(c.episodes for c in priced), *([style.CUT_NOTE] if any(map(is_cut, priced)) else [])]
+        style.mark_points(panel, [_point(c, price) for c in members], map(marks_of, members))
+    notes = [style.sample_note(c.episodes for c in priced), *style.mark_notes(map(marks_of, priced))]
     style.legend_below(drawn, note="; ".join(notes))
     # Labels come last, because their free places depend on everything else.
     drawn.draw_without_rendering()
@@ -120,10 +119,10 @@ def _label(axes: Axes, members: Sequence[WindowComparison], price: Price) -> Non
     # Of equal points the one with the narrowest window gets the label; the best scores are labelled first.
     windows = window_names([c.cell for c in members])
     front = [pair for pair in zip(members, windows, strict=True) if _on_front(pair[0], price)]
-    front.sort(key=lambda pair: width(pair[0].cell))
+    front.sort(key=lambda pair: width(pair[0].cell.budget))
     front.sort(key=lambda pair: _point(pair[0], price), reverse=True)
     points = [axes.transData.transform(_point(c, price)) for c in members]
-    marks = [text for text in axes.texts if text.get_text() == CUT]
+    marks = [text for text in axes.texts if set(text.get_text()) & set(style.MARK_NOTES)]
     taken: list[Bbox] = [mark.get_window_extent() for mark in marks]
     taken += [bar for c in members for bar in _bars(axes, c, price)]
     inside, named = axes.get_window_extent(), set()

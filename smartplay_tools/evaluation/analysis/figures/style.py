@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
+from smartplay_tools.evaluation.analysis.beside import EARLY
 from smartplay_tools.evaluation.analysis.headline import CUT
 from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types.quantities import typeset
@@ -45,7 +46,7 @@ LETTERS_PER_INCH = 14
 LEGEND_ROW = 0.22
 """Inches that every further row of a legend adds to a figure, so that the panels keep their height."""
 
-CUT_NOTE = f"{CUT}: tool results were cut"
+MARK_NOTES = {CUT: "tool results were cut", EARLY: "episodes ended before their game did"}
 
 GREY = "#6E6E6E"
 """The colour of references: the human score, the paper's models."""
@@ -139,10 +140,17 @@ def sample_note(episodes: Iterable[int]) -> str:
     return f"means of n = {many} episodes; bars: 95 % intervals"
 
 
-def mark_cut(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
-    """Mark points at which tool results were cut, so that their scores are not those of less memory alone."""
-    for point in points:
-        axes.annotate(CUT, point, (5, 5), textcoords="offset points", fontsize=11, fontweight="bold", zorder=6)
+def mark_notes(marks: Iterable[str]) -> list[str]:
+    """Return what the marks in a figure mean."""
+    shown = "".join(marks)
+    return [f"{mark}: {note}" for mark, note in MARK_NOTES.items() if mark in shown]
+
+
+def mark_points(axes: Axes, points: Iterable[tuple[float, float]], marks: Iterable[str]) -> None:
+    """Mark points whose scores are not those of less memory alone: `MARK_NOTES` has the reasons."""
+    for point, mark in zip(points, marks, strict=True):
+        if mark:
+            axes.annotate(mark, point, (5, 5), textcoords="offset points", fontsize=11, fontweight="bold", zorder=6)
 
 
 def spread(index: int, count: int) -> float:
