@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
@@ -38,6 +39,8 @@ class Suite:
     """The budgets that every game is played under; empty where the user chooses them."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the games that have them, fixed where they would otherwise depend on the machine."""
+    prompts: str = VERSION
+    """The version of the prompts, which a fixed suite keeps."""
 
     @property
     def games(self) -> tuple[str, ...]:
@@ -51,11 +54,13 @@ class Suite:
 
     def cells(self, player: str | None, player_options: Mapping[str, Any] | None = None) -> list[CellConfig]:
         """Return the cells of a fixed suite for a player: every game under every budget, the rest by default."""
-        return [
-            cell_config(game, budget=budget, player=player, player_options=player_options, **self._options_of(game))
+        how: dict[str, Any] = {"player": player, "player_options": player_options}
+        cells = [
+            cell_config(game, budget=budget, **how, **self._options_of(game))
             for game in self.games
             for budget in self.budgets
         ]
+        return [cell.model_copy(update={"prompts": self.prompts}) for cell in cells]
 
     def _options_of(self, game: str) -> dict[str, Any]:
         return {name: value for name, value in self.options.items() if name in get_spec(game).load().options}
@@ -66,7 +71,7 @@ def _tools_v1() -> Suite:
     budgets = tuple(
         Budget(history=None, prompt_tokens=cap, tool_calls=MOST_CALLS, stalled_turns=None) for cap in PROMPT_CAPS
     )
-    return Suite("tools-v1", MappingProxyType(trials), budgets, {"sentences": "grammar"})
+    return Suite("tools-v1", MappingProxyType(trials), budgets, {"sentences": "grammar"}, prompts="v2")
 
 
 SUITES: Mapping[str, Suite] = {

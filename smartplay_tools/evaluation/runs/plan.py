@@ -224,7 +224,7 @@ def plan_suite(
             f"The suite {suite.name} fixes {', '.join(refused)}; leave that out, or name games instead of the suite."
         )
     cells = make_cells(suite.games, players, suite.budgets, options=suite.options, player_options=player_options)
-    return plan_episodes(cells, trials=suite.trials, seed=seed)
+    return plan_episodes(cells, trials=suite.trials, seed=seed).with_prompts(suite.prompts)
 
 
 def check_playable(cell: CellConfig) -> None:
