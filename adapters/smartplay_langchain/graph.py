@@ -148,6 +148,8 @@ class GraphSession(CallPlayer):
         are not JSON or a middleware stopped them, and the results of calls that were held.
         """
         if self.session is None:
+            if self.episode.done and self.episode.stats.tool_calls:  # another agent has played it
+                raise self.another_state(0)
             return []
         self._history.see(messages)
         with self.episode.lock:

@@ -31,7 +31,7 @@ from langchain_core.messages import AIMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
-from smartplay_langchain import SmartPlayMiddleware
+from smartplay_langchain import PlayerChatModel, SmartPlayMiddleware
 
 import smartplay_tools as sp
 from smartplay_tools.types.messages import text_of
@@ -485,3 +485,15 @@ def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
     with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
         create_agent(ScriptedModel([]), [mine], middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
     assert not [event for event in events if event["event"] == "usage"]
+
+
+def test_a_second_agent_on_an_episode_that_is_over_is_refused_in_a_sentence():
+    with sp.Episode("RockPaperScissorBasic-v0", seed=7, budget=sp.Budget(tool_calls=2)) as episode:
+        for number in range(2):
+            model = PlayerChatModel(player=sp.get_player("rule"))
+            agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
+            if number == 0:
+                agent.invoke({"messages": []})
+                continue
+            with pytest.raises(sp.InvalidArgumentError, match="The episode is over; make a new one"):
+                agent.invoke({"messages": []})
