@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from smartplay_tools.errors import extra_named
 
@@ -33,8 +33,8 @@ from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
+Config: TypeAlias = "RunnableConfig | None"
 
-Config = RunnableConfig | None
 
 _PASSING_BY = ("generate", "agenerate", "generate_prompt", "agenerate_prompt")
 """The methods of a chat model that send a prompt and are no runnable's."""

@@ -103,6 +103,14 @@ def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
     return Case(server, f"/api/play/{GAME}/reply", body, {"X-SmartPlay-Key": key[1]})
 
 
+def serve_context(stack: ExitStack, folder: Path, **address: Any) -> Case:
+    sg = pytest.importorskip("smartplay_gateway")
+    upstream = pytest.importorskip("tests.adapters.test_context_endpoint").Upstream()
+    stack.callback(upstream.close)
+    server = stack.enter_context(sg.ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(8_000), **address))
+    return Case(server, "/v1/chat/completions", completion("rule"))
+
+
 def serve_openenv(stack: ExitStack, folder: Path, **address: Any) -> Case:
     pytest.importorskip("openenv")
     from smartplay_openenv import new_app
@@ -118,6 +126,7 @@ SERVERS: dict[str, tuple[Make, int]] = {
     "WindowEndpoint: /v1/messages": (partial(serve_window_at, "/v1/messages"), REQUEST),
     "WindowEndpoint: /v1/messages/count_tokens": (partial(serve_window_at, "/v1/messages/count_tokens"), REQUEST),
     "WindowEndpoint: /mcp": (serve_tools_of_a_window, CALL),
+    "ContextEndpoint, passing_app": (serve_context, 32 * 1024 * 1024),
     "HttpServer, http_app": (serve_mcp, CALL),
     "HttpServer: /episodes": (serve_operator, CALL),
     "ViewServer": (view_and_play, CALL),
@@ -128,6 +137,9 @@ SERVERS: dict[str, tuple[Make, int]] = {
 OPEN = "new_app"
 """The server that answers to every name and without a token: it is made for containers and hosts of others, and has
 nothing to spend or to hide."""
+
+OWN_KEYS = "ContextEndpoint, passing_app"
+"""The server that has no token, because its clients send the key of the model: it is for this machine only."""
 
 every_server = pytest.mark.parametrize("name", SERVERS)
 every_guarded_server = pytest.mark.parametrize("name", [name for name in SERVERS if name != OPEN])
@@ -251,7 +263,7 @@ def test_only_expected_hosts_and_pages_are_answered(serve: Make, name: str) -> N
     assert answered(case, body, headers={"Origin": case.server.url.rstrip("/")})[0] in (200, 201)
 
 
-@every_guarded_server
+@pytest.mark.parametrize("name", [name for name in SERVERS if name not in (OPEN, OWN_KEYS)])
 def test_an_address_for_others_needs_names_and_a_token(serve: Make, name: str) -> None:
     with pytest.raises(sp.InvalidArgumentError, match="Other machines can reach"):
         serve(name, host="0.0.0.0")

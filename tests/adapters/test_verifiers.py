@@ -122,7 +122,9 @@ def test_tasks_are_validated_without_a_model(game, gold, tmp_path):
 
 
 def test_a_wrong_budget_is_one_sentence():
-    with pytest.raises(sp.InvalidArgumentError, match=r"^slack=2 is no limit of a budget: .* less than or equal to 1\.$"):
+    with pytest.raises(
+        sp.InvalidArgumentError, match=r"^slack=2 is no limit of a budget: .* less than or equal to 1\.$"
+    ):
         tasks(1, budget=BudgetConfig(slack=2))
 
 

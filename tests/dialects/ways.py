@@ -214,6 +214,7 @@ def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None
     from smartplay_inspect import smartplay_agent
 
     is_openai = server.dialect.interface == "chat" and server.dialect.cannot == ["thoughts"]
+    is_openai = is_openai and server.dialect.name != "Bedrock"  # whose address Inspect knows, and asks for Responses
     name = f"{'openai' if is_openai else 'openai-api/server'}/{server.dialect.model}"
     own = {"responses_api": False, "memoize": False}
     model = get_model(name, base_url=server.base_url, api_key="k", **own)
