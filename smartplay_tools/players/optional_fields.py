@@ -74,7 +74,9 @@ class OptionalFields:
         said = server_error(error)
         if said.whose not in ("field", "prompt") or said.about:
             return False
-        words = f"{getattr(error, 'param', None) or ''}\n{error}\n{getattr(error, 'body', None)}".lower()
+        body = getattr(error, "body", None)
+        told = [getattr(error, "param", None) or "", *(_texts(body) if body else [str(error)])]
+        words = "\n".join(told).lower()
         present = [name for name in (*OPTIONAL, *OPTIONAL_INSIDE) if name not in self._own and _has(request, name)]
         refused = _named(present, words)
         wanted = frozenset(name for name, asked in WANTED if name in words and re.search(asked, words))
@@ -101,6 +103,17 @@ class OptionalFields:
 
 def _named(names: Iterable[str], words: str) -> frozenset[str]:
     return frozenset(name for name in names if _is_named(name, words))
+
+
+def _texts(body: Any) -> Iterator[str]:
+    """The texts in the body of an error, without the names of its own fields."""
+    if isinstance(body, Mapping):
+        body = [*body.values()]
+    if isinstance(body, list | tuple):
+        for inner in body:
+            yield from _texts(inner)
+    else:
+        yield str(body)
 
 
 def _is_named(name: str, words: str) -> bool:
