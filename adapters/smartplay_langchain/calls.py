@@ -81,7 +81,9 @@ class CallPlayer:
 
     def check_names(self, tools: Iterable[tuple[str, object]]) -> None:
         """Refuse two tools with one name, and another's in the place of one of these, whatever it looks like."""
-        check_names(tools, {own.name: own for own in self.tools})
+        # A middleware may copy a tool, as that for Anthropic's cache does: who plays its calls stays the same object.
+        players = ((name, getattr(tool, "player", tool)) for name, tool in tools)
+        check_names(players, {own.name: self for own in self.tools})
 
     @property
     def is_asked_by_sub_agent(self) -> bool:

@@ -230,13 +230,13 @@ def _sent_back(item: dict[str, Any]) -> dict[str, Any] | None:
     """An output item as an input item: without what is null, and a thought without the state of its making.
 
     A thought of which nothing but a summary is there can be read by no model, and its id is unknown to a server that
-    stores nothing.
+    stores nothing. With `provider_data` the Agents SDK has made it of a chat completion, and makes one of it again.
     """
     if None in item.values():
         item = {name: value for name, value in item.items() if value is not None}
     if item["type"] != "reasoning":
         return item
-    is_readable = item.get("encrypted_content") or item.get("content")
+    is_readable = item.get("encrypted_content") or item.get("content") or "provider_data" in item
     return {name: value for name, value in item.items() if name != "status"} if is_readable else None
 
 
