@@ -64,7 +64,13 @@ NOT_RUN = {
 }
 """How commands begin that are not run, and why."""
 
+RECORD = """
+import smartplay_tools as sp
+sp.ContextManager(8_000, record="runs/agent").fit([{"role": "user", "content": "Hi."}])
+"""
+
 BEFORE = {
+    "any-agent.md": f"python -c {shlex.quote(RECORD)}",
     "evaluation.md": "smartplay-tools eval --games Hanoi3Disk-v0 --players rule --out runs/kept",
     "view.md": "smartplay-tools eval --games Hanoi3Disk-v0 --players rule --out runs/paper",
 }
@@ -169,6 +175,8 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(*words[1].split("=", 1))
     elif SERVES.match(line):
         serve(words)
+    elif words[0] == "python":
+        subprocess.run([sys.executable, *words[1:]], check=True)
     elif words[0] == "smartplay-tools":
         here = words[1] in ("eval", "sweep") and "--executor" not in words
         with local_port(line):

@@ -70,7 +70,8 @@ def assert_signatures_have_fields(pages: str) -> None:
 def assert_every_example_has_a_title(page: Path) -> None:
     """Said as people would say it, and not as its file is called."""
     text = page.read_text(encoding="utf-8")
-    titles = [html.unescape(title) for title in re.findall(r"<h3>(.*?)<a class", text)]
+    programs = text.partition('id="complete-programs"')[2]
+    titles = [html.unescape(title) for title in re.findall(r"<h3>(.*?)<a class", programs)]
     assert len(titles) == len(list((ROOT / "examples").glob("*.py")))
     assert all(re.match(r"[A-Z][a-z]+ ", title) and "_" not in title for title in titles), titles
 

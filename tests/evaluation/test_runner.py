@@ -244,8 +244,9 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     failed = [failure for failure in run.failures if failure["end_reason"] != "interrupted"]
     assert {failure["seed"] for failure in failed} == {victim}
     assert {failure["error"] for failure in failed} == {"The worker process died while it played this episode."}
-    assert run.spending.other_attempts.unknown_calls == 8, "four attempts, and two workers died in each"
-    assert "8 calls were under way when the run or a worker stopped" in spending_sentences(run.spending)[0]
+    lost = run.spending.other_attempts.unknown_calls
+    assert 4 <= lost <= 8, "four attempts, in each of which the other worker's call was lost, too, if there was one"
+    assert f"{lost} calls were under way when the run or a worker stopped" in spending_sentences(run.spending)[0]
     assert multiprocessing.active_children() == []
 
 

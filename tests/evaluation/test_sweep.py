@@ -145,7 +145,7 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
 def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
     command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--manual", "tool,pinned", "--trials", "2",
                "--executor", "inline", "--out", str(tmp_path)]  # fmt: skip
-    shown = CliRunner().invoke(app, command)
+    shown = CliRunner(env={"COLUMNS": "120"}).invoke(app, command)
     assert shown.exit_code == 0, shown.output
     assert f"{BANDIT}, rule, manual pinned" in shown.stdout
     assert len(re.findall(r"^  history 1 +2 .* -\d+", shown.stdout, flags=re.MULTILINE)) == 2
