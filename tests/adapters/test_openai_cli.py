@@ -74,7 +74,8 @@ def test_what_cannot_be_is_one_sentence(served):
     result = CliRunner().invoke(app, ["serve", "openai", "--port", port])
     assert (result.exit_code, result.stderr) == (
         2,
-        f"smartplay-tools: Nothing can listen on 127.0.0.1:{port}: Address already in use.\n",
+        f"smartplay-tools: Nothing can listen on 127.0.0.1:{port}: Address already in use; "
+        "name another --port, or 0 for a free one.\n",
     )
 
 
