@@ -1,6 +1,6 @@
-"""The histories of the cap audit, and the judge of what becomes of them.
+"""The histories of the cap audit, and the judge of what is left of them.
 
-The judge counts after the definition of budget tokens in `docs/budgets.md`, by tiktoken and code of its own, and has
+The judge counts after the definition of budget tokens in `docs/budgets.md`, by tiktoken and separate code, and has
 its own rule of pairs.
 """
 

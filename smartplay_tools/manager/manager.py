@@ -96,7 +96,7 @@ class ContextManager:
         ask: asks a model for a summary: called with chat messages and the most tokens of the answer, it returns the
             answer's text. If it is asynchronous, prompts are made by `afit`.
         memo: where summaries are kept: a folder, or a mapping; a dict of this manager if not given.
-        on_error: what becomes of an exception of `ask`: "raise" lets it pass, "drop" goes on without a summary and
+        on_error: how an exception of `ask` is handled: "raise" lets it pass, "drop" goes on without a summary and
             says so in `FittedPrompt.failed`. In both cases the next prompt asks again.
     """
 

@@ -106,7 +106,7 @@ def _named(names: Iterable[str], words: str) -> frozenset[str]:
 
 
 def _texts(body: Any) -> Iterator[str]:
-    """The texts in the body of an error, without the names of its own fields."""
+    """The values in the body of an error, as text, without the names of its fields."""
     if isinstance(body, Mapping):
         body = [*body.values()]
     if isinstance(body, list | tuple):
