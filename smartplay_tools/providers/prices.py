@@ -120,7 +120,7 @@ class Price:
 
     def most(self, prompt: int, reply: int) -> float:
         """Return the most that a call can cost: nothing of its prompt is read from a cache, all of it is written."""
-        rate = max(_rate(rates, prompt) for rates in (self.input, self.write) if rates)
+        rate = max(_rate(rates, prompt) for rates in (self.input, self.write, self.write_1h) if rates)
         return (prompt * rate + reply * _rate(self.output, prompt)) / 1_000_000
 
     @cached_property

@@ -78,8 +78,14 @@ E_co = TypeVar("E_co", covariant=True)
 
 
 def has_result(path: Path) -> bool:
-    """Return whether the record in a file, if there is one, has the result of its episode: nothing later undoes it."""
-    return path.exists() and (record := Record.head(path)).start is not None and record.outcome == "finished"
+    """Return whether the record in a file, if there is one, has the result of its episode: nothing later undoes it.
+
+    A record that a killed process left unreadable has none.
+    """
+    try:
+        return path.exists() and (record := Record.head(path)).start is not None and record.outcome == "finished"
+    except TranscriptError:
+        return False
 
 
 class _EventsOf(Generic[E_co]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -172,9 +173,12 @@ def test_tokens_that_are_written_for_an_hour_are_charged_once() -> None:
 
 def test_no_call_costs_more_than_the_most() -> None:
     price = Price(((0, 4.0), (1_000, 8.0)), ((0, 20.0),), ((0, 0.4),), "given", ((0, 5.0), (1_000, 10.0)))
+    for_an_hour = replace(price, write_1h=((0, 8.0), (1_000, 16.0)))
     for prompt in (999, 1_000):
         usages = [sp.Usage(prompt=prompt, cached=cached, written=prompt - cached, reply=7) for cached in (0, 500)]
         assert max(map(price.cost, usages)) == pytest.approx(price.most(prompt, 7))
+        written = sp.Usage(prompt=prompt, written=prompt, written_1h=prompt, reply=7)
+        assert for_an_hour.cost(written) == pytest.approx(for_an_hour.most(prompt, 7))
 
 
 def test_an_estimate_knows_from_which_length_on_the_models_provider_caches() -> None:
