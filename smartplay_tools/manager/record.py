@@ -36,7 +36,7 @@ __all__ = ["RecordedPrompt", "RecordedThread", "ThreadRecord", "is_thread_record
 
 FORMAT = "context-manager-1"
 
-CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "uncertain")
+CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "rewritten", "uncertain")
 """What a prompt says of messages, by their numbers in the list that was given."""
 
 
@@ -71,6 +71,7 @@ class PromptEvent(TypedDict):
     elided: NotRequired[Ranges]
     cut: NotRequired[Ranges]
     repaired: NotRequired[Ranges]
+    rewritten: NotRequired[Ranges]
     uncertain: NotRequired[Ranges]
 
 
