@@ -187,7 +187,7 @@ class KeptCompacting(Compacting):
     """The rule of a compactor over an agent's messages: what every prompt shows stays, whatever comes back.
 
     What is missing of it is put back where it stood. While the prompt is over its cap, units leave it, oldest first,
-    and then what stands before the first reply.
+    and then what stands before the first reply. A unit that stays and was made too long is shown as it was given.
     """
 
     def __init__(self, window: AgentWindow, compactor: Any, restored: Restored) -> None:
@@ -210,6 +210,13 @@ class KeptCompacting(Compacting):
                 break
             if not self._is_kept(groups[at]):
                 shown[at], total = False, total - sizes[at]
+        for at, group in enumerate(groups):
+            if cap is None or total <= cap:
+                break
+            if any(isinstance(place, Form) for place in group) and self._is_kept(group):  # it has made it longer
+                turn = next(window.turn_of(n) for place in group if (n := self._number(place)) is not None)
+                groups[at] = [*window.row(turn, turn + 1)]
+                total += self._group_tokens(groups[at]) - sizes[at]
         numbers, start = list[int](), 0
         for group, stays in zip(groups, shown, strict=True):
             numbers += range(start, start + len(group)) if stays else ()
