@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import marshal
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -14,7 +16,7 @@ from smartplay_tools.manager.forms import Given, MessageForm
 from smartplay_tools.manager.strategy import AskedStrategy, Chosen
 from smartplay_tools.manager.summaries import Covered
 
-__all__ = ["Conversation", "Draft", "FittedPrompt", "plain"]
+__all__ = ["Conversation", "Draft", "FittedPrompt", "plain", "plain_messages"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +139,15 @@ class Draft:
             summary="" if summary is None else str(summary.message["content"]),
             failed=failed,
         )
+
+
+def plain_messages(messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
+    """Return messages as plain data, and for each a key that stands for what it says."""
+    if {*map(type, messages)} == {dict}:
+        with suppress(ValueError):  # all at once, since this is most of the time of a prompt
+            return [*messages], [*map(marshal.dumps, messages, repeat(2))]
+    given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+    return [data for data, _ in given], [key for _, key in given]
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

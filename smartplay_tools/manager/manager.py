@@ -29,7 +29,7 @@ from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
 from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
-from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, plain
+from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, plain, plain_messages
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.memo import MemoFolder
 from smartplay_tools.manager.reading import Part, Reading, kind_of
@@ -310,12 +310,9 @@ class ContextManager:
     ) -> Fitting:
         check_choice("form", form, (None, *FORMS))
         with self._lock:
-            given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-            data = [each for each, _ in given]
+            data, keys = plain_messages(messages)
             name = form or self._form
-            conversation = Conversation(
-                messages, data, [key for _, key in given], form_of(data) if name is None else FORMS[name]
-            )
+            conversation = Conversation(messages, data, keys, form_of(data) if name is None else FORMS[name])
             if system and not isinstance(system, str):
                 system = [plain(part, "A part of `system`")[0] for part in system]
             beside = {"tools": [plain_tool(tool) for tool in tools], "system": system, "output_schema": output_schema}
