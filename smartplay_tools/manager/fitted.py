@@ -16,7 +16,7 @@ from smartplay_tools.manager.forms import Given, MessageForm
 from smartplay_tools.manager.strategy import AskedStrategy, Chosen
 from smartplay_tools.manager.summaries import Covered
 
-__all__ = ["Conversation", "Draft", "FittedPrompt", "plain", "plain_messages"]
+__all__ = ["Conversation", "Draft", "FittedPrompt", "check_plain", "plain", "plain_messages"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +148,12 @@ def plain_messages(messages: Sequence[Any]) -> tuple[Sequence[Given], list[objec
             return [*messages], [*map(marshal.dumps, messages, repeat(2))]
     given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
     return [data for data, _ in given], [key for _, key in given]
+
+
+def check_plain(messages: Sequence[Any]) -> None:
+    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, such as bytes."""
+    for number, message in enumerate(messages):
+        _plain(message, f"Message {number}")
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

@@ -29,7 +29,7 @@ from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
 from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
-from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, plain, plain_messages
+from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, check_plain, plain, plain_messages
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.memo import MemoFolder
 from smartplay_tools.manager.reading import Part, Reading, kind_of
@@ -62,6 +62,9 @@ IN_BUDGETS = (
     "newest_pictures",
 )
 """The fields of a `Budget` that have a meaning without a game."""
+
+RECORDS = 64
+"""How many records of threads a manager keeps open; a server that runs for months sees many."""
 
 READINGS = 16
 """How many conversations a manager remembers, by their heads."""
@@ -308,6 +311,21 @@ class ContextManager:
         form: FormName | None,
         thread: str | None,
     ) -> Fitting:
+        try:
+            return (yield from self._made(messages, tools, system, output_schema, form, thread))
+        except TypeError:
+            check_plain(messages)  # where no message is at fault, it is an error of another kind
+            raise
+
+    def _made(
+        self,
+        messages: Sequence[Any],
+        tools: Iterable[Any],
+        system: str | Sequence[Any] | None,
+        output_schema: Any,
+        form: FormName | None,
+        thread: str | None,
+    ) -> Fitting:
         check_choice("form", form, (None, *FORMS))
         with self._lock:
             data, keys = plain_messages(messages)
@@ -367,7 +385,7 @@ class ContextManager:
         if prompt.recorded_as is not None:
             thread, number = prompt.recorded_as
             with self._lock:
-                self._records[thread].usage(number, tokens)
+                self._thread(thread).usage(number, tokens)
 
     def _draft(self, conversation: Conversation, beside: Mapping[str, Any], *, has_summary: bool) -> Draft:
         data, keys, form = conversation.data, conversation.keys, conversation.form
@@ -448,9 +466,16 @@ class ContextManager:
             thread = hashlib.sha256(canonical_json(conversation.data[:begin])).hexdigest()[:16]
         elif not re.fullmatch(r"[\w.-]{1,100}", thread) or thread.startswith("."):
             raise InvalidArgumentError(f"{thread!r} cannot name a thread: at most 100 letters, digits, dots, _ and -.")
-        if thread not in self._records:
-            self._records[thread] = ThreadRecord(self._folder / f"{thread}.jsonl", self._settings)
-        return self._records[thread]
+        return self._thread(thread)
+
+    def _thread(self, name: str) -> ThreadRecord:
+        """The record of a thread; one that was not written for long is read again."""
+        assert self._folder is not None
+        record = self._records.pop(name, None) or ThreadRecord(self._folder / f"{name}.jsonl", self._settings)
+        self._records[name] = record
+        if len(self._records) > RECORDS:
+            del self._records[next(iter(self._records))]
+        return record
 
     def _first_reply(self, data: Sequence[Given], form: MessageForm) -> int:
         """The number of the first message after the head."""
