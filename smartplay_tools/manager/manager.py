@@ -270,7 +270,8 @@ class ContextManager:
         while not isinstance(made, FittedPrompt):
             answer: Any
             try:
-                answer = self._asked()(*made)
+                ask = self._asked()
+                answer = ask(*made)
             except Exception as error:  # whatever a model's client raises
                 answer = error
             made = _next(fitting, answer)
