@@ -10,12 +10,14 @@ The messages of the sample's state stay whole.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from inspect_ai.model import (
     ChatMessage,
     ChatMessageAssistant,
+    ChatMessageSystem,
     ChatMessageTool,
     ChatMessageUser,
     Content,
@@ -29,7 +31,7 @@ from inspect_ai.model import (
     get_model,
     modelapi,
 )
-from inspect_ai.tool import ToolChoice, ToolInfo
+from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
 
 from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
@@ -130,15 +132,19 @@ window: Any = modelapi(name="window")(WindowModel)
 
 def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMessage]:
     """Return a fitted prompt in Inspect's messages: those that were given, and copies of those that are shorter."""
-    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
+    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut, *prompt.rewritten}, {*prompt.trimmed}
     calls = [
         call for message in given if isinstance(message, ChatMessageAssistant) for call in message.tool_calls or ()
     ]
     functions = {call.id: call.function for call in calls}
     shown: list[ChatMessage] = []
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
-        if source is None and chat["role"] == "user":
-            shown.append(ChatMessageUser(content=chat["content"]))
+        if source is None and chat["role"] == "assistant":
+            shown.append(_reply(chat))
+            functions |= {call.id: call.function for call in shown[-1].tool_calls or ()}
+        elif source is None and chat["role"] != "tool":
+            kind = ChatMessageUser if chat["role"] == "user" else ChatMessageSystem
+            shown.append(kind(content=chat["content"]))
         elif source is None:
             call_id = chat["tool_call_id"]
             function = functions.get(call_id)
@@ -151,6 +157,13 @@ def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMes
         else:
             shown.append(given[source])
     return shown
+
+
+def _reply(chat: Mapping[str, Any]) -> ChatMessageAssistant:
+    """A reply that a compactor has written."""
+    called = [(call["id"], call["function"]) for call in chat.get("tool_calls", ())]
+    calls = [ToolCall(id=i, function=each["name"], arguments=json.loads(each["arguments"])) for i, each in called]
+    return ChatMessageAssistant(content=chat["content"], tool_calls=calls or None)
 
 
 def joined_users(messages: Sequence[ChatMessage]) -> list[ChatMessage]:

@@ -20,7 +20,6 @@ with extra_named("ContextManagerMiddleware", "langchain"):
         AIMessage,
         AIMessageChunk,
         BaseMessage,
-        HumanMessage,
         ToolMessage,
         convert_to_messages,
     )
@@ -154,13 +153,11 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
 
 def as_given(prompt: FittedPrompt, given: Sequence[BaseMessage]) -> list[BaseMessage]:
     """Return a fitted prompt in LangChain's messages: those that were given, and copies of those that are shorter."""
-    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
+    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut, *prompt.rewritten}, {*prompt.trimmed}
     shown: list[BaseMessage] = []
     for source, message in zip(prompt.sources, prompt.messages, strict=True):
-        if source is None and message["role"] == "user":
-            shown.append(HumanMessage(message["content"]))
-        elif source is None:
-            shown.append(ToolMessage(message["content"], tool_call_id=message["tool_call_id"]))
+        if source is None:
+            shown += convert_to_messages([message])
         elif source in trimmed:
             shown.append(given[source].model_copy(update={"content": "", "additional_kwargs": {}}))
         elif source in shorter:

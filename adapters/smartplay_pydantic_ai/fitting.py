@@ -14,7 +14,7 @@ that are shown are put together again.
 from __future__ import annotations
 
 import warnings
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -142,15 +142,20 @@ class Said:
 
 def as_given(prompt: FittedPrompt, said: Sequence[Said]) -> list[ModelMessage]:
     """Return a fitted prompt in Pydantic AI's messages: those that were given, and copies of those that are shorter."""
-    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut}, {*prompt.trimmed}
-    names = {call["id"]: call["function"]["name"] for each in said for call in each.chat.get("tool_calls", ())}
+    shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut, *prompt.rewritten}, {*prompt.trimmed}
+    chats = [*(each.chat for each in said), *prompt.messages]
+    names = {call["id"]: call["function"]["name"] for chat in chats for call in chat.get("tool_calls", ())}
     shown: list[ModelMessage] = []
     open_request: ModelMessage | None = None
     """The request whose parts are put together at the end of what is shown."""
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
         parts: list[ModelRequestPart]
-        if source is None and chat["role"] == "user":
-            parts = [UserPromptPart(chat["content"])]
+        if source is None and chat["role"] == "assistant":
+            shown.append(_response(chat))
+            open_request = None
+            continue
+        if source is None and chat["role"] != "tool":
+            parts = [UserPromptPart(chat["content"]) if chat["role"] == "user" else SystemPromptPart(chat["content"])]
         elif source is None:
             call_id = chat["tool_call_id"]
             parts = [ToolReturnPart(names[call_id], chat["content"], tool_call_id=call_id, outcome="interrupted")]
@@ -173,6 +178,14 @@ def as_given(prompt: FittedPrompt, said: Sequence[Said]) -> list[ModelMessage]:
     originals = {id(each.message): each.message for each in said}
     whole = {tuple(map(id, message.parts)): message for message in originals.values()}
     return [whole.get(tuple(map(id, message.parts)), message) for message in shown]
+
+
+def _response(chat: Mapping[str, Any]) -> ModelResponse:
+    """A reply that a compactor has written."""
+    words = [TextPart(chat["content"])] if chat["content"] else []
+    called = [(call["id"], call["function"]) for call in chat.get("tool_calls", ())]
+    calls = [ToolCallPart(function["name"], function["arguments"], call_id) for call_id, function in called]
+    return ModelResponse([*words, *calls])
 
 
 def _shorter(part: ModelRequestPart, content: Any) -> ModelRequestPart:

@@ -293,7 +293,7 @@ class Rewriting:
             raise StrategyError(f"Message {len(read) - 1} is the last, and a call has no result.")
         if not read:
             raise StrategyError("There is no message.")
-        if last == "assistant":
+        if last == "assistant" and read[-1] != len(self._window.now) - 1:
             raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")
 
 

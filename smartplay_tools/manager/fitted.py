@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import marshal
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import repeat
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.choice import Shown
 from smartplay_tools.manager.forms import Given, MessageForm
+from smartplay_tools.manager.strategy import AskedStrategy, Chosen
 from smartplay_tools.manager.summaries import Covered
 
-__all__ = ["Conversation", "Draft", "FittedPrompt", "plain"]
+__all__ = ["Conversation", "Draft", "FittedPrompt", "check_plain", "plain", "plain_messages"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +58,17 @@ class FittedPrompt:
     """Results that were longer than their cap, and end with a notice."""
     repaired: Sequence[int] = ()
     """Messages that were moved, changed or left out so that each call has its result."""
+    rewritten: Sequence[int] = ()
+    """Messages that a compactor has changed, or in whose place its own stand."""
     made: int = 0
     """How many calls without a result were answered here."""
     uncertain: Sequence[int] = ()
     """Shown messages with encrypted parts, whose tokens are an estimate."""
     parts: Mapping[str, int] = field(default_factory=dict)
-    """Tokens by part: `tools`, `head`, `summary` if there is one, `pinned`, `turns`; priming is in `head`."""
+    """Tokens by part: `tools`, `head`, `summary` if there is one, `pinned`, `turns`; priming is in `head`.
+
+    What a strategy has written counts as a summary.
+    """
     costs: Sequence[int] = ()
     """Tokens of each message of `messages`."""
     summary: str = ""
@@ -83,8 +91,19 @@ class Draft:
     made: int
     covered: Covered | None
     """What a summary has to cover; None if nothing has left, or nobody asks for summaries."""
+    asked: AskedStrategy | None
+    """What a strategy is asked about; None without one."""
     lacks_user: bool
-    """Whether the run would begin with a user's words if there were no summary."""
+    """Whether no words of a user stand in the head."""
+    rewritten: Sequence[int] = ()
+
+    def with_choice(self, chosen: Chosen) -> Draft:
+        """Return the prompt with what a strategy shows."""
+        lead = 0 if self.asked is None else len(self.asked.lead)
+        turns = sum(each.tokens for each in chosen.shown[lead:]) - chosen.own - chosen.pinned
+        texts = {"summary": chosen.own} if chosen.own else {}
+        parts = {**self.parts, **texts, "pinned": chosen.pinned, "turns": turns}
+        return replace(self, turns=chosen.shown, parts=parts, rewritten=chosen.rewritten)
 
     def prompt(self, conversation: Conversation, summary: Shown | None, failed: str) -> FittedPrompt:
         """Return the prompt, with the objects that were given where nothing was changed."""
@@ -98,10 +117,10 @@ class Draft:
             source = each.part.source
             is_given = source is not None and each.message is conversation.data[source]
             out.append(conversation.given[source] if is_given and source is not None else each.message)
-            if each.change is not None and source is not None:
-                changed[each.change].append(source)
+            if each.change not in (None, "rewritten") and source is not None:
+                changed[str(each.change)].append(source)
         sources = [each.part.source for each in shown]
-        kept = {*sources, *self.repaired}
+        kept = {*sources, *self.repaired, *self.rewritten}
         return FittedPrompt(
             out,
             sum(parts.values()),
@@ -112,6 +131,7 @@ class Draft:
             elided=changed["elided"],
             cut=changed["cut"],
             repaired=self.repaired,
+            rewritten=self.rewritten,
             made=self.made,
             uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
             parts=parts,
@@ -119,6 +139,21 @@ class Draft:
             summary="" if summary is None else str(summary.message["content"]),
             failed=failed,
         )
+
+
+def plain_messages(messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
+    """Return messages as plain data, and for each a key that stands for what it says."""
+    if {*map(type, messages)} == {dict}:
+        with suppress(ValueError):  # all at once, since this is most of the time of a prompt
+            return [*messages], [*map(marshal.dumps, messages, repeat(2))]
+    given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+    return [data for data, _ in given], [key for _, key in given]
+
+
+def check_plain(messages: Sequence[Any]) -> None:
+    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, such as bytes."""
+    for number, message in enumerate(messages):
+        _plain(message, f"Message {number}")
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.reply_fields import NOT_SENT
-from smartplay_tools.types.arguments import as_text
+from smartplay_tools.types.arguments import as_text, object_in
 
 __all__ = ["FORMS", "Content", "Given", "MessageForm", "Said", "form_of"]
 
@@ -108,6 +108,9 @@ class MessageForm(Protocol):
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         """Return messages that answer calls with a text."""
 
+    def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
+        """Return new words of a role, or a new reply with calls: their ids, names and arguments."""
+
     def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
         """Return messages with the results of one reply as the provider wants them, in one message or in several."""
 
@@ -149,6 +152,15 @@ class Chat:
 
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         return [{"role": "tool", "tool_call_id": i, "content": text} for i in ids]
+
+    def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
+        message: dict[str, Any] = {"role": role, "content": text}
+        if calls:
+            message["tool_calls"] = [
+                {"id": call_id, "type": "function", "function": {"name": name, "arguments": arguments}}
+                for call_id, name, arguments in calls
+            ]
+        return [message]
 
     def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
         return messages
@@ -214,6 +226,12 @@ class Responses:
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         return [{"type": "function_call_output", "call_id": i, "output": text} for i in ids]
 
+    def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
+        items: list[Given] = [{"type": "message", "role": role, "content": text}] if text or not calls else []
+        for call_id, name, arguments in calls:
+            items.append({"type": "function_call", "call_id": call_id, "name": name, "arguments": arguments})
+        return items
+
     def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
         return messages
 
@@ -276,6 +294,15 @@ class Anthropic:
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         blocks = [{"type": "tool_result", "tool_use_id": i, "content": text} for i in ids]
         return [{"role": "user", "content": blocks}] if blocks else []
+
+    def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
+        if not calls:
+            return [{"role": "assistant" if role == "assistant" else "user", "content": text}]
+        blocks: list[Given] = [{"type": "text", "text": text}] if text else []
+        for call_id, name, arguments in calls:
+            given = object_in(arguments) or {}
+            blocks.append({"type": "tool_use", "id": call_id, "name": name, "input": given})
+        return [{"role": "assistant", "content": blocks}]
 
     def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
         if len(messages) < 2:

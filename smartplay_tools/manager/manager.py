@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import inspect
+import itertools
 import json
 import math
 import re
@@ -20,21 +21,24 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from smartplay_tools.context.compaction import Compactor
+from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import Tokenizer
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Choice, PastRules, Shown, TooLongError
 from smartplay_tools.manager.counting import CUTS, Cost, MessageCounter, Tokens
-from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, plain
+from smartplay_tools.manager.fitted import Conversation, Draft, FittedPrompt, check_plain, plain, plain_messages
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm, form_of
 from smartplay_tools.manager.memo import MemoFolder
 from smartplay_tools.manager.reading import Part, Reading, kind_of
 from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
+from smartplay_tools.manager.strategy import AskedStrategy, StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Covered, Question, Summaries, SummaryChain
 from smartplay_tools.manager.tools import plain_tool, recorded_tool, specs_of
 from smartplay_tools.transcript.hashing import canonical_json
-from smartplay_tools.types import Budget
+from smartplay_tools.types import Budget, ResolvedBudget
 
 __all__ = ["ContextManager"]
 
@@ -58,6 +62,9 @@ IN_BUDGETS = (
     "newest_pictures",
 )
 """The fields of a `Budget` that have a meaning without a game."""
+
+RECORDS = 64
+"""How many records of threads a manager keeps open; a server that runs for months sees many."""
 
 READINGS = 16
 """How many conversations a manager remembers, by their heads."""
@@ -92,12 +99,14 @@ class ContextManager:
             that only their provider can count: a number, or a function of the part.
         form: "chat", "responses" or "anthropic"; None to see it from the messages.
         record: a folder for records, a file for each thread; None for none. `manager.record` says what is in them.
-        strategy: `Summaries` to show a summary of what has left; None to show nothing in its place.
-        ask: asks a model for a summary: called with chat messages and the most tokens of the answer, it returns the
+        strategy: `Summaries` to show a summary of what has left; a strategy that chooses what is shown, or a compactor
+            that rewrites it, as a name, a class, an object or a function of messages and room; None for the newest.
+        question_tokens: the cap on a question of a compactor, `prompt_tokens` if not given.
+        ask: asks a model for `strategy`: called with chat messages and the most tokens of the answer, it returns the
             answer's text. If it is asynchronous, prompts are made by `afit`.
-        memo: where summaries are kept: a folder, or a mapping; a dict of this manager if not given.
-        on_error: how an exception of `ask` is handled: "raise" lets it pass, "drop" goes on without a summary and
-            says so in `FittedPrompt.failed`. In both cases the next prompt asks again.
+        memo: where answers are kept: a folder, or a mapping; a dict of this manager if not given.
+        on_error: how an exception of `ask` is handled: "raise" lets it pass, "drop" goes on without a summary,
+            or without the compactor, and says so in `FittedPrompt.failed`. In both cases the next prompt asks again.
     """
 
     def __init__(
@@ -121,7 +130,8 @@ class ContextManager:
         extra_tokens: Tokens | None = None,
         form: FormName | None = None,
         record: str | Path | None = None,
-        strategy: Summaries | None = None,
+        strategy: Summaries | Strategy | Compactor | type | Callable[..., Any] | str | None = None,
+        question_tokens: int | None = None,
         ask: Ask | None = None,
         memo: MutableMapping[str, str] | str | Path | None = None,
         on_error: Literal["raise", "drop"] = "raise",
@@ -155,18 +165,48 @@ class ContextManager:
         check_choice("on_error", on_error, ("raise", "drop"))
         self._ask, self._on_error = ask, on_error
         self._summaries: SummaryChain | None = None
-        if strategy is not None:
+        self._strategy: StrategyRunner | None = None
+        if isinstance(strategy, Summaries):
             self._summaries = self._chain(strategy, memo)
+        elif strategy is not None:
+            self._strategy = self._runner(StrategyMaker(strategy), question_tokens, memo)
         elif ask is not None or memo is not None:
             raise InvalidArgumentError("Nobody asks without a strategy; give strategy=Summaries(tokens=...).")
+        if question_tokens is not None and (self._strategy is None or not self._strategy.compacts):
+            raise InvalidArgumentError(
+                "question_tokens is the cap on questions of a compactor; give one, or leave it out."
+            )
+
+    def _runner(
+        self, make: StrategyMaker, question_tokens: int | None, memo: MutableMapping[str, str] | str | Path | None
+    ) -> StrategyRunner:
+        """The runner of a strategy; an option that it decides itself is an `InvalidArgumentError`."""
+        rules = self._rules
+        decided: dict[str, object] = {"beyond_history": rules.masks, "first_turns": rules.first_turns}
+        decided |= {
+            "newest_pictures": rules.newest_pictures,
+            "own_words": make.compacts and rules.own_words is not None,
+        }
+        for name, is_given in decided.items():
+            if is_given:
+                what = "rewrites messages" if make.compacts else "chooses the turns"
+                raise InvalidArgumentError(
+                    f"The strategy {make.name} {what} itself, so {name} has no meaning; leave it out."
+                )
+        check_numbers(question_tokens=question_tokens)
+        self._settings |= {"strategy": make.name, "question_tokens": question_tokens}
+        budget = ResolvedBudget(
+            history=rules.history,
+            slack=rules.slack,
+            own_words=rules.own_words,
+            prompt_tokens=self.prompt_tokens,
+            question_tokens=question_tokens or self.prompt_tokens,
+        )
+        goes_on = self._on_error == "drop"
+        return StrategyRunner(make, budget, self._counter, self._messages, kept_in(memo), goes_on=goes_on)
 
     def _chain(self, strategy: Summaries, memo: MutableMapping[str, str] | str | Path | None) -> SummaryChain:
         """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
-        if not isinstance(strategy, Summaries):
-            raise InvalidArgumentError(
-                f"The strategy of a context manager is Summaries(tokens=...), not {type(strategy).__name__}: "
-                "strategies and compactors of games choose among turns of a game."
-            )
         check_numbers(**asdict(strategy))
         rules, drops = self._rules, self._rules.history is not None and not self._rules.masks
         if not callable(self._ask):
@@ -175,11 +215,8 @@ class ContextManager:
             raise InvalidArgumentError("Nothing ever leaves, so there is nothing to summarise; give prompt_tokens.")
         if rules.slack == 0 or (drops and math.floor(rules.slack * (rules.history or 0)) < 1):
             raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
-        if memo is not None and not isinstance(memo, str | Path | MutableMapping):
-            raise InvalidArgumentError(f"A memo is a folder or a mutable mapping, not {type(memo).__name__}.")
-        kept = MemoFolder(memo) if isinstance(memo, str | Path) else {} if memo is None else memo
         self._settings |= {f"summary_{name}": number for name, number in asdict(strategy).items()}
-        return SummaryChain(strategy, self.prompt_tokens, self._counter, kept)
+        return SummaryChain(strategy, self.prompt_tokens, self._counter, kept_in(memo))
 
     @classmethod
     def of(cls, budget: Budget, **options: Any) -> ContextManager:
@@ -193,6 +230,9 @@ class ContextManager:
         if budget.summary_tokens is not None:
             options["strategy"] = Summaries(budget.summary_tokens, budget.question_tokens)
             budget = budget.model_copy(update={"summary_tokens": None, "question_tokens": None})
+        if budget.strategy is not None:
+            options |= {"strategy": budget.strategy, "question_tokens": budget.question_tokens}
+            budget = budget.model_copy(update={"strategy": None, "question_tokens": None})
         for name, field in Budget.model_fields.items():
             if name not in IN_BUDGETS and getattr(budget, name) != field.default:
                 raise InvalidArgumentError(
@@ -229,8 +269,8 @@ class ContextManager:
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
             answer: Any
-            ask: Any = self._ask
             try:
+                ask = self._asked()
                 answer = ask(*made)
             except Exception as error:  # whatever a model's client raises
                 answer = error
@@ -252,8 +292,8 @@ class ContextManager:
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
             answer: Any
-            ask: Any = self._ask
             try:
+                ask = self._asked()
                 is_async = inspect.iscoroutinefunction(ask)
                 answer = ask(*made) if is_async else await asyncio.to_thread(ask, made[0], made[1])
                 if inspect.isawaitable(answer):
@@ -272,14 +312,26 @@ class ContextManager:
         form: FormName | None,
         thread: str | None,
     ) -> Fitting:
+        try:
+            return (yield from self._made(messages, tools, system, output_schema, form, thread))
+        except TypeError:
+            check_plain(messages)  # where no message is at fault, it is an error of another kind
+            raise
+
+    def _made(
+        self,
+        messages: Sequence[Any],
+        tools: Iterable[Any],
+        system: str | Sequence[Any] | None,
+        output_schema: Any,
+        form: FormName | None,
+        thread: str | None,
+    ) -> Fitting:
         check_choice("form", form, (None, *FORMS))
         with self._lock:
-            given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-            data = [each for each, _ in given]
+            data, keys = plain_messages(messages)
             name = form or self._form
-            conversation = Conversation(
-                messages, data, [key for _, key in given], form_of(data) if name is None else FORMS[name]
-            )
+            conversation = Conversation(messages, data, keys, form_of(data) if name is None else FORMS[name])
             if system and not isinstance(system, str):
                 system = [plain(part, "A part of `system`")[0] for part in system]
             beside = {"tools": [plain_tool(tool) for tool in tools], "system": system, "output_schema": output_schema}
@@ -290,8 +342,10 @@ class ContextManager:
                     record.refusal(error.parts, self.prompt_tokens)
                 raise
         summary, failed = (yield from self._summary(draft)) if draft.covered else (None, "")
+        if draft.asked is not None:
+            draft, failed = yield from self._with_choice(draft)
         with self._lock:
-            if summary is None and draft.lacks_user:
+            if summary is None and draft.covered is not None and draft.lacks_user:
                 draft = self._draft(conversation, beside, has_summary=False)
             return self._recorded(draft.prompt(conversation, summary, failed), conversation, beside, thread)
 
@@ -308,20 +362,39 @@ class ContextManager:
             return None, f"{type(error.reason).__name__}: {error.reason}"
         return (self._summaries.shown(text, covered.form) if text else None), ""
 
+    def _with_choice(self, draft: Draft) -> Generator[Question, str, tuple[Draft, str]]:
+        """Yield the questions of the strategy; return the prompt that it makes, and why nobody answered."""
+        assert draft.asked is not None
+        assert self._strategy is not None
+        try:
+            chosen = yield from self._strategy.chosen(draft.asked)
+        except AskError as error:
+            raise error.reason from None
+        except TooLongError as error:
+            parts = {**draft.parts, "pinned": error.pins, "newest turn": error.newest}
+            raise PromptOverflowError.of(self.prompt_tokens or 0, parts) from None
+        return draft.with_choice(chosen), chosen.failed
+
+    def _asked(self) -> Callable[..., Any]:
+        """The function that asks a model."""
+        if not callable(self._ask):
+            raise InvalidArgumentError("The strategy asks a model; give ask, a function of messages and max_tokens.")
+        return self._ask
+
     def reported(self, prompt: FittedPrompt, tokens: int) -> None:
         """Record how many tokens the provider has counted in a prompt of this manager."""
         if prompt.recorded_as is not None:
             thread, number = prompt.recorded_as
             with self._lock:
-                self._records[thread].usage(number, tokens)
+                self._thread(thread).usage(number, tokens)
 
     def _draft(self, conversation: Conversation, beside: Mapping[str, Any], *, has_summary: bool) -> Draft:
         data, keys, form = conversation.data, conversation.keys, conversation.form
         schema = beside["output_schema"]
         tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
         begin = self._first_reply(data, form)
-        head, left_out = self._head_of(data[:begin], form)
-        shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in head]
+        messages_of_head, left_out = self._head_of(data[:begin], form)
+        shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in messages_of_head]
         head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(each.tokens for each in shown)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._summaries is None else {**parts, "summary": self._summaries.reserve}
@@ -334,7 +407,23 @@ class ContextManager:
         if not self._repair and (repaired or reading.made):
             self._refuse(repaired, reading)
         newest = len(data) - 1 if len(data) > begin and len(data) - 1 not in repaired else None
-        lacks_user = all(message.get("role") != "user" for _, message in head)
+        lacks_user = all(message.get("role") != "user" for _, message in messages_of_head)
+        if self._strategy is not None:
+            leading = len(
+                [*itertools.takewhile(lambda each: each.message.get("role") in ("system", "developer"), shown)]
+            )
+            lead = [(at, each.part) for at, each in enumerate(shown)][leading:] if self._strategy.compacts else []
+            asked = AskedStrategy.of(
+                reading,
+                newest,
+                seed=self._seed(data[:begin], form, beside),
+                room=None if math.isinf(room) else int(room),
+                lead=lead,
+                form=form,
+                lacks_user=lacks_user,
+            )
+            head = shown[: len(shown) - len(lead)]
+            return Draft(head, (), parts, repaired, len(reading.made), None, asked, lacks_user)
         needs_user = lacks_user and not has_summary
         try:
             choice = Choice.of(reading, self._rules, room, newest, form, self._messages, needs_user=needs_user)
@@ -348,7 +437,7 @@ class ContextManager:
         if has_summary and choice.first:
             ends = self._rules.beginnings(reading, room, choice.first)
             covered = Covered(self._seed(data[:begin], form, beside), reading.units[: choice.first], ends, form)
-        return Draft(shown, turns, parts, repaired, len(reading.made), covered, lacks_user)
+        return Draft(shown, turns, parts, repaired, len(reading.made), covered, None, lacks_user)
 
     def _seed(self, head: Sequence[Given], form: MessageForm, beside: Mapping[str, Any]) -> bytes:
         """The digest of what shapes prompts beside their units."""
@@ -378,9 +467,16 @@ class ContextManager:
             thread = hashlib.sha256(canonical_json(conversation.data[:begin])).hexdigest()[:16]
         elif not re.fullmatch(r"[\w.-]{1,100}", thread) or thread.startswith("."):
             raise InvalidArgumentError(f"{thread!r} cannot name a thread: at most 100 letters, digits, dots, _ and -.")
-        if thread not in self._records:
-            self._records[thread] = ThreadRecord(self._folder / f"{thread}.jsonl", self._settings)
-        return self._records[thread]
+        return self._thread(thread)
+
+    def _thread(self, name: str) -> ThreadRecord:
+        """The record of a thread; one that was not written for long is read again."""
+        assert self._folder is not None
+        record = self._records.pop(name, None) or ThreadRecord(self._folder / f"{name}.jsonl", self._settings)
+        self._records[name] = record
+        if len(self._records) > RECORDS:
+            del self._records[next(iter(self._records))]
+        return record
 
     def _first_reply(self, data: Sequence[Given], form: MessageForm) -> int:
         """The number of the first message after the head."""
@@ -459,6 +555,13 @@ def _next(fitting: Fitting, answer: str | Exception | None) -> Question | Fitted
     except StopIteration as end:
         prompt: FittedPrompt = end.value
         return prompt
+
+
+def kept_in(memo: MutableMapping[str, str] | str | Path | None) -> MutableMapping[str, str]:
+    """Return where answers are kept."""
+    if memo is not None and not isinstance(memo, str | Path | MutableMapping):
+        raise InvalidArgumentError(f"A memo is a folder or a mutable mapping, not {type(memo).__name__}.")
+    return MemoFolder(memo) if isinstance(memo, str | Path) else {} if memo is None else memo
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:

@@ -36,7 +36,7 @@ __all__ = ["RecordedPrompt", "RecordedThread", "ThreadRecord", "is_thread_record
 
 FORMAT = "context-manager-1"
 
-CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "uncertain")
+CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "rewritten", "uncertain")
 """What a prompt says of messages, by their numbers in the list that was given."""
 
 
@@ -71,6 +71,7 @@ class PromptEvent(TypedDict):
     elided: NotRequired[Ranges]
     cut: NotRequired[Ranges]
     repaired: NotRequired[Ranges]
+    rewritten: NotRequired[Ranges]
     uncertain: NotRequired[Ranges]
 
 
@@ -201,9 +202,12 @@ class ThreadRecord:
             facts: what became of the messages that were given, and the sum of tokens by part.
         """
         events: list[dict[str, Any]] = []
-        numbers = [self._part(message, events) for message in given]
-        sent = [self._part(message, events) for message in shown]
-        stored = {name: self._part(value, events) for name, value in beside.items() if value}
+        told = {name: value for name, value in beside.items() if value}
+        values = [*given, *shown, *told.values()]
+        digests = [*map(_sha256, values)]  # before any has a number: one that is no JSON leaves nothing behind
+        parts = [self._part(value, sha256, events) for value, sha256 in zip(values, digests, strict=True)]
+        numbers, sent = parts[: len(given)], parts[len(given) : len(given) + len(shown)]
+        stored = dict(zip(told, parts[len(given) + len(shown) :], strict=True))
         now = numbers, sent, stored
         if self._latest[:3] == now:
             return self._prompts - 1
@@ -230,8 +234,7 @@ class ThreadRecord:
         """Write how many tokens a provider has counted in a prompt."""
         self._write({"kind": "usage", "prompt": number, "tokens": tokens})
 
-    def _part(self, value: Any, events: list[dict[str, Any]]) -> int:
-        sha256 = _sha256(value)
+    def _part(self, value: Any, sha256: str, events: list[dict[str, Any]]) -> int:
         if sha256 not in self._numbers:
             self._numbers[sha256] = len(self._numbers)
             events.append({"kind": "part", "number": self._numbers[sha256], "sha256": sha256, "part": value})

@@ -24,7 +24,7 @@ from smartplay_tools.manager.counting import SENTENCES, Cost, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
 from smartplay_tools.manager.reading import Part, Unit
 
-__all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain"]
+__all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain", "read_answer"]
 
 Question: TypeAlias = tuple[list[dict[str, Any]], int]
 """The messages of a question, and the most tokens that its answer should have."""
@@ -121,7 +121,7 @@ class SummaryChain:
                     answer = yield self._question(text, part)
                 except Exception as error:
                     raise AskError(error) from None
-                text = self._cut(_read(answer)) or text
+                text = self._cut(read_answer(answer)) or text
             with self._lock:
                 text = self._memo.setdefault(key, text)
             start = end
@@ -170,8 +170,8 @@ class SummaryChain:
         return self._counter.message({"role": "user", "content": content})
 
 
-def _read(answer: object) -> str:
-    """The text of an answer."""
+def read_answer(answer: object) -> str:
+    """Return the text of an answer."""
     if isinstance(answer, str):
         return answer
     if inspect.iscoroutine(answer):

@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from smartplay_openai.fitting import ContextManagerModel, window_filter
 
 import smartplay_tools as sp
+from tests.manager.fuzz import Rewritten
 from tests.manager.histories import Messages, text_of_page
 from tests.manager.judge import is_broken
 
@@ -84,6 +85,21 @@ async def test_an_agent_stays_under_its_cap(slack: float, streamed: bool):
     assert result.final_output == "Done."
     assert len(result.to_input_list()) > PAGES * 2
     check(model)
+
+
+async def test_a_compactor_rewrites_what_the_model_is_sent_and_asks_another():
+    asked: list[Messages] = []
+
+    async def ask(messages: Messages, max_tokens: int) -> str:
+        asked.append(messages)
+        return "Pages were read."
+
+    model = Reader()
+    await run(model, sp.ContextManager(CAP, strategy=Rewritten, question_tokens=4_000, ask=ask))
+    check(model)
+    assert 0 < len(asked) < PAGES
+    assert "So far: Pages were read." in str(model.sent[-1])
+    assert all("So far" not in str(item) for items in model.sent for item in items[2:])
 
 
 async def test_a_session_keeps_everything():

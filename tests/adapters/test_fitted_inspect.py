@@ -36,6 +36,7 @@ from smartplay_inspect import WindowModel, fitted_model
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from tests.manager.fuzz import cleared
 
 CAP, PAGES = 1_000, 40
 PICTURE = (
@@ -158,6 +159,17 @@ def test_a_manager_of_ones_own_shows_summaries_that_are_not_stored(tmp_path: Pat
     assert "Nothing but doors." in reader.sent[-1][2].text
     assert "Nothing but doors." not in str(sample.messages)
     assert '"kind": "usage"' in next((tmp_path / "record").iterdir()).read_text()
+
+
+def test_a_compactor_rewrites_what_is_sent_alone(tmp_path: Path):
+    reader = Reader()
+    inner = get_model("mockllm/model", custom_outputs=reader)
+    sample = played(fitted_model(inner, sp.ContextManager(CAP, strategy=cleared)), tmp_path)
+    for messages, tools in zip(reader.sent, reader.tools, strict=True):
+        assert tokens(messages, tools) <= CAP
+        assert is_whole(messages)
+    assert {"[cleared]", "shorter"} <= {message.text for message in reader.sent[-1]}
+    assert not {"[cleared]", "shorter"} & {message.text for message in sample.messages}
 
 
 def test_sub_agents_have_models_of_their_own(tmp_path: Path):

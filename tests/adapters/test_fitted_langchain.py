@@ -118,6 +118,28 @@ def test_an_agent_stays_under_its_cap(slack: float):
     check(model, stored=state["messages"])
 
 
+def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
+    asked: list[int] = []
+
+    def ask(messages: list[dict[str, Any]], max_tokens: int) -> str:
+        asked.append(max_tokens)
+        return "Pages were read."
+
+    model = Reader(sent=[], tools=[])
+    strategy = "langchain-summary:tokens=600,keep=4"
+    manager = sp.ContextManager(CAP, strategy=strategy, question_tokens=4_000, ask=ask)
+    middleware = ContextManagerMiddleware(manager)
+    reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
+    state = reader.invoke(TASK, {"recursion_limit": 1_000})
+    assert 0 < len(asked) < model.pages
+    assert "Pages were read." in str(model.sent[-1])
+    assert not any("Pages were read." in str(message.content) for message in state["messages"])
+    for messages in model.sent:
+        assert tokens(messages) <= CAP
+        assert is_whole(messages)
+        assert [message.content for message in messages[:2]] == [SYSTEM, "Read all pages."]
+
+
 async def test_an_asynchronous_and_streamed_agent_stays_under_its_cap():
     model = Reader(sent=[], tools=[])
     pieces, state = 0, {}

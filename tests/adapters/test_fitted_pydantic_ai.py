@@ -32,6 +32,7 @@ from smartplay_pydantic_ai import ContextManagerCapability
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
+from tests.manager.fuzz import cleared
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -134,6 +135,18 @@ def test_an_agent_stays_under_its_cap(slack: float):
     result = agent(reader, manager=sp.ContextManager(CAP, slack=slack)).run_sync(TASK, usage_limits=NO_LIMIT)
     assert result.output == "Done."
     check(reader, result.all_messages())
+
+
+def test_a_compactor_rewrites_what_is_sent_alone():
+    reader = Reader()
+    manager = sp.ContextManager(CAP, strategy=cleared)
+    result = agent(reader, manager=manager).run_sync(TASK, usage_limits=NO_LIMIT)
+    for messages, info in zip(reader.sent, reader.infos, strict=True):
+        assert tokens(messages, info) <= CAP
+        assert is_whole(messages)
+    assert "[cleared]" in str(reader.sent[-1])
+    assert "'shorter'" in str(reader.sent[-1])
+    assert "[cleared]" not in str(result.all_messages())
 
 
 async def test_a_streamed_run_stays_under_its_cap():

@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import smartplay_tools as sp
+from smartplay_tools.context import ContextOverflowError
 from smartplay_tools.errors import PromptOverflowError
 from tests.manager.histories import FORMS, KINDS, Messages, history
 from tests.manager.judge import Letters, chosen, faults, total
@@ -40,10 +41,80 @@ def settings(rng: random.Random) -> dict[str, Any]:
         "first_turns": rng.choice([None, None, 2]),
         "strategy": None,
     }
+    if rng.random() < 0.3:
+        options |= {"beyond_history": "drop", "first_turns": None, "strategy": rng.choice(STRATEGIES)}
+        if options["strategy"] is not Chosen:
+            options |= {"own_words": None, "question_tokens": QUESTION}
+        return options
     is_at_every_step = not options["slack"] or (past and options["slack"] * past < 1)
     if not is_at_every_step and rng.random() < 0.4:
         options["strategy"] = sp.Summaries(SUMMARY, question_tokens=QUESTION)
     return options
+
+
+class Chosen:
+    """Chooses turns by a digest of what they say, masks some and writes before one; remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def choose(self, past: sp.Past, room: int | None) -> sp.Choice:
+        self.asked += 1
+        assert room is not None
+        turns, masked = list[int](), list[int]()
+        for turn in past.turns:
+            said = hashlib.sha256(f"{self.asked} {turn.messages}".encode()).digest()[0]
+            size = turn.masked_tokens if said % 2 else turn.tokens
+            if turn.is_pinned or said < 60 or size > room:
+                continue
+            turns.append(turn.number)
+            masked += [turn.number] * (said % 2)
+            room -= size
+        text = f"Before: {self.asked}"
+        texts = {turns[-1]: text} if turns and past.text_tokens(text) <= room else {}
+        return sp.Choice(turns, masked, texts)
+
+
+class Rewritten:
+    """Asks for a summary of what is older, once the messages are long, and keeps the newest."""
+
+    persistent = True
+
+    def compact(self, history: Any, room: Any) -> Any:
+        messages = [*history]
+        if room.count(messages) < 0.7 * room.tokens:
+            return messages
+        kept = messages[-5:]
+        while kept and kept[0]["role"] == "tool":
+            kept = kept[1:]
+        kept = kept or messages[-1:]
+        try:
+            answer = yield [{"role": "user", "content": f"Summarize: {str(messages)[:1_500]}"}]
+        except ContextOverflowError:
+            return messages
+        return [{"role": "user", "content": f"So far: {answer['content'][:200]}"}, *whole(messages, kept)]
+
+
+def whole(messages: Any, kept: Any) -> Any:
+    """The messages that are kept, with the call of a result that would be without it."""
+    return messages if kept[0]["role"] == "tool" else kept
+
+
+def cleared(history: Any, room: Any) -> Any:
+    """Clears the results but the newest, and the words of every third reply."""
+    changed = []
+    for at, message in enumerate(history):
+        own = {**message}
+        if message["role"] == "tool" and at < len(history) - 5:
+            own["content"] = "[cleared]"
+        elif message["role"] == "assistant" and at % 3 == 0 and message.get("tool_calls"):
+            own["content"] = "shorter"
+        changed.append(own)
+    return changed
+
+
+STRATEGIES: list[Any] = [Chosen, Rewritten, cleared]
+"""A strategy that chooses turns, a compactor that asks, and a function that clears results."""
 
 
 def ask(messages: Messages, max_tokens: int) -> str:
@@ -104,7 +175,11 @@ def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[
         row["with summaries"] += bool(prompt.summary)
         row["with cuts"] += bool(prompt.cut)
         row["repaired"] += bool(prompt.repaired or prompt.made)
-        is_defined = all(options[name] is None for name in ("result_tokens", "own_words", "first_turns"))
+        row["by a strategy"] += options["strategy"] in STRATEGIES
+        row["with rewritten messages"] += bool(prompt.rewritten)
+        is_defined = options["strategy"] not in STRATEGIES and all(
+            options[name] is None for name in ("result_tokens", "own_words", "first_turns")
+        )
         if kind != "broken" and is_defined and not prompt.cut:
             row["compared with the definition"] += 1
             wanted = chosen(form, given, cap, options)

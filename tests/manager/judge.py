@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from typing import Any
 
-from smartplay_tools import FittedPrompt
+from smartplay_tools import FittedPrompt, Summaries
 from tests.manager.histories import Messages
 
 MASKED = "[result left the history window]"
@@ -238,7 +238,7 @@ def faults(
     if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
         found.append("there are several summaries, or it is not after the head")
     left = [number for number in prompt.dropped if kind(form, given[number]) != "reply" or options["own_words"] is None]
-    if options["strategy"] is not None and left and not summaries:
+    if isinstance(options["strategy"], Summaries) and left and not summaries:
         found.append("messages have left without a summary")
     if shown[: len(head)] != head:
         found.append("the head is not whole")
@@ -246,13 +246,14 @@ def faults(
     if requests and requests[-1] not in shown:
         found.append("the user's newest words are lost")
     kept = [number for number in range(len(given)) if number not in prompt.repaired]
-    if kept and kept[-1] not in prompt.sources:
+    if kept and kept[-1] not in {*prompt.sources, *prompt.rewritten}:
         found.append("the newest message is lost")
-    changed = {*prompt.masked, *prompt.trimmed, *prompt.elided, *prompt.cut, *prompt.repaired}
+    changed = {*prompt.masked, *prompt.trimmed, *prompt.cut, *prompt.repaired, *prompt.rewritten}
     for source, message in zip(prompt.sources, shown, strict=True):
         if source is not None and source not in changed and message is not given[source]:
             found.append(f"message {source} is another object")
-    accounted = {*(source for source in prompt.sources if source is not None), *prompt.dropped, *prompt.repaired}
+    accounted = {*(source for source in prompt.sources if source is not None), *prompt.dropped}
+    accounted |= {*prompt.repaired, *prompt.rewritten}
     if accounted != {*range(len(given))}:
         found.append("messages are neither shown nor named")
     if options["history"] is not None:

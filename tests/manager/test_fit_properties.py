@@ -11,6 +11,13 @@ def test_no_prompt_of_a_random_conversation_has_a_fault():
     rows, found = some(0, 150, seed=6)
     assert not found, found[0]
     wanted = Counter(
-        {"prompts": 150, "with cuts": 15, "repaired": 15, "with summaries": 15, "compared with the definition": 10}
+        {
+            "prompts": 150,
+            "with cuts": 15,
+            "repaired": 15,
+            "with summaries": 10,
+            "compared with the definition": 10,
+            "with rewritten messages": 10,
+        }
     )
     assert rows >= wanted

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import TranscriptError
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.manager.record import read_thread
 from tests.manager.histories import FORMS
 from tests.manager.test_fit import HEAD, manager, steps
@@ -106,3 +106,26 @@ def test_a_changed_record_is_refused_and_an_incomplete_line_is_left_out(tmp_path
     file.write_text("{}\n")
     with pytest.raises(TranscriptError, match="line 1: not the record"):
         read_thread(file)
+
+
+@pytest.mark.parametrize("place", [1, 3])
+def test_bytes_in_a_field_that_nobody_reads_are_refused_by_position(tmp_path: Path, place: int):
+    window, messages = manager(600, record=tmp_path), steps(3)
+    messages[place] = {**messages[place], "artifact": {"data": b"raw"}}
+    with pytest.raises(InvalidArgumentError, match=f"Message {place} holds bytes, which is no JSON"):
+        window.fit(messages, thread="one")
+    window.fit(steps(3), thread="one")
+    assert read_thread(only_file(tmp_path)).differing == []
+
+
+def test_a_record_that_was_closed_among_many_threads_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("smartplay_tools.manager.manager.RECORDS", 2)
+    window, messages = manager(600, record=tmp_path), steps(3)
+    first = window.fit(messages[:4], thread="first")
+    for thread in ("second", "third", "fourth"):
+        window.fit(messages, thread=thread)
+    window.reported(first, 77)
+    window.fit(messages, thread="first")
+    record = read_thread(tmp_path / "first.jsonl")
+    assert [prompt.reported for prompt in record.prompts] == [77, None]
+    assert record.differing == []

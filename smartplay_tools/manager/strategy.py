@@ -1,0 +1,311 @@
+"""Strategies of a manager: what is given as `strategy=`, and how one is called for a conversation.
+
+A strategy is called as in a game: once for each prompt that the conversation had, before each reply and at its end, by
+an object of its own. So what it shows follows from the conversation alone, whatever was asked before, and the answers
+of a model, which are kept under a digest of what they are about. An object that has come to the end of a conversation
+is kept for a while, since the conversation will go on from there.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import inspect
+import threading
+from collections.abc import Callable, Generator, MutableMapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from smartplay_tools.context.choosing import choosing
+from smartplay_tools.context.rewriting import flat
+from smartplay_tools.context.strategies.custom import chooses, compacts, load_strategy, make_strategy, name_on_record
+from smartplay_tools.context.tokens import PRIMING
+from smartplay_tools.context.tokens.counter import TokenCounter
+from smartplay_tools.context.view import Selection
+from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
+from smartplay_tools.manager.choice import Shown, TooLongError
+from smartplay_tools.manager.counting import MessageCounter
+from smartplay_tools.manager.forms import MessageForm
+from smartplay_tools.manager.reading import Reading, Unit
+from smartplay_tools.manager.strategy_window import AgentWindow, Entry, KeptCompacting, Lead, Restored
+from smartplay_tools.manager.summaries import AskError, Question, read_answer
+from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.types import ResolvedBudget
+from smartplay_tools.types.messages import Message
+
+__all__ = ["AskedStrategy", "Chosen", "StrategyMaker", "StrategyRunner"]
+
+FOLDS = 16
+"""How many conversations a runner remembers the strategies of."""
+
+MOST_OF_AN_ANSWER = 4_096
+"""The tokens that an answer may have where prompts have no cap."""
+
+
+class FunctionCompactor:
+    """A function of messages and room as a compactor."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    def compact(self, history: Any, room: Any) -> Any:
+        """Call the function."""
+        return self._function(history, room)
+
+
+class StrategyMaker:
+    """Makes the strategy of each conversation from what a user has given: a name, a class, an object or a function."""
+
+    def __init__(self, given: Any) -> None:
+        self._make: Callable[[], Any]
+        if isinstance(given, str):
+            loaded = load_strategy(given)
+            self.name, self._make = name_on_record(given), lambda: make_strategy(given, loaded)
+        elif inspect.isroutine(given):
+            self.name, self._make = name_of(given), lambda: FunctionCompactor(given)
+        elif isinstance(given, type):
+            self.name, self._make = name_of(given), given
+        else:
+            self.name, self._make = name_of(type(given)), lambda: copy.deepcopy(given)
+        made = self()
+        if chooses(made) == compacts(made):
+            raise InvalidArgumentError(
+                f"The strategy {self.name} is none: give Summaries(tokens=...), a name, a class or an object with "
+                "choose(past, room) or compact(history, room), or a function of history and room."
+            )
+        self.compacts, self.remembers = compacts(made), bool(getattr(made, "remembers", True))
+
+    def __call__(self) -> Any:
+        """Return an object for one conversation."""
+        try:
+            return self._make()
+        except InvalidArgumentError:
+            raise
+        except Exception as error:  # whatever the user's class does
+            raise InvalidArgumentError(f"The strategy {self.name} cannot be made: {error}.") from error
+
+
+@dataclass(frozen=True)
+class AskedStrategy:
+    """What a strategy is asked about: a conversation after its head, as it was read."""
+
+    seed: bytes
+    """A digest of what shapes prompts beside the units."""
+    units: Sequence[Unit]
+    steps: Sequence[int]
+    users: Sequence[int]
+    instructions: Sequence[int]
+    pinned: Sequence[int]
+    late: int
+    """The unit of the last message."""
+    room: int | None
+    """The tokens beside tools and head; None without a cap."""
+    lead: Lead
+    """The messages of the head that a compactor is given."""
+    form: MessageForm
+    lacks_user: bool
+
+    @classmethod
+    def of(cls, reading: Reading, newest: int | None, **given: Any) -> AskedStrategy:
+        """Return it of a reading, of which another prompt may be read meanwhile; `newest` is the last message."""
+        units, late = [*reading.units], len(reading.units) - 1
+        if newest is not None:
+            found = (at for at in range(late, -1, -1) if any(part.source == newest for part in units[at].parts))
+            late = next(found, late)
+        return cls(
+            units=units,
+            steps=[*reading.steps],
+            users=[*reading.users],
+            instructions=[*reading.instructions],
+            pinned=[*reading.pinned],
+            late=late,
+            **given,
+        )
+
+    @property
+    def begin(self) -> int:
+        """The first unit that is given: the user's first words, where the head has none."""
+        return self.users[0] if self.lacks_user and self.users else 0
+
+    def has_prompt(self, unit: int) -> bool:
+        """Whether there was a prompt after a unit before the last: a reply follows it."""
+        return self.units[unit + 1].kind == "reply"
+
+    def keys(self) -> list[bytes]:
+        """Return the digest of the conversation up to each of its units."""
+        digest, keys = hashlib.sha256(self.seed), []
+        for at, unit in enumerate(self.units):
+            is_late = at == self.late < len(self.units) - 1
+            digest.update(unit.digest + bytes([at in self.pinned, is_late]))
+            keys.append(digest.digest())
+        return keys
+
+    def kept(self, stop: int) -> frozenset[int]:
+        """Return the units before one that every prompt shows, beside the newest."""
+        marked = [unit for unit in self.pinned if unit < stop]
+        newest = [[unit for unit in each if unit < stop][-1:] for each in (self.users, self.instructions)]
+        late = [self.late] if stop == len(self.units) else []
+        first = [self.begin] if self.lacks_user and self.users and self.begin < stop else []
+        return frozenset(unit for unit in (*marked, *newest[0], *newest[1], *late, *first) if unit >= self.begin)
+
+
+@dataclass
+class Chosen:
+    """What a prompt shows by a strategy."""
+
+    shown: list[Shown] = field(default_factory=list)
+    rewritten: list[int] = field(default_factory=list)
+    """The messages that were changed, or in whose place others stand."""
+    own: int = 0
+    """The tokens of messages that the strategy has written."""
+    pinned: int = 0
+    """The tokens of units that every prompt shows, but for the newest."""
+    failed: str = ""
+
+
+class _Fold:
+    """A strategy that has been called for every prompt of a conversation so far."""
+
+    def __init__(self, window: AgentWindow, restored: Restored, strategy: Any, lead: Lead) -> None:
+        self.window, self.restored, self.lead = window, restored, lead
+        self.compacting = KeptCompacting(window, strategy, restored) if compacts(strategy) else None
+        self.rule = choosing(window, strategy) if self.compacting is None else self.compacting.make
+        window.follow(self.rule)
+        self.entries: list[Entry] = []
+        self.failed = ""
+
+
+class StrategyRunner:
+    """Calls the strategies of a manager's conversations."""
+
+    def __init__(
+        self,
+        make: StrategyMaker,
+        budget: ResolvedBudget,
+        counter: TokenCounter,
+        messages: MessageCounter,
+        memo: MutableMapping[str, str],
+        *,
+        goes_on: bool,
+    ) -> None:
+        """`goes_on` says that a prompt whose question nobody answers is made without the compactor."""
+        self._make, self._budget, self._counter, self._messages = make, budget, counter, messages
+        self._memo, self._goes_on = memo, goes_on
+        self._folds: dict[bytes, _Fold] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def compacts(self) -> bool:
+        """Whether the strategy rewrites messages."""
+        return self._make.compacts
+
+    def chosen(self, asked: AskedStrategy) -> Generator[Question, str, Chosen]:
+        """Yield the questions of the strategy, be sent the answers, and return what the prompt shows."""
+        if len(asked.units) <= asked.begin:
+            return Chosen([Shown(part, part.message) for _, part in asked.lead])
+        keys, last = asked.keys(), len(asked.units) - 1
+        with self._lock:
+            ends = (at for at in range(last, asked.begin - 1, -1) if at == last or asked.has_prompt(at))
+            known = next((at for at in ends if keys[at] in self._folds), None)
+            fold = None if known is None else self._folds.pop(keys[known])
+        fold = fold or self._begun(asked)
+        fold.restored.units = asked.units[asked.begin :]
+        for at in range(asked.begin if known is None else known + 1, last + 1):
+            is_late = at == asked.late < last
+            fold.window.add_unit(asked.units[at], asked.steps[at], ages=not is_late)
+            if at == last:
+                yield from self._played(fold, asked, keys[at], at)
+            elif self._make.remembers and asked.has_prompt(at):
+                with suppress(TooLongError):  # the prompt was refused then
+                    yield from self._played(fold, asked, keys[at], at)
+        chosen = self._restored(fold, asked)
+        if not fold.failed:
+            with self._lock:
+                self._folds[keys[last]] = fold
+                if len(self._folds) > FOLDS:
+                    del self._folds[next(iter(self._folds))]
+        return chosen
+
+    def _begun(self, asked: AskedStrategy) -> _Fold:
+        lead = asked.lead if self.compacts else ()
+        cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for _, part in lead)
+        budget = self._budget.model_copy(update={"prompt_tokens": cap})
+        window = AgentWindow(budget, self._counter, self._messages, asked.form, lead)
+        restored = Restored(window, asked.units[asked.begin :], lead)
+        return _Fold(window, restored, self._make(), lead)
+
+    def _played(self, fold: _Fold, asked: AskedStrategy, key: bytes, at: int) -> Generator[Question, str, None]:
+        """Have the strategy make the prompt after a unit."""
+        window, unit, begin = fold.window, asked.units[at], asked.begin
+        kept = frozenset(number - begin for number in asked.kept(at + 1))
+        window.kept = kept
+        cap, needs = window.budget.prompt_tokens, window.always_tokens
+        fold.restored.squeezed = {}
+        if cap is not None and needs > cap:
+            newest = window.tokens(window.row(at - begin, at - begin + 1))
+            fold.restored.squeezed = window.squeeze(unit, cap - needs + newest)
+            if not fold.restored.squeezed:
+                lead = sum(part.cost.whole for _, part in fold.lead)
+                raise TooLongError(needs - newest - window.head_tokens - lead, newest)
+        try:
+            selection = yield from self._selected(fold, key)
+            forms = window.forms(selection)
+            fold.entries = [Entry(*pair) for pair in zip(flat(selection.pieces), forms, strict=True)]
+        finally:
+            if fold.restored.squeezed:
+                window.whole_again()
+
+    def _selected(self, fold: _Fold, key: bytes) -> Generator[Question, str, Selection]:
+        """Call the strategy, and have its questions answered."""
+        making, reply, number = fold.rule(), None, 0
+        fold.failed = ""
+        try:
+            while True:
+                try:
+                    view = making.send(reply)
+                except StopIteration as end:
+                    selection: Selection = end.value
+                    break
+                text = yield from self._answer(key, number, view.messages)
+                reply, number = Message(role="assistant", content=text), number + 1
+        except AskError as error:
+            if not self._goes_on or fold.compacting is None:
+                raise
+            fold.failed = f"{type(error.reason).__name__}: {error.reason}"
+            return fold.compacting.untouched()
+        finally:
+            making.close()
+        return selection
+
+    def _answer(self, key: bytes, number: int, messages: list[Message]) -> Generator[Question, str, str]:
+        """The answer to a question, which is asked once for what it is about."""
+        digest = hashlib.sha256(key + canonical_json([self._make.name, number, messages])).hexdigest()
+        with self._lock:
+            known = self._memo.get(digest)
+        if known is not None:
+            return known
+        most = self._budget.prompt_tokens or MOST_OF_AN_ANSWER
+        try:
+            answer = yield [dict(message) for message in messages], most
+        except Exception as error:
+            raise AskError(error) from None
+        with self._lock:
+            return self._memo.setdefault(digest, read_answer(answer))
+
+    def _restored(self, fold: _Fold, asked: AskedStrategy) -> Chosen:
+        """What the latest prompt shows, in the form of the agent."""
+        fold.restored.rewritten = set()
+        pairs = [*fold.restored.all(fold.entries)]
+        chosen = Chosen([shown for shown, _ in pairs], failed=fold.failed)
+        chosen.rewritten = sorted(fold.restored.rewritten)
+        chosen.own = sum(s.tokens for s, turn in pairs if turn is None and s.part.source is None)
+        always = fold.window.kept - {len(fold.window.turns) - 1}
+        chosen.pinned = sum(shown.tokens for shown, turn in pairs if turn in always)
+        if not self.compacts:
+            chosen.shown = [*(Shown(part, part.message) for _, part in asked.lead), *chosen.shown]
+        lead = sum(part.cost.whole for _, part in asked.lead)
+        total = sum(shown.tokens for shown in chosen.shown) - lead
+        if asked.room is not None and total > asked.room:
+            raise StrategyError(f"The choice takes {total} tokens, and there is room for {asked.room}.")
+        return chosen
