@@ -71,6 +71,18 @@ class ClearToolUses:
             listed = () if clear_tool_inputs in (None, False) else clear_tool_inputs
             self.clear_tool_inputs = _tools(self.name, "clear_tool_inputs", listed)
 
+    def old(self, results: Sequence[str], names: Mapping[str, str], tokens: int) -> frozenset[str]:
+        """Return which uses to clear, by the ids of results in their order and the names of tools by these ids."""
+        kind, most = self.trigger
+        if (tokens if kind == INPUT_TOKENS else len(results)) <= most:
+            return frozenset()
+        before = results[: max(0, len(results) - self.keep)]
+        return frozenset(each for each in before if names.get(each, "") not in self.exclude_tools)
+
+    def clears_input(self, tool: str) -> bool:
+        """Whether the arguments of a cleared call are cleared, too."""
+        return self.clear_tool_inputs is None or tool in self.clear_tool_inputs
+
     def compact(self, history: GivenHistory, room: Room) -> Sequence[Message]:
         """Clear what is to be cleared."""
         given = list(history)
@@ -86,22 +98,18 @@ def clear_tool_uses(messages: Sequence[Message], edit: ClearToolUses, tokens: in
     `clear_at_least` is left to the caller, who counts.
     """
     names = {call["id"]: call["function"]["name"] for message in messages for call in calls_of(message)}
-    results = [at for at, message in enumerate(messages) if message["role"] == "tool"]
-    kind, most = edit.trigger
-    if (tokens if kind == INPUT_TOKENS else len(results)) <= most:
+    results = [message["tool_call_id"] for message in messages if message["role"] == "tool"]
+    ids = edit.old(results, names, tokens)
+    if not ids:
         return list(messages), 0
-    old = results[: max(0, len(results) - edit.keep)]
-    ids = {messages[at]["tool_call_id"]: at for at in old}
-    ids = {each: at for each, at in ids.items() if names.get(each, "") not in edit.exclude_tools}
-    inputs = edit.clear_tool_inputs
     made: list[Message] = []
-    for at, message in enumerate(messages):
-        if at in ids.values():
+    for message in messages:
+        if message["role"] == "tool" and message["tool_call_id"] in ids:
             made.append({"role": "tool", "tool_call_id": message["tool_call_id"], "content": CLEARED})
-        elif any(call["id"] in ids for call in calls_of(message)) and (inputs is None or inputs):
+        elif any(call["id"] in ids and edit.clears_input(call["function"]["name"]) for call in calls_of(message)):
             calls = [
                 {**call, "function": {**call["function"], "arguments": NO_INPUT}}
-                if call["id"] in ids and (inputs is None or call["function"]["name"] in inputs)
+                if call["id"] in ids and edit.clears_input(call["function"]["name"])
                 else call
                 for call in calls_of(message)
             ]
