@@ -102,7 +102,7 @@ class Way:
         reply = 2 * stage.cap // 5
         fields = {"history": None, "prompt_tokens": stage.cap, "reply_tokens": reply, **self.fields}
         if self.strategy:
-            fields["strategy"] = self.strategy.format(tokens=4 * stage.cap // 15)
+            fields["strategy"] = self.strategy.format(tokens=4 * stage.cap // 15, trigger=4 * stage.cap // 5)
         if "summary_tokens" in fields:
             fields["summary_tokens"] = reply
         yield sp.Budget(**fields)
@@ -129,6 +129,9 @@ WAYS = (
     Way("Inspect, trimming", "inspect-trim"),
     Way("Pydantic AI, newest", "pydantic-ai-newest"),
     Way("Pydantic AI, window", "pydantic-ai-window"),
+    Way("Anthropic, clearing", "clear_tool_uses_20250919:trigger={trigger}"),
+    Way("Anthropic, compaction", "compact_20260112:trigger={trigger}", asks=True),
+    Way("OpenAI, compaction", "compaction:compact_threshold={trigger}", asks=True),
     Way("memory, BM25", "memory-bm25"),
     Way("memory, WordLlama", "memory-wordllama"),
 )

@@ -32,6 +32,7 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
+from smartplay_gateway.edits import applied, reported
 from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
@@ -82,8 +83,19 @@ class Surface:
                 raise InvalidArgumentError(
                     f"With `{name}` the provider adds what it keeps, which cannot be counted; leave it out."
                 )
+        return manager.fit(given, **self._beside(body))
+
+    def edited(self, body: dict[str, Any], betas: str, manager: ContextManager) -> tuple[dict[str, Any], Any]:
+        """Return a request after its context editing, and what was cleared; None if there is none to do here."""
+        if self.form != "anthropic" or not isinstance(body.get(self.messages), list):
+            return body, None
+        return applied(body, betas, lambda messages: manager.count(messages, **self._beside(body)))
+
+    def _beside(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        """What of a request counts beside its messages."""
         system = body.get(self.system) if self.system else None
-        return manager.fit(given, tools=tools, system=system, output_schema=self._schema(body), form=self.form)
+        beside = {"tools": body.get("tools") or [], "system": system, "output_schema": self._schema(body)}
+        return {**beside, "form": self.form}
 
     def _schema(self, body: Mapping[str, Any]) -> Any:
         """The schema of the answer's format, wherever the interface has it."""
@@ -132,9 +144,12 @@ def passing_app(
         content = await request.body()
         surface = surface_of(request.url.path) if request.method == "POST" else None
         counted: Counted | None = None
+        reports: list[dict[str, Any]] | None = None
         if surface is not None and (body := object_in(content)) is not None:
             try:
-                prompt = await asyncio.to_thread(surface.fitted, body, manager)
+                betas = ",".join(request.headers.getlist("anthropic-beta"))
+                edited, reports = await asyncio.to_thread(surface.edited, body, betas, manager)
+                prompt = await asyncio.to_thread(surface.fitted, edited, manager)
             except (PromptOverflowError, InvalidArgumentError) as error:
                 return _json(surface.refusal(error), 400)
             except TranscriptError as error:
@@ -145,9 +160,9 @@ def passing_app(
                 if prompt.recorded_as is not None:
                     counted = partial(_record_count, manager, prompt)
                 given = body[surface.messages]
-                if not isinstance(given, str) and prompt.messages != given:
-                    content = json.dumps({**body, surface.messages: prompt.messages}).encode()
-        return await _answer(client, request, _target(base, request), content, surface, counted)
+                if reports is not None or (not isinstance(given, str) and prompt.messages != given):
+                    content = json.dumps({**edited, surface.messages: prompt.messages}).encode()
+        return await _answer(client, request, _target(base, request), content, surface, counted, reports)
 
     async def admit(request: Request) -> Response | None:
         return None
@@ -228,9 +243,15 @@ async def _answer(
     content: bytes,
     surface: Surface | None,
     counted: Counted | None,
+    reports: list[dict[str, Any]] | None = None,
 ) -> Response:
-    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed."""
+    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed.
+
+    With `reports` it says which edits were applied, if it is an answer at all.
+    """
     headers = [(name, value) for name, value in request.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
+    if reports is not None:
+        headers = [(name, value) for name, value in headers if name.lower() != b"accept-encoding"]
     sent = client.build_request(request.method, target, headers=headers, content=content or None)
     try:
         answer = await client.send(sent, stream=True)
@@ -240,11 +261,18 @@ async def _answer(
         form = surface or SURFACES["/chat/completions"]
         return _json(form.refusal(InvalidArgumentError(problem)), 502)
 
-    reader = PromptTokens(surface.form, answer.headers) if surface is not None and counted is not None else None
+    told: Mapping[str, str] = answer.headers
+    incoming: AsyncIterator[bytes] = answer.aiter_raw()
+    left_out = OF_A_CONNECTION
+    if reports is not None:
+        told, left_out = {"content-type": told.get("content-type", "")}, OF_A_CONNECTION | {"content-encoding"}
+        is_stream = told["content-type"].startswith("text/event-stream")
+        incoming = reported(answer.aiter_bytes(), reports, is_stream=is_stream)
+    reader = PromptTokens(surface.form, told) if surface is not None and counted is not None else None
 
     async def pieces() -> AsyncIterator[bytes]:
         try:
-            async for piece in answer.aiter_raw():
+            async for piece in incoming:
                 yield piece
                 if reader is not None:
                     reader.take(piece)
@@ -255,7 +283,7 @@ async def _answer(
             await answer.aclose()
 
     passed = StreamingResponse(pieces(), answer.status_code)
-    kept = [(name.lower(), value) for name, value in answer.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
+    kept = [(name.lower(), value) for name, value in answer.headers.raw if name.decode().lower() not in left_out]
     passed.raw_headers = kept
     return passed
 

@@ -121,6 +121,7 @@ class Compacting:
             self._most_for_questions,
             self._played,
             lambda messages: self._tokens(history.walk(joined(history.read(messages, flat(given))))),
+            window.head_tokens,
         )
 
         def pieces(made: Any) -> list[Piece]:

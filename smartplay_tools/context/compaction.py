@@ -70,6 +70,8 @@ class Room:
     """The tokens of the latest prompt to play, as a provider would report them; None before the first."""
     count: Callable[[Sequence[Message]], int] = field(repr=False)
     """Returns the tokens of messages as the window counts them; a message that it was given counts as it is sent."""
+    head: int = 0
+    """The tokens of system message and tool schemas, which every prompt has beside its messages."""
 
 
 @runtime_checkable

@@ -206,6 +206,7 @@ class _Decision:
         if last < 0:
             return Choice(0, (), 0, 0, 0, 0, None)
         always = {*reading.pinned, self._late, *reading.users[-1:], *reading.instructions[-1:]}
+        always |= {*reading.compactions[-1:]}
         firsts = range(min(rules.first_turns, last) + 1)
         kept = bisect_right(firsts, room, key=lambda number: self._need(last, sorted({*always, *range(number)}))) - 1
         pinned = sorted({*always, *range(max(kept, 0))})

@@ -9,6 +9,7 @@ docs/any-agent.md has the definition.
 from __future__ import annotations
 
 import asyncio
+import copy
 import hashlib
 import inspect
 import itertools
@@ -239,6 +240,13 @@ class ContextManager:
                     f"{name} has no meaning without a game; a context manager takes {', '.join(IN_BUDGETS)}."
                 )
         return cls(**shared, **options)
+
+    def count(self, messages: Sequence[Any], **beside: Any) -> int:
+        """Return the tokens of a prompt that shows everything, whole; `beside` are the other arguments of `fit`."""
+        whole = copy.copy(self)
+        whole.prompt_tokens = whole._result_tokens = whole._folder = whole._summaries = None
+        whole._rules, whole._readings = PastRules(None, 0, False, None, 0, None), {}
+        return whole.fit(messages, **beside).tokens
 
     def fit(
         self,

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -103,6 +103,8 @@ class Reading:
         """For each unit, how many units with results there are up to its end."""
         self.pinned: list[int] = []
         """Units that `pin` has marked."""
+        self.compactions: list[int] = []
+        """Units with a provider's own summary of what was before them."""
         self.users: list[int] = []
         self.instructions: list[int] = []
         """Units that are words of the user, and those that are the operator's."""
@@ -127,7 +129,7 @@ class Reading:
         self.repaired = [number for number in self.repaired if number < start]
         for values in (self.units, self._firsts, self.steps):
             del values[unit:]
-        for numbers in (self._clean, self.pinned, self.users, self.instructions, self.made):
+        for numbers in (self._clean, self.pinned, self.compactions, self.users, self.instructions, self.made):
             del numbers[bisect_left(numbers, unit) :]
         self.sums.back_to(unit)
 
@@ -206,6 +208,8 @@ class Reading:
                 (self.instructions if is_operator else self.users).append(number)
             if any(self._pin(part.message) for part in unit.parts):
                 self.pinned.append(number)
+            if any(_is_compaction(part.message) for part in unit.parts):
+                self.compactions.append(number)
             has_results = any(part.cost.is_result for part in unit.parts)
             self.steps.append((self.steps[-1] if self.steps else 0) + has_results)
             self.units.append(unit)
@@ -238,3 +242,10 @@ class Reading:
         calls = (at for at, kind in enumerate(kinds) if kind == "reply" and self._form.calls(unit.parts[at].message))
         first = next(calls, None)
         return [(at == 0 or kind != "reply", at == first) for at, kind in enumerate(kinds)]
+
+
+def _is_compaction(message: Given) -> bool:
+    """Whether a message holds what is left of the messages before it: OpenAI's item, or a block of Anthropic's."""
+    content = message.get("content")
+    blocks = content if isinstance(content, list) else ()
+    return any(isinstance(each, Mapping) and each.get("type") == "compaction" for each in (message, *blocks))

@@ -38,6 +38,9 @@ BETWEEN_OPTIONS = re.compile(r",(?=[^\W\d]\w*=)")
 
 IMPORTED = {
     "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
+    "clear_tool_uses_20250919": "smartplay_tools.context.strategies.provider_edits:ClearToolUses",
+    "compact_20260112": "smartplay_tools.context.strategies.provider_edits:Compact",
+    "compaction": "smartplay_tools.context.strategies.provider_edits:OpenAICompaction",
     "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
     "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
     "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
@@ -52,7 +55,7 @@ IMPORTED = {
     "pydantic-ai-summary": "smartplay_pydantic_ai.compaction:HarnessSummary",
     "pydantic-ai-window": "smartplay_pydantic_ai.compaction:HarnessWindow",
 }
-"""The compaction of other projects: the place of each class by the name of the strategy."""
+"""The compaction of other projects, and the edits of providers: the place of each class by the name of the strategy."""
 
 _REGISTRY = Registry("strategy", IMPORTED, ENTRY_POINTS)
 

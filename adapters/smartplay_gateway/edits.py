@@ -1,0 +1,166 @@
+"""Context editing at the endpoint: Anthropic's `clear_thinking_20251015` and `clear_tool_uses_20250919`, applied here.
+
+The edits that a request to Messages asks for are applied to its messages before these are fitted, and the answer says
+what was cleared, as the provider's would, whole or streamed. docs/provider-edits.md has the definitions. What is not an
+edit of these two, `compact_20260112` above all, goes upstream as it came.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from typing import Any
+
+from smartplay_tools import InvalidArgumentError
+from smartplay_tools.context.strategies.provider_edits import CLEARED, ClearToolUses
+from smartplay_tools.types.arguments import object_in
+
+__all__ = ["BETA", "applied", "reported"]
+
+FIELD = "context_management"
+BETA = "context-management-2025-06-27"
+"""The beta that a request has to ask for."""
+
+THINKING, TOOL_USES, COMPACT = "clear_thinking_20251015", "clear_tool_uses_20250919", "compact_20260112"
+THOUGHTS = ("thinking", "redacted_thinking")
+"""The types of blocks that are thoughts."""
+
+Json = dict[str, Any]
+Count = Callable[[Sequence[Any]], int]
+"""Returns the tokens of a prompt with these messages."""
+
+
+def applied(body: Json, betas: str, count: Count) -> tuple[Json, list[Json] | None]:
+    """Return a request without the edits that were applied to it, and what they cleared; None if it asks for none.
+
+    `betas` is the header `anthropic-beta`. Edits that the provider would refuse are an `InvalidArgumentError`.
+    """
+    if body.get(FIELD) is None:
+        return body, None
+    wanted = body[FIELD]
+    edits = wanted.get("edits", []) if isinstance(wanted, Mapping) else None
+    if not isinstance(edits, list) or not all(isinstance(edit, Mapping) for edit in edits):
+        raise InvalidArgumentError(f"{FIELD}: Input should be an object with a list of edits.")
+    kinds = [edit.get("type") for edit in edits]
+    for at, kind in enumerate(kinds):
+        if kind not in (THINKING, TOOL_USES, COMPACT):
+            known = ", ".join(map(repr, (TOOL_USES, THINKING, COMPACT)))
+            raise InvalidArgumentError(f"{FIELD}.edits.{at}: Input tag {kind!r} does not match any of {known}.")
+    ours = [edit for edit in edits if edit["type"] != COMPACT]
+    if not ours:
+        return body, None
+    if BETA not in [name.strip() for name in betas.split(",")]:
+        raise InvalidArgumentError(f"{FIELD}: Extra inputs are not permitted without the beta {BETA}.")
+    if THINKING in kinds[1:]:
+        raise InvalidArgumentError(f"`{THINKING}` strategy must be first in `{FIELD}.edits`.")
+    messages: list[Any] = body["messages"]
+    reports: list[Json] = []
+    if not all(isinstance(message, Mapping) for message in messages):
+        return body, None  # the upstream says what is wrong with it
+    for edit in ours:
+        try:
+            messages, report = (
+                _thinking(edit, body, count) if edit["type"] == THINKING else _uses(edit, messages, count)
+            )
+        except InvalidArgumentError as error:
+            raise InvalidArgumentError(f"{FIELD}.edits.{edits.index(edit)}: {error}") from None
+        reports += report
+    rest = [edit for edit in edits if edit["type"] == COMPACT]
+    edited = {**body, "messages": messages, FIELD: {**wanted, "edits": rest}}
+    if not rest:
+        del edited[FIELD]
+    return edited, reports
+
+
+def _thinking(edit: Mapping[str, Any], body: Json, count: Count) -> tuple[list[Any], list[Json]]:
+    """Clear the thoughts of all turns but the newest that have any."""
+    thinking = body.get("thinking")
+    if not isinstance(thinking, Mapping) or thinking.get("type") not in ("enabled", "adaptive"):
+        raise InvalidArgumentError(f"`{THINKING}` strategy requires `thinking` to be enabled.")
+    keep, messages = edit.get("keep", {"type": "thinking_turns", "value": 1}), body["messages"]
+    _only(edit, "keep")
+    if keep in ("all", {"type": "all"}):
+        return messages, []
+    value = keep.get("value") if isinstance(keep, Mapping) and keep.get("type") == "thinking_turns" else None
+    if type(value) is not int or value < 1:
+        raise InvalidArgumentError('keep has to be "all" or {"type": "thinking_turns", "value": N}, with N at least 1.')
+    turn, turns = 0, {}
+    for at, message in enumerate(messages):
+        blocks = _blocks(message)
+        if message.get("role") == "user" and any(block.get("type") != "tool_result" for block in blocks):
+            turn += 1
+        if message.get("role") == "assistant" and any(block.get("type") in THOUGHTS for block in blocks):
+            turns[at] = turn
+    old = set(sorted(set(turns.values()))[:-value])
+    made = list(messages)
+    for at in (at for at, turn in turns.items() if turn in old):
+        rest = [block for block in messages[at]["content"] if block.get("type") not in THOUGHTS]
+        made[at] = {**messages[at], "content": rest} if rest else messages[at]
+    if not (tokens := count(messages) - count(made) if old else 0):
+        return messages, []
+    return made, [{"type": THINKING, "cleared_thinking_turns": len(old), "cleared_input_tokens": tokens}]
+
+
+def _uses(edit: Mapping[str, Any], messages: list[Any], count: Count) -> tuple[list[Any], list[Json]]:
+    """Clear old tool uses."""
+    options = {name: value for name, value in edit.items() if name != "type"}
+    _only(edit, "trigger", "keep", "clear_at_least", "exclude_tools", "clear_tool_inputs")
+    rule, before = ClearToolUses(**options), count(messages)
+    blocks = [block for message in messages for block in _blocks(message)]
+    names = {str(block.get("id")): str(block.get("name")) for block in blocks if block.get("type") == "tool_use"}
+    results = [str(block.get("tool_use_id")) for block in blocks if block.get("type") == "tool_result"]
+    old = rule.old(results, names, before)
+
+    def cleared(block: Any) -> Any:
+        if isinstance(block, Mapping) and block.get("type") == "tool_result" and str(block.get("tool_use_id")) in old:
+            return {**block, "content": CLEARED}
+        if isinstance(block, Mapping) and block.get("type") == "tool_use" and str(block.get("id")) in old:
+            return {**block, "input": {}} if rule.clears_input(str(block.get("name"))) else block
+        return block
+
+    made = [
+        {**message, "content": [*map(cleared, content)]}
+        if isinstance(content := message.get("content"), list)
+        else message
+        for message in messages
+    ]
+    if not old or (tokens := before - count(made)) < max(1, rule.clear_at_least):
+        return messages, []
+    return made, [{"type": TOOL_USES, "cleared_tool_uses": len(old), "cleared_input_tokens": tokens}]
+
+
+def _only(edit: Mapping[str, Any], *known: str) -> None:
+    for name in edit:
+        if name not in ("type", *known):
+            raise InvalidArgumentError(f"{name}: Extra inputs are not permitted.")
+
+
+def _blocks(message: Any) -> list[Mapping[str, Any]]:
+    """The blocks of a message; a text alone counts as one."""
+    content = message.get("content") if isinstance(message, Mapping) else None
+    if isinstance(content, str):
+        return [] if message.get("role") == "assistant" else [{"type": "text"}]
+    return [block for block in content if isinstance(block, Mapping)] if isinstance(content, list) else []
+
+
+async def reported(pieces: AsyncIterator[bytes], reports: list[Json], *, is_stream: bool) -> AsyncIterator[bytes]:
+    """Yield an answer that says which edits were applied: in its object, or in the event `message_delta`."""
+    kept = b""
+    async for piece in pieces:
+        kept += piece
+        if is_stream:
+            *lines, kept = kept.split(b"\n")
+            for line in lines:
+                yield _with_reports(line, reports, "message_delta", b"data: ") + b"\n"
+    if kept:
+        yield _with_reports(kept, reports, "message")
+
+
+def _with_reports(text: bytes, reports: list[Json], kind: str, prefix: bytes = b"") -> bytes:
+    value = object_in(text.removeprefix(b"data:")) if kind.encode() in text else None
+    if value is None or value.get("type") != kind:
+        return text
+    theirs = value.get(FIELD)
+    others = theirs.get("applied_edits") if isinstance(theirs, Mapping) else None
+    value[FIELD] = {"applied_edits": [*reports, *(others if isinstance(others, list) else ())]}
+    return prefix + json.dumps(value).encode()

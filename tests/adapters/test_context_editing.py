@@ -1,0 +1,213 @@
+"""Context editing at the context endpoint: Anthropic's own client asks, and its types read what was applied."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import anthropic
+import openai
+import pytest
+from smartplay_gateway import ContextEndpoint
+
+import smartplay_tools as sp
+from tests.adapters.test_context_endpoint import MESSAGE, Upstream, events
+
+BETA = "context-management-2025-06-27"
+THINKING = {"type": "enabled", "budget_tokens": 1_024}
+
+
+@pytest.fixture
+def upstream() -> Iterator[Upstream]:
+    server = Upstream()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def endpoint(upstream: Upstream) -> Iterator[ContextEndpoint]:
+    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(100_000)) as endpoint:
+        yield endpoint
+
+
+def use(number: int, name: str = "read", *, thinks: bool = False) -> list[dict[str, Any]]:
+    blocks: list[dict[str, Any]] = [{"type": "tool_use", "id": f"t{number}", "name": name, "input": {"page": number}}]
+    if thinks:
+        blocks.insert(0, {"type": "thinking", "thinking": f"Page {number} is next.", "signature": "s"})
+    result = {"type": "tool_result", "tool_use_id": f"t{number}", "content": f"Page {number} " + "of the book " * 9}
+    return [{"role": "assistant", "content": blocks}, {"role": "user", "content": [result]}]
+
+
+def uses(count: int, **options: Any) -> list[dict[str, Any]]:
+    task = {"role": "user", "content": "Read."}
+    return [task, *(message for number in range(count) for message in use(number, **options))]
+
+
+def ask(endpoint: ContextEndpoint, messages: Any, edits: Any, betas: list[str] | None = None, **more: Any) -> Any:
+    client = anthropic.Anthropic(base_url=endpoint.url, api_key="k", max_retries=0)
+    return client.beta.messages.create(
+        model="m",
+        max_tokens=9,
+        messages=messages,
+        betas=[BETA] if betas is None else betas,
+        context_management={"edits": edits},
+        **more,
+    )
+
+
+def tokens(messages: Any) -> int:
+    return sp.ContextManager(None, result_tokens=None).fit(messages, form="anthropic").tokens
+
+
+def test_old_uses_are_cleared_and_reported(endpoint: ContextEndpoint, upstream: Upstream):
+    messages = uses(6)
+    edit = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 5}, "clear_tool_inputs": True}
+    answer = ask(endpoint, messages, [edit])
+    sent = upstream.body["messages"]
+    assert "context_management" not in upstream.body
+    assert [message["content"][0]["content"][:9] for message in sent[2::2]] == ["[cleared]"] * 3 + [
+        f"Page {number} of" for number in (3, 4, 5)
+    ]
+    assert [message["content"][0]["input"] for message in sent[1::2]] == [{}] * 3 + [{"page": n} for n in (3, 4, 5)]
+    (applied,) = answer.context_management.applied_edits
+    assert isinstance(applied, anthropic.types.beta.BetaClearToolUses20250919EditResponse)
+    assert applied.cleared_tool_uses == 3
+    assert applied.cleared_input_tokens == tokens(messages) - tokens(sent) > 0
+
+
+def test_old_thoughts_are_cleared_by_turns(endpoint: ContextEndpoint, upstream: Upstream):
+    messages = [*uses(2, thinks=True), {"role": "user", "content": "Go on."}, *use(7, thinks=True)]
+    edits = [
+        {"type": "clear_thinking_20251015", "keep": {"type": "thinking_turns", "value": 1}},
+        {"type": "clear_tool_uses_20250919", "keep": {"type": "tool_uses", "value": 1}},
+    ]
+    answer = ask(endpoint, messages, edits, thinking=THINKING)
+    kinds = [
+        [block["type"] for block in each["content"]] for each in upstream.body["messages"] if each["role"] != "user"
+    ]
+    assert kinds == [["tool_use"], ["tool_use"], ["thinking", "tool_use"]]
+    (applied,) = answer.context_management.applied_edits  # the second one's trigger is 100,000
+    assert applied.cleared_thinking_turns == 1
+    assert applied.cleared_input_tokens == tokens(messages) - tokens(upstream.body["messages"]) > 0
+    answer = ask(endpoint, messages, [{"type": "clear_thinking_20251015", "keep": "all"}], thinking=THINKING)
+    assert answer.context_management.applied_edits == []
+    assert upstream.body["messages"] == messages
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_a_stream_says_it_in_its_last_delta(endpoint: ContextEndpoint, upstream: Upstream, is_packed: bool):
+    begin = {"type": "message_start", "message": {**MESSAGE, "content": []}}
+    delta = {"type": "message_delta", "delta": {"stop_reason": "end_turn"}, "usage": {"output_tokens": 2}}
+    content = b"".join(
+        b"event: " + each["type"].encode() + b"\n" + events(each)
+        for each in (begin, delta, {"type": "message_stop"})  # type: ignore[attr-defined]
+    )
+    headers = {"content-type": "text/event-stream"}
+    upstream.given = (content, headers)
+    if is_packed:
+        upstream.given = gzip.compress(content), {**headers, "content-encoding": "gzip"}
+    edit = {"type": "clear_tool_uses_20250919", "trigger": {"type": "input_tokens", "value": 50}}
+    got = list(ask(endpoint, uses(6), [edit], stream=True))
+    assert [each.type for each in got] == ["message_start", "message_delta", "message_stop"]
+    (applied,) = got[1].context_management.applied_edits
+    assert applied.cleared_tool_uses == 3
+
+
+def test_the_cap_holds_after_the_edits(upstream: Upstream):
+    edit = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 1}}
+    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(400)) as endpoint:
+        answer = ask(endpoint, uses(60), [edit])
+    assert tokens(upstream.body["messages"]) <= 400
+    assert answer.context_management.applied_edits[0].cleared_tool_uses == 57
+
+
+def test_what_only_the_provider_can_do_goes_upstream_as_it_came(endpoint: ContextEndpoint, upstream: Upstream):
+    compact = {"type": "compact_20260112", "trigger": {"type": "input_tokens", "value": 50_000}}
+    assert ask(endpoint, uses(6), [compact], ["compact-2026-01-12"]).context_management is None
+    assert upstream.body["context_management"] == {"edits": [compact]}
+    clear = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 5}}
+    answer = ask(endpoint, uses(6), [clear, compact], [BETA, "compact-2026-01-12"])
+    assert upstream.body["context_management"] == {"edits": [compact]}
+    assert len(answer.context_management.applied_edits) == 1
+    item = {"type": "compaction", "encrypted_content": "gAAAA", "id": "c"}
+    client = openai.OpenAI(base_url=endpoint.base_url, api_key="k", max_retries=0)
+    entries: Any = [{"type": "compaction", "compact_threshold": 1_000}]
+    client.responses.create(model="m", input=[item, {"role": "user", "content": "On."}], context_management=entries)  # type: ignore[list-item]
+    assert upstream.body["input"][0] == item
+    assert upstream.body["context_management"] == entries
+
+
+@pytest.mark.parametrize(
+    ("edits", "more", "words"),
+    [
+        ([{"type": "clear_all"}], {}, "Input tag 'clear_all' does not match any of"),
+        ("all", {}, "should be an object with a list of edits"),
+        ([{"type": "clear_tool_uses_20250919"}], {"betas": []}, "not permitted without the beta"),
+        ([{"type": "clear_tool_uses_20250919", "keep": {"type": "tool_uses", "value": -1}}], {}, "edits.0: keep="),
+        ([{"type": "clear_tool_uses_20250919", "keeps": 3}], {}, "keeps: Extra inputs are not permitted"),
+        ([{"type": "clear_thinking_20251015"}], {}, "requires `thinking` to be enabled"),
+        ([{"type": "clear_thinking_20251015", "keep": 0}], {"thinking": THINKING}, "keep has to be"),
+        (
+            [{"type": "clear_tool_uses_20250919"}, {"type": "clear_thinking_20251015"}],
+            {"thinking": THINKING},
+            "must be first",
+        ),
+    ],
+)
+def test_what_the_provider_refuses_is_its_own_error(
+    endpoint: ContextEndpoint, upstream: Upstream, edits: Any, more: dict[str, Any], words: str
+):
+    with pytest.raises(anthropic.BadRequestError, match=words) as caught:
+        ask(endpoint, uses(3), edits, **more)
+    assert caught.value.body["error"]["type"] == "invalid_request_error"  # type: ignore[index]
+    assert not upstream.requests
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_conversations_are_right_to_the_token(endpoint: ContextEndpoint, upstream: Upstream, seed: int):
+    """Decided again here, from the definition alone."""
+    chance = random.Random(seed)
+    count = chance.randrange(1, 12)
+    tools = [chance.choice(["read", "find"]) for _ in range(count)]
+    messages = [{"role": "user", "content": "Read."}, *(each for n, tool in enumerate(tools) for each in use(n, tool))]
+    keep, excluded, trigger = chance.randrange(5), chance.choice([[], ["find"]]), chance.randrange(1, 700)
+    least = chance.choice([0, 0, 60, 300])
+    edit = {
+        "type": "clear_tool_uses_20250919",
+        "trigger": {"type": "input_tokens", "value": trigger},
+        "keep": {"type": "tool_uses", "value": keep},
+        "exclude_tools": excluded,
+        "clear_at_least": {"type": "input_tokens", "value": least},
+    }
+    answer = ask(endpoint, messages, [edit])
+    wanted = json.loads(json.dumps(messages))
+    for number in range(max(0, count - keep)):
+        if tools[number] not in excluded:
+            wanted[2 + 2 * number]["content"][0]["content"] = "[cleared]"
+    saved = tokens(messages) - tokens(wanted)
+    is_applied = tokens(messages) > trigger and saved > 0 and saved >= least
+    assert upstream.body["messages"] == (wanted if is_applied else messages)
+    reports = [each.cleared_input_tokens for each in answer.context_management.applied_edits]
+    assert reports == ([saved] if is_applied else [])
+
+
+@pytest.mark.parametrize("form", ["responses", "anthropic"])
+def test_what_is_left_of_a_compacted_conversation_stays(form: Any):
+    """Clients leave out what was before it, so without it everything would be lost."""
+    blocks = [{"type": "compaction", "content": "He likes Rock.", "signature": "s"}]
+    item = {"type": "compaction", "encrypted_content": "gAAAA", "id": "c"}
+    first = item if form == "responses" else {"role": "assistant", "content": blocks}
+    later = [
+        {"role": role, "content": f"{role} {number} " + "of many words " * 20}
+        for number in range(40)
+        for role in ("user", "assistant")
+    ]
+    manager = sp.ContextManager(600)
+    for messages in ([first, *later[:1]], [first, *later], [later[0], first, *later[2:]]):
+        prompt = manager.fit(messages, form=form)
+        assert prompt.tokens <= 600
+        assert any(each is first for each in prompt.messages)
+        assert prompt.messages[-1] is messages[-1]
