@@ -12,7 +12,8 @@ from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sect
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.numbers import interval_notes, with_interval
 from smartplay_tools.evaluation.analysis.pairs import Measure, sample
-from smartplay_tools.records.remembered import EVICTIONS, LOOKED, RULED, SEEN, UNRULED, UNSEEN
+from smartplay_tools.records.contents import NOWHERE, PLACES
+from smartplay_tools.records.remembered import EVICTIONS, IN_PLACE, LOOKED, RULED, SEEN, UNRULED, UNSEEN
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 from smartplay_tools.types.groups import grouped
@@ -38,6 +39,22 @@ def seen_share(row: Row) -> float | None:
     return seen / (seen + unseen) if seen + unseen else None
 
 
+def place_share(place: str) -> Measure:
+    """Return the measure of the share of the answers for which everything needed stood in a place.
+
+    Rows of older versions looked at observations alone, and say nothing of places.
+    """
+
+    def share(row: Row) -> float | None:
+        memory = row.get("memory", {})
+        if SEEN in memory and not any(name.startswith(IN_PLACE) for name in memory):
+            return None
+        of = sum(memory.get(name, (0, 0))[1] for name in (SEEN, UNSEEN))
+        return memory.get(UNSEEN if place == NOWHERE else IN_PLACE + place, (0, 0))[1] / of if of else None
+
+    return share
+
+
 def tokens_of(*names: str) -> Measure:
     """Return the measure of the sum of some of an episode's `Tokens`."""
     return lambda row: float(sum(row["tokens"].get(name, 0) for name in names))
@@ -46,6 +63,7 @@ def tokens_of(*names: str) -> Measure:
 ANSWERS: Mapping[str, Measure] = {"seen": seen_share} | {
     name: share_of(name) for name in (SEEN, UNSEEN, LOOKED, RULED, UNRULED)
 }
+STOOD: Mapping[str, Measure] = {place: place_share(place) for place in PLACES}
 SURVIVED: Mapping[str, Measure] = {name: share_of(name) for _, name in EVICTIONS}
 BESIDE_PLAY: Mapping[str, Measure] = {
     "summaries": tokens_of("summary_prompt", "summary_reply"),
@@ -60,6 +78,7 @@ def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
     declaring = [(cell, members) for cell, members in groups if any(row.get("memory") for row in members)]
     if declaring:
         yield _table("what was in view, in percent", declaring, ANSWERS, SHARE)
+        yield _table("where what was needed stood, in percent", declaring, STOOD, SHARE)
         yield _table("right answers by evictions survived, in percent", declaring, SURVIVED, SHARE)
     beside = [
         (cell, members) for cell, members in groups if any(m(row) for m in BESIDE_PLAY.values() for row in members)
