@@ -184,7 +184,9 @@ class Rewriting:
         places = flat(pieces)
         forms = self.walk(joined(places))
         copies: list[Any] = [copy_of(given_form(form.message)) for form in forms]
-        return [{**copy, **self._marks.get(_key(place), {})} for place, copy in zip(places, copies, strict=True)]
+        for place, copy in zip(places, copies, strict=True):
+            copy.update(self._marks.get(_key(place), {}))
+        return copies
 
     def _mark(self, place: Place, message: Mapping[str, Any]) -> None:
         """Keep the fields of a message that are not read, for the compactor's next call."""

@@ -8,7 +8,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.headline import TERMS
-from smartplay_tools.evaluation.analysis.remembering import ANSWERS, remembering_tables
+from smartplay_tools.evaluation.analysis.remembering import ANSWERS, WORK, remembering_tables
 from smartplay_tools.games import with_action_list
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay
@@ -153,12 +153,28 @@ class Asked:
         return [{{"role": "user", "content": text}}, *history[1:]]
 
 
+class Idle:
+    def compact(self, history, room):
+        return history
+
+
 class Written:
     persistent = False
 
     def compact(self, history, room):
         return [{{"role": "user", "content": SAID}}, *history[1:]]
 """
+
+
+def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+    names = ("Asked", "Written", "Idle")
+    budgets = [sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:{name}") for name in names]
+    run = sp.evaluate([told], ["random"], budgets=budgets, trials=2, executor="inline", out=tmp_path / "run")
+    table = next(table for table in remembering_tables(run.rows) if table.title.startswith("what the compactor"))
+    assert [column.heading for column in table.columns][1:] == [*WORK]
+    assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["words from elsewhere", "never acts"]
+    assert "-" not in [line[1] for line in table.rows[1:]]
 
 
 @pytest.mark.parametrize(
