@@ -233,6 +233,25 @@ def test_a_message_that_says_the_same_is_the_same_however_it_is_spelled():
     assert conversation.view.shown_steps == 3
 
 
+@pytest.mark.parametrize("persistent", [True, False])
+def test_marks_on_messages_are_given_again_and_shown_to_nobody(persistent):
+    seen: list[list[Any]] = []
+
+    def compact(self, history, room):
+        seen.append([message.get("meta") for message in history])
+        own = history[:1] if persistent and len(seen) > 1 else [{**user("So far."), "meta": "summary"}, *history[:1]]
+        return [*own, *({**message, "meta": at} for at, message in enumerate(history[1:]))]
+
+    conversation = begin(compact, persistent=persistent)
+    prompts = play(conversation, 3)
+    marks = [["summary", None, None, None], ["summary", 0, 1, 2, None, None]]
+    assert seen[1:] == (marks if persistent else [[None] * 3, [None, 0, 1, None, None]])
+    assert not any("meta" in message for prompt in prompts for message in prompt.messages)
+    assert "meta" not in json.dumps(events_of(conversation))
+    conversation.episode.close()
+    assert replay(events_of(conversation)).differences == []
+
+
 def test_of_replies_that_say_the_same_each_stays_itself():
     conversation = begin(lambda self, h, r: [{**message} for message in h], tool_calls=None)
     for thought in ("a", "b"):
@@ -271,9 +290,10 @@ def test_ids_that_it_made_up_are_replaced_and_keep_what_replaces_them():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda h: None, "Messages are a list, not NoneType."),
-        (iter, "Messages are a list, not list_iterator."),
-        (lambda h: [], "There is no message."),
+        (lambda h: None, "It has returned nothing: return the history, also where it was changed in place."),
+        (iter, "Messages are a list, not list_iterator. Return list(...) of it."),
+        (lambda h: (m for m in h), "What is yielded is a question, a list of messages, not dict: yield [message]"),
+        (lambda h: "text", "Messages are a list, not str."),
         (lambda h: [*h, "text"], "Message 7 cannot be sent"),
         (lambda h: [*h, {"role": "model", "content": "x"}], "Message 7 cannot be sent"),
         (lambda h: [*h, user(b"x")], "Message 7 cannot be sent: InvalidArgumentError: Its content is bytes."),  # type: ignore[arg-type]
@@ -455,6 +475,49 @@ def test_a_question_over_its_cap_is_refused_and_what_the_compactor_does_then_cou
     (question,) = Record(events_of(conversation)).questions
     assert (question["reply"], question["tokens"], len(question["messages"])) == (None, 508, 1)
     assert "ContextOverflowError" in error_of(lambda self, h, r: (yield [user("word " * 500)]), prompt_tokens=490)
+
+
+def test_an_empty_list_is_a_prompt_of_head_and_task():
+    conversation = begin(after(1, lambda h: []), persistent=False)
+    prompts = play(conversation, 4)
+    assert [len(prompt.messages) for prompt in prompts] == [2, 2, 2, 2]
+    assert prompts[-1].messages == prompts[0].messages
+    assert len(play(begin(lambda self, history, room: []), 3)) == 3
+    conversation.episode.close()
+    assert replay(events_of(conversation)).differences == []
+
+
+def test_asynchronous_methods_and_plain_functions_are_compactors():
+    async def compact(self, history, room):
+        return [*history[-1:]] if len(history) < 2 else [*history[-2:]]
+
+    assert [len(prompt.messages) for prompt in play(begin(compact), 3)] == [2, 4, 4]
+
+    def newest(history, room, turns=1):
+        return [*history[-2 * turns :]]
+
+    async def later(history, room):
+        return newest(history, room)
+
+    for function in (newest, later):
+        name = f"tested-{next(NUMBERS)}"
+        sp.register_strategy(name, function)
+        with sp.Episode(
+            RPS, seed=1, budget=sp.Budget(history=None, strategy=name), transcript=(events := [])
+        ) as episode:
+            assert len(play(sp.Conversation(episode), 4)[-1].messages) == 4
+            episode.close()
+        assert replay(events, calls_compactor=True).differences == []
+
+
+def test_one_question_for_each_message_that_was_given_is_not_too_many():
+    def compact(self, history, room):
+        for message in history:
+            yield [user(f"Shorten: {message['role']}")]
+        return history
+
+    conversation = begin(compact, persistent=False)
+    assert len(play(conversation, 15)) == 15
 
 
 def test_more_questions_than_sixteen_for_a_prompt_are_an_error():

@@ -42,6 +42,8 @@ class CardGame(PopgymGame):
     def __init__(self, *, decks: int, **options: Any) -> None:
         """`decks` is the number of decks of 52 cards."""
         self.decks = decks
+        self._suits: dict[int, str] = {}
+        """Of the cards that were shown, by their numbers."""
         super().__init__(**options)
 
     @abstractmethod
@@ -50,6 +52,7 @@ class CardGame(PopgymGame):
 
     def describe(self, observation: Any, info: Mapping[str, Any]) -> str:
         """The card, and the question."""
+        self._suits[self.played + 1] = SUITS[observation]
         return f"Card {self.played + 1} is {SUITS[observation]}. {self._question()}"
 
     def _question(self) -> str:
@@ -57,10 +60,10 @@ class CardGame(PopgymGame):
         return "Name any suit: this answer does not count." if card is None else f"Name the suit of card {card}."
 
     @property
-    def needs(self) -> Sequence[int]:
-        """The step that showed the card."""
+    def needs(self) -> Mapping[int, str]:
+        """The step that showed the card, and its suit."""
         card = self.asked()
-        return () if card is None else (card - 1,)
+        return {} if card is None else {card - 1: f"{card} {self._suits[card]}"}
 
     @classmethod
     def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:
@@ -148,6 +151,8 @@ class CountRecall(PopgymGame):
         """`kinds` are "colors", "suits" or "ranks"."""
         self.decks, self.kinds = decks, kinds
         self._words = KINDS[kinds]
+        self._shown: dict[int, str] = {}
+        """What the cards were, by the steps that showed them."""
         most = 52 * decks // len(self._words)
         manual = (
             f"You are shown cards, one after another, and are asked for a kind of cards ({', '.join(self._words)}). "
@@ -163,12 +168,13 @@ class CountRecall(PopgymGame):
     def describe(self, observation: Any, info: Mapping[str, Any]) -> str:
         """The card, and the question."""
         shown, asked = (self._words[kind] for kind in observation)
+        self._shown[self.played] = f"card {self.played + 1} {shown.split()[-1]}"
         return f"Card {self.played + 1} is {shown}. How many of the cards so far are {asked}?"
 
     @property
-    def needs(self) -> Sequence[int]:
+    def needs(self) -> Mapping[int, str]:
         """All steps: each has shown a card that counts or does not."""
-        return range(self.played + 1)
+        return {step: self._shown[step] for step in range(self.played + 1)}
 
     @classmethod
     def right_actions(cls, seen: Mapping[int, str], actions: Sequence[str]) -> Sequence[str]:

@@ -74,17 +74,17 @@ class Concentration(PopgymGame):
         return f"{both}, so they stay face up." if second in kept else f"{both}, so they are turned back."
 
     @property
-    def needs(self) -> Sequence[int]:
+    def needs(self) -> Mapping[int, str]:
         """The steps that have shown the cards of a pair last: one if its other card is face up; none without a pair."""
-        opened, newest = self.env.deck["in_play_idx"], defaultdict[str, list[int]](list)
+        opened, newest = self.env.deck["in_play_idx"], defaultdict[str, list[tuple[int, str]]](list)
         face_up = set(self.breaks)
         for place, step in reversed(self._shown.items()):
             if place not in face_up:
-                newest[self._kinds[place]].append(step)
+                newest[self._kinds[place]].append((step, f"{place + 1} {self._kinds[place].split()[-1]}"))
         if opened:
-            return newest[self._kinds[opened[0]]][:1]
-        pairs = [sorted(steps[:2]) for steps in newest.values() if len(steps) > 1]
-        return max(pairs, default=())
+            return dict(newest[self._kinds[opened[0]]][:1])
+        pairs = [sorted(shown[:2]) for shown in newest.values() if len(shown) > 1]
+        return dict(max(pairs, key=lambda pair: [step for step, _ in pair], default=()))
 
     @property
     def breaks(self) -> Sequence[int]:

@@ -11,18 +11,19 @@ from __future__ import annotations
 import inspect
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
+from functools import partial
 from itertools import takewhile
 from typing import Any, TypeAlias
 
-from smartplay_tools.context.compaction import Compactor, GivenHistory, Room
+from smartplay_tools.context.compaction import Compactor, GivenHistory, Room, asked
 from smartplay_tools.context.rewriting import (
     SYSTEM,
     Rewriting,
+    check_list,
     flat,
     from_record,
-    given_form,
     joined,
     length_of,
     on_record,
@@ -33,7 +34,7 @@ from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.errors import ContextOverflowError, PromptOverflowError, StrategyError, TranscriptError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types.call_ids import CallIds
-from smartplay_tools.types.messages import Message, calls_of, copy_of, pictures_of, text_of
+from smartplay_tools.types.messages import Message, calls_of, pictures_of, text_of
 
 Answered: TypeAlias = "Generator[list[Piece], Message | ContextOverflowError | None, list[Piece]]"
 """A compactor that makes a prompt: it yields the messages of questions, and returns those that come back."""
@@ -42,7 +43,12 @@ Recorded: TypeAlias = "deque[tuple[bool, list[Any] | None]]"
 """What a compactor did next, as far as it is not played yet: whether it asked a question, and the messages."""
 
 MOST_QUESTIONS = 16
-"""The most questions for a prompt, refused ones included."""
+"""The most questions for a prompt, refused ones included, of a conversation that has no more messages than this."""
+
+
+def _awaited(made: Awaitable[Any], ask: object) -> Awaitable[Any]:
+    """Return what an asynchronous method, which cannot ask, has begun."""
+    return made
 
 
 class Compacting:
@@ -82,11 +88,12 @@ class Compacting:
         most = self._most_for_questions
         answer: Message | ContextOverflowError | None = None
         try:
-            for asked in range(MOST_QUESTIONS + 1):
+            most_asked = max(MOST_QUESTIONS, len(self._window.now))
+            for number in range(most_asked + 1):
                 is_question, pieces = self._next(running, answer)
                 if not is_question:
                     return self._to_play(pieces)
-                if asked == MOST_QUESTIONS:
+                if number == most_asked:
                     break
                 facts: Event = {"messages": on_record(pieces)}
                 question = self._window.question(self._history.selection(pieces), facts)
@@ -100,7 +107,7 @@ class Compacting:
             if running is not None:
                 with suppress(Exception):  # nobody is left to hear what it raises while it is closed
                     running.close()
-        raise StrategyError(f"It asks more than {MOST_QUESTIONS} questions for one prompt.")
+        raise StrategyError(f"It asks more than {most_asked} questions for one prompt.")
 
     @property
     def _most_for_questions(self) -> int | None:
@@ -112,10 +119,7 @@ class Compacting:
         window, history, cap = self._window, self._history, self._window.budget.prompt_tokens
         given: list[Piece] = list(history.pieces) if self._is_persistent else [range(len(window.now))]
 
-        def copies() -> list[Message]:
-            return [copy_of(given_form(form.message)) for form in history.walk(given)]
-
-        messages = GivenHistory(length=sum(map(length_of, given)), copies=copies)
+        messages = GivenHistory(length=sum(map(length_of, given)), copies=lambda: history.given(given))
         room = Room(
             None if cap is None else cap - window.head_tokens,
             self._most_for_questions,
@@ -124,10 +128,15 @@ class Compacting:
             window.head_tokens,
         )
 
-        def pieces(made: Any) -> list[Piece]:
-            return given if made is messages and messages.is_untouched else history.pieces_of(made, flat(given))
+        def pieces(made: Any, *, is_question: bool = False) -> list[Piece]:
+            if made is messages and messages.is_untouched:
+                return given
+            check_list(made, is_question=is_question)
+            return history.pieces_of(made, flat(given), is_question=is_question)
 
         made = compactor.compact(messages, room)
+        if inspect.isawaitable(made):
+            made = asked(partial(_awaited, made))
         if not inspect.isgenerator(made):
             return pieces(made)
         questions: Generator[Any, Any, Any] = made
@@ -136,12 +145,12 @@ class Compacting:
             while True:
                 try:
                     if isinstance(answer, ContextOverflowError):
-                        asked = questions.throw(answer)
+                        question = questions.throw(answer)
                     else:
-                        asked = questions.send(answer)
+                        question = questions.send(answer)
                 except StopIteration as end:
                     return pieces(end.value)
-                answer = yield pieces(asked)
+                answer = yield pieces(question, is_question=True)
 
     def _next(
         self, running: Answered | None, answer: Message | ContextOverflowError | None

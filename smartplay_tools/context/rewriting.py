@@ -7,7 +7,7 @@ was given, however it is spelled; it is then shown as it is now. All others are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, takewhile
 from typing import Any, TypeAlias
 
@@ -33,8 +33,15 @@ from smartplay_tools.types.pictures import is_picture
 
 SYSTEM = ("system", "developer")
 
+READ = frozenset({"role", "content", "tool_calls", "tool_call_id"})
+"""The fields of a compactor's messages that are read."""
+
 Place: TypeAlias = "int | Form"
 """One message: its number in the conversation, or a message of the compactor's own."""
+
+
+def _key(place: Place) -> Any:
+    return meaning(place.message) if isinstance(place, Form) else place
 
 
 def flat(pieces: Iterable[Piece]) -> list[Place]:
@@ -108,6 +115,8 @@ class Rewriting:
         """The ids that the compactor has made up, and those in their place."""
         self._made: set[str] = set()
         """All ids that were made in place of others."""
+        self._marks: dict[Any, Mapping[str, Any]] = {}
+        """The fields that the compactor has added to messages, by their numbers, or by what its own ones say."""
 
     @property
     def pieces(self) -> list[Piece]:
@@ -151,21 +160,46 @@ class Rewriting:
             (window.text(piece),) if isinstance(piece, Form) else map(window.now.__getitem__, piece) for piece in pieces
         )
 
-    def pieces_of(self, made: Any, given: Sequence[Place]) -> list[Piece]:
-        """Return messages as pieces; a `StrategyError` names what is not a message, or cannot be sent."""
+    def pieces_of(self, made: Any, given: Sequence[Place], *, is_question: bool = False) -> list[Piece]:
+        """Return messages as pieces; a `StrategyError` names what is not a message, or cannot be sent.
+
+        Only a question needs a message: without any, a prompt to play shows head and task.
+        """
         read = self.read(made, given)
         present = {call["id"] for place in read if isinstance(place, Form) for call in calls_of(place.message)}
         for place in read:
             if isinstance(place, Form):
                 self._replace_ids(place.message, present)
+        if not is_question:
+            for place, message in zip(read, made, strict=True):
+                self._mark(place, message)
         if read != list(given):  # what it was given is never at fault
             self._check(read)
+        if is_question and not read:
+            raise StrategyError("There is no message in the question.")
         return joined(read)
+
+    def given(self, pieces: Iterable[Piece]) -> list[Message]:
+        """Return copies of messages as a compactor is given them, with its marks."""
+        places = flat(pieces)
+        forms = self.walk(joined(places))
+        copies: list[Any] = [copy_of(given_form(form.message)) for form in forms]
+        for place, copy in zip(places, copies, strict=True):
+            copy.update(self._marks.get(_key(place), {}))
+        return copies
+
+    def _mark(self, place: Place, message: Mapping[str, Any]) -> None:
+        """Keep the fields of a message that are not read, for the compactor's next call."""
+        known = (place if isinstance(place, Form) else self._window.now[place]).message
+        marks = {name: value for name, value in {**message}.items() if name not in known and name not in READ}
+        if marks:
+            self._marks[_key(place)] = marks
+        else:
+            self._marks.pop(_key(place), None)
 
     def read(self, made: Any, given: Sequence[Place]) -> list[Place]:
         """Return messages one by one, which need not be a whole conversation."""
-        if not isinstance(made, list | tuple | GivenHistory):
-            raise StrategyError(f"Messages are a list, not {type(made).__name__}.")
+        check_list(made)
         later: dict[Any, int] = {}
         read: list[Place] = []
         for at, message in reversed([*enumerate(made)]):
@@ -291,10 +325,26 @@ class Rewriting:
             last = last if role in SYSTEM else role
         if waiting:
             raise StrategyError(f"Message {len(read) - 1} is the last, and a call has no result.")
-        if not read:
-            raise StrategyError("There is no message.")
         if last == "assistant" and read[-1] != len(self._window.now) - 1:
             raise StrategyError(f"Message {len(read) - 1} is the last, and a reply.")
+
+
+def check_list(made: Any, *, is_question: bool = False) -> None:
+    """Raise a `StrategyError` that says what to write, if a compactor's messages are no list."""
+    if isinstance(made, list | tuple | GivenHistory):
+        return
+    kind = type(made).__name__
+    if is_question:
+        raise StrategyError(
+            f"What is yielded is a question, a list of messages, not {kind}: yield [message], and return list(...) of "
+            "what takes the place of the history."
+        )
+    if made is None:
+        raise StrategyError("It has returned nothing: return the history, also where it was changed in place.")
+    if isinstance(made, AsyncIterable):
+        raise StrategyError(f"Messages are a list, not {kind}: ask with `asked`, and return a list.")
+    hint = " Return list(...) of it." if isinstance(made, Iterable) and not isinstance(made, str | Mapping) else ""
+    raise StrategyError(f"Messages are a list, not {kind}.{hint}")
 
 
 def given_form(message: Message) -> Message:

@@ -76,6 +76,8 @@ class GameSession:
         self.completed = False
         """Score and completion as of the latest step that the game has played without an error."""
         self.game_seconds = 0.0
+        self._contents: dict[str, str] = {}
+        """What is needed of each step, as far as it is on record."""
         self.error: str | None = None
         self.detail: str | None = None
         self.traceback: str | None = None
@@ -233,11 +235,19 @@ class GameSession:
         return facts
 
     def _declared(self, action: int) -> dict[str, Any]:
-        """What the game declares about the action that comes next, for the record: `needs` and `breaks`."""
+        """What the game declares about the action that comes next, for the record: `needs` and `breaks`.
+
+        `contents` are those of needs that no earlier action has on record.
+        """
         declared: dict[str, Any] = {}
         for name, numbers in (("needs", self.game.needs), ("breaks", self.game.breaks)):
             if numbers is not None:
                 declared[name] = values.whole_numbers(f"`{name}`", numbers, self.steps)
+            if isinstance(numbers, Mapping) and name == "needs":
+                contents = values.contents("`needs`", numbers, self.steps)
+                if new := dict(contents.items() - self._contents.items()):
+                    declared["contents"] = {step: new[step] for step in contents if step in new}
+                self._contents |= new
         return {"action": action, **declared} if declared else {}
 
     def _observation(self) -> tuple[str, bool]:

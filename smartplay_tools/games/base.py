@@ -227,10 +227,11 @@ class TextGame(gymnasium.Env[str, Any]):
         return None
 
     @property
-    def needs(self) -> Sequence[int] | None:
+    def needs(self) -> Sequence[int] | Mapping[int, str] | None:
         """The steps whose observations the next right action depends on, step 0 being the reset; None if unknown.
 
-        It is on record with each action, and never shown to the player.
+        With the steps as keys, each value is the *content* that is needed of its observation: a few words, such as
+        `5 hearts`, by which it is found in whatever a prompt says. It is on record with each action, and never shown.
         """
         return None
 

@@ -9,14 +9,17 @@ reset.
 from __future__ import annotations
 
 import json
+import re
 import reprlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, SupportsFloat
 
 from smartplay_tools.errors import GameValueError, in_one_line
 from smartplay_tools.games.seeds import whole
 from smartplay_tools.types.arguments import canonical_text, encoder
 from smartplay_tools.types.sums import MOST
+
+WORD = re.compile(r"\w+")
 
 
 def number(name: str, value: Any, step: int) -> int | float:
@@ -57,6 +60,13 @@ def whole_numbers(name: str, values: Iterable[Any], step: int) -> list[int]:
     if any(number is None or not -MOST <= number <= MOST for number in plain):
         raise _refused(name, values, step, "a list of whole numbers")
     return [number for number in plain if number is not None]
+
+
+def contents(name: str, values: Mapping[Any, Any], step: int) -> dict[str, str]:
+    """Return texts by the steps that they belong to, as a record has them; each has a word."""
+    if not all(isinstance(text, str) and WORD.search(text) for text in values.values()):
+        raise _refused(name, values, step, "a mapping from steps to texts")
+    return {str(number): text for number, text in values.items()}
 
 
 def json_text(name: str, value: Any, step: int, encode: Callable[[Any], str] = canonical_text) -> str:

@@ -50,7 +50,9 @@ UNCOMPARED = frozenset(
 """Where two plays may differ: versions, what a version lists as deviations (they follow from the config, which is
 compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
-LATER = frozenset({("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts")})
+LATER = frozenset(
+    {("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts"), ("call", "data", "contents")}
+)
 """What records of older versions do not have."""
 
 SHA256 = re.compile("[0-9a-f]{64}")

@@ -28,7 +28,7 @@ import random
 import re
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from typing import Any
 from unittest.mock import patch
@@ -230,6 +230,9 @@ def _look(game: TextGame, spec: GameSpec) -> None:
     for name, numbers, allowed in (("needs", facts["needs"], range(steps + 1)), ("breaks", facts["breaks"], actions)):
         wrong = [number for number in numbers or () if type(number) is not int or number not in allowed]
         require(not wrong, f"`{name}` has {wrong} after step {steps}: it is of {allowed.start} to {allowed.stop - 1}")
+    if isinstance(facts["needs"], Mapping):
+        texts = facts["needs"].values()
+        require(all(isinstance(text, str) for text in texts), f"`needs` has {[*texts]}: contents are texts")
     if isinstance(spec.memory, int) and facts["needs"]:
         back = steps - min(facts["needs"])
         require(back <= spec.memory, f"`needs` goes {back} steps back, and memory is {spec.memory}")

@@ -256,6 +256,7 @@ class CallData(TypedDict, total=False):
     state_hash: str
     action: int
     needs: list[int]
+    contents: dict[str, str]
     breaks: list[int]
     legal: bool
     manual: bool
@@ -279,7 +280,7 @@ class CallEvent(TypedDict):
     """The result's data: `picture`, for example, is the sha256, width and height of the picture shown.
 
     Where the game declares them, `needs` and `breaks` (`TextGame`) are those before the action, and `action` is its
-    number as the game takes it.
+    number as the game takes it. `contents` are those of needed steps that no earlier action has, or has otherwise.
     """
     cut: bool
     """Whether the answer was cut to its cap."""

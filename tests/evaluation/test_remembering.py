@@ -8,11 +8,12 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.headline import TERMS
-from smartplay_tools.evaluation.analysis.remembering import ANSWERS, remembering_tables
+from smartplay_tools.evaluation.analysis.remembering import ANSWERS, WORK, remembering_tables
 from smartplay_tools.games import with_action_list
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay
-from smartplay_tools.records.remembered import remembered
+from smartplay_tools.records.contents import PLACES, stands_in
+from smartplay_tools.records.remembered import answers, remembered
 
 STEPS = 8
 
@@ -69,14 +70,14 @@ LOOK = call("observe")
 
 def test_an_answer_is_in_view_where_the_prompt_shows_what_it_needs(echo):
     shares = remembered(Record(played(echo, LOOK, *RIGHT, history=None)))
-    assert shares == {"in view": [6, 6], "0": [6, 6]}
+    assert shares == {"in view": [6, 6], "in view: observation": [6, 6], "0": [6, 6]}
     shares = remembered(Record(played(echo, LOOK, *RIGHT[:6], "1", "0", history=1)))
     assert shares == {"out of view": [4, 6], "1": [1, 1], "2-3": [3, 5]}
 
 
 def test_what_was_never_shown_has_survived_nothing(echo):
     shares = remembered(Record(played(echo, *RIGHT, history=None)))
-    assert shares == {"out of view": [1, 1], "in view": [5, 5], "0": [5, 5]}
+    assert shares == {"out of view": [1, 1], "in view": [5, 5], "in view: observation": [5, 5], "0": [5, 5]}
 
 
 def test_who_asks_a_tool_before_an_answer_has_looked(echo):
@@ -91,6 +92,117 @@ def test_rules_are_kept_or_broken_once_the_manual_was_read(echo):
     assert shares["rules"] == [5, 7]
 
 
+class Told(Echo):
+    """The same, and says which words the digit is."""
+
+    @property
+    def needs(self):
+        return {step: f"step {step} {self.digits[step]}" for step in super().needs}
+
+
+@pytest.fixture
+def told():
+    spec = sp.GameSpec(id="Told-v0", family="told", entry_point=Told, history=STEPS, rollout=STEPS, trials=3)
+    return sp.register(spec).id
+
+
+SAID = "Step 0: 0. Step 1: 1. In step 2 there was a 0, then step 3 (1), step 4 = 0, step 5 -> 1, step 6: 0"
+
+
+def saying(text, action):
+    return {**call("act", action=action), "content": text}
+
+
+def test_words_of_the_model_keep_what_has_left_the_view(told):
+    events = played(told, LOOK, *(saying(SAID, action) for action in RIGHT), history=0)
+    assert {answer.place for answer in answers(Record(events)) if answer.places} == {"newest reply"}
+    assert remembered(Record(events))["in view"] == [6, 6]
+    once = played(told, LOOK, saying(SAID, "0"), *RIGHT[1:], history=0, beyond_history="mask")
+    assert {answer.place for answer in answers(Record(once)) if answer.places} == {"own words"}
+    noted = played(told, LOOK, call("take_notes", text=SAID), *RIGHT, history=0, notes_tokens=200)
+    assert {answer.place for answer in answers(Record(noted)) if answer.places} == {"memory"}
+    assert replay(events).identical
+
+
+def test_a_summary_and_a_memory_are_told_apart(told, tmp_path):
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+    for name, place in (("Asked", "summary"), ("Written", "memory")):
+        replies = [LOOK, *RIGHT]
+        with sp.Episode(
+            told, seed=1, budget=sp.Budget(history=0, strategy=f"{tmp_path}/kept.py:{name}"), transcript=(events := [])
+        ) as episode:
+            conversation = sp.Conversation(episode)
+            while (prompt := conversation.prompt()) is not None:
+                if prompt.purpose != "play":
+                    conversation.receive({"role": "assistant", "content": SAID})
+                    continue
+                reply = replies.pop(0)
+                conversation.receive(reply if reply is LOOK else call("act", action=reply))
+        assert {answer.place for answer in answers(Record(events)) if answer.places} == {place}
+
+
+KEPT = f"""
+SAID = {SAID!r}
+
+
+class Asked:
+    persistent = False
+
+    def compact(self, history, room):
+        text = (yield [{{"role": "user", "content": "What matters?"}}])["content"]
+        return [{{"role": "user", "content": text}}, *history[1:]]
+
+
+class Idle:
+    def compact(self, history, room):
+        return history
+
+
+class Written:
+    persistent = False
+
+    def compact(self, history, room):
+        return [{{"role": "user", "content": SAID}}, *history[1:]]
+"""
+
+
+def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+    names = ("Asked", "Written", "Idle")
+    budgets = [sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:{name}") for name in names]
+    run = sp.evaluate([told], ["random"], budgets=budgets, trials=2, executor="inline", out=tmp_path / "run")
+    table = next(table for table in remembering_tables(run.rows) if table.title.startswith("what the compactor"))
+    assert [column.heading for column in table.columns][1:] == [*WORK]
+    assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["words from elsewhere", "never acts"]
+    assert "-" not in [line[1] for line in table.rows[1:]]
+
+
+@pytest.mark.parametrize(
+    ("text", "stands"),
+    [
+        ("Card 5 is hearts.", True),
+        ("5: Hearts, 6: spades", True),
+        ("card 5 was one of hearts", True),
+        ("5 spades, 6 hearts", False),
+        ("card 15 is hearts", False),
+        ("hearts 5", False),
+        ("the 5 heartsease", False),
+    ],
+)
+def test_a_content_is_its_words_in_their_order_and_close_together(text, stands):
+    assert stands_in("5 hearts", text) is stands
+
+
+def test_records_of_older_versions_have_no_contents_and_replay_alike(told):
+    events = json.loads(json.dumps(played(told, LOOK, *RIGHT, history=None)))
+    assert any("contents" in event["data"] for event in events if event["event"] == "call")
+    for event in events:
+        if event["event"] == "call":
+            event["data"].pop("contents", None)
+    assert remembered(Record(events))["in view"] == [6, 6]
+    assert all(difference.endswith("its chain is broken.") for difference in replay(events).differences)
+
+
 def test_a_game_that_declares_nothing_has_no_shares():
     assert remembered(Record(played("Hanoi3Disk-v0", LOOK, "A->B"))) is None
 
@@ -99,7 +211,9 @@ def test_a_row_has_the_shares_and_the_tables_show_and_explain_them(echo, tmp_pat
     budgets = [sp.Budget(history=None), sp.Budget(history=1)]
     run = sp.evaluate([echo, "Hanoi3Disk-v0"], ["random"], budgets=budgets, trials=3, executor="inline", out=tmp_path)
     assert ["memory" in row for row in run.rows] == [True] * 6 + [False] * 6
-    seen, survived = remembering_tables(run.rows)
+    seen, stood, survived = remembering_tables(run.rows)
+    assert [column.heading for column in stood.columns][1:] == [*PLACES]
+    assert stood.columns[1].heading in TERMS
     assert [column.heading for column in seen.columns][1:] == [*ANSWERS]
     assert seen.columns[1].heading in TERMS
     assert [line[1] for line in seen.rows[1:]] == ["83 [31, 94]", "0 [0, 63]"]

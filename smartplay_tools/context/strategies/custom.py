@@ -9,9 +9,11 @@ record never imports a file: a record can come from a stranger.
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,7 +155,8 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     """Return a new object of a strategy, with the options of its name, for one episode."""
     _, options = parted(name)
     try:
-        made: Strategy | Compactor = loaded.make(**options)
+        made: Strategy | Compactor
+        made = _Function(partial(loaded.make, **options)) if _is_function(loaded.make) else loaded.make(**options)
     except SmartPlayError:
         raise
     except Exception as error:  # whatever the user's class does
@@ -166,6 +169,21 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     return made
 
 
+@dataclass(frozen=True)
+class _Function:
+    """The compactor that a function is: it is called with the history and the room."""
+
+    compact: Callable[..., Any]
+
+
+def _is_function(make: object) -> bool:
+    """Whether a strategy is a plain or asynchronous function of a history and a room."""
+    if not inspect.isfunction(make):
+        return False
+    required = [each for each in inspect.signature(make).parameters.values() if each.default is each.empty]
+    return len([each for each in required if each.kind is each.POSITIONAL_OR_KEYWORD]) == 2
+
+
 def chooses(strategy: object) -> bool:
     """Return whether a custom strategy, an object or its class, chooses turns."""
     return callable(getattr(strategy, "choose", None))
@@ -173,7 +191,7 @@ def chooses(strategy: object) -> bool:
 
 def compacts(strategy: object) -> bool:
     """Return whether a custom strategy, an object or its class, rewrites the history."""
-    return callable(getattr(strategy, "compact", None))
+    return _is_function(strategy) or callable(getattr(strategy, "compact", None))
 
 
 def refused_with(strategy: object, budget: Budget) -> str | None:

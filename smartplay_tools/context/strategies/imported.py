@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory, Questions, Room, asked
+from smartplay_tools.context.tokens.o200k import o200k_base
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message, pictures_of
@@ -39,7 +40,8 @@ class ImportedCompactor:
     """Asks a model, and waits for its reply."""
     persistent: ClassVar[bool] = False
     packages: ClassVar[tuple[str, ...]] = ()
-    """The packages of the framework, whose versions are recorded."""
+    """The packages of the framework, whose versions are recorded. With tiktoken among them, its `o200k_base` is the
+    vocabulary that ships with this package, so nothing is downloaded."""
     overflow: ClassVar[Any] = ContextOverflowError
     """Makes what the framework takes for a full context."""
 
@@ -54,6 +56,10 @@ class ImportedCompactor:
     @cached_property
     def made(self) -> Any:
         """The framework's object, made for the first prompt."""
+        if "tiktoken" in self.packages:
+            from tiktoken import registry  # no dependency of those that do not count with it
+
+            registry.ENCODINGS.setdefault("o200k_base", o200k_base())
         return self.make()
 
     def compact(self, history: GivenHistory, room: Room) -> Questions[list[Message]]:

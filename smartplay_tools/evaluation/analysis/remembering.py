@@ -12,7 +12,8 @@ from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sect
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.numbers import interval_notes, with_interval
 from smartplay_tools.evaluation.analysis.pairs import Measure, sample
-from smartplay_tools.records.remembered import EVICTIONS, LOOKED, RULED, SEEN, UNRULED, UNSEEN
+from smartplay_tools.records.contents import NOWHERE, PLACES
+from smartplay_tools.records.remembered import EVICTIONS, IN_PLACE, LOOKED, RULED, SEEN, UNRULED, UNSEEN
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 from smartplay_tools.types.groups import grouped
@@ -38,6 +39,22 @@ def seen_share(row: Row) -> float | None:
     return seen / (seen + unseen) if seen + unseen else None
 
 
+def place_share(place: str) -> Measure:
+    """Return the measure of the share of the answers for which everything needed stood in a place.
+
+    Rows of older versions looked at observations alone, and say nothing of places.
+    """
+
+    def share(row: Row) -> float | None:
+        memory = row.get("memory", {})
+        if SEEN in memory and not any(name.startswith(IN_PLACE) for name in memory):
+            return None
+        of = sum(memory.get(name, (0, 0))[1] for name in (SEEN, UNSEEN))
+        return memory.get(UNSEEN if place == NOWHERE else IN_PLACE + place, (0, 0))[1] / of if of else None
+
+    return share
+
+
 def tokens_of(*names: str) -> Measure:
     """Return the measure of the sum of some of an episode's `Tokens`."""
     return lambda row: float(sum(row["tokens"].get(name, 0) for name in names))
@@ -46,6 +63,7 @@ def tokens_of(*names: str) -> Measure:
 ANSWERS: Mapping[str, Measure] = {"seen": seen_share} | {
     name: share_of(name) for name in (SEEN, UNSEEN, LOOKED, RULED, UNRULED)
 }
+STOOD: Mapping[str, Measure] = {place: place_share(place) for place in PLACES}
 SURVIVED: Mapping[str, Measure] = {name: share_of(name) for _, name in EVICTIONS}
 BESIDE_PLAY: Mapping[str, Measure] = {
     "summaries": tokens_of("summary_prompt", "summary_reply"),
@@ -54,13 +72,48 @@ BESIDE_PLAY: Mapping[str, Measure] = {
 }
 
 
+WORK: Mapping[str, Measure] = {
+    "rewrites": lambda row: row.get("rewrites", 0),
+    "too long": lambda row: row.get("over_prompts", 0),
+    "blind": lambda row: row.get("blind_prompts", 0),
+    "sent": lambda row: row.get("questions", 0),
+    "refused": lambda row: row.get("refused_questions", 0),
+    "tokens": tokens_of("question_prompt", "question_reply"),
+    "own words": tokens_of("texts"),
+}
+"""What a compactor did in an episode."""
+
+FOREIGN = "words from elsewhere"
+NEVER_ACTS = "never acts"
+
+
+def has_compactor(row: Row) -> bool:
+    """Whether a custom strategy has rewritten, asked, or left a prompt too long: a compactor, by what it did."""
+    names = ("rewrites", "over_prompts", "questions", "refused_questions")
+    return bool(row["budget"].get("strategy")) and any(row.get(name) for name in names)
+
+
+def compactor_note(rows: Sequence[Row]) -> str:
+    """Return what must be known of a compactor's rows: it never acts, or its words came from no question."""
+    did = [row for row in rows if row.get("rewrites") or row.get("questions") or row.get("refused_questions")]
+    if not did:
+        return NEVER_ACTS
+    is_foreign = any(row["tokens"].get("texts") and not row.get("questions") for row in did)
+    return FOREIGN if is_foreign else ""
+
+
 def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
     """Yield the tables of these measures that have anything to show."""
     groups = by_cell(rows)
     declaring = [(cell, members) for cell, members in groups if any(row.get("memory") for row in members)]
     if declaring:
         yield _table("what was in view, in percent", declaring, ANSWERS, SHARE)
+        yield _table("where what was needed stood, in percent", declaring, STOOD, SHARE)
         yield _table("right answers by evictions survived, in percent", declaring, SURVIVED, SHARE)
+    compacting = [(cell, members) for cell, members in groups if any(map(has_compactor, members))]
+    if compacting:
+        notes = {id(members): compactor_note(members) for _, members in compacting}
+        yield _table("what the compactor did in an episode", compacting, WORK, None, notes)
     beside = [
         (cell, members) for cell, members in groups if any(m(row) for m in BESIDE_PLAY.values() for row in members)
     ]
@@ -68,14 +121,22 @@ def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
         yield _table("tokens of an episode beside those of play", beside, BESIDE_PLAY, None)
 
 
-def _table(title: str, groups: Groups, measures: Mapping[str, Measure], bounds: Bounds | None) -> TextTable:
+def _table(
+    title: str,
+    groups: Groups,
+    measures: Mapping[str, Measure],
+    bounds: Bounds | None,
+    notes: Mapping[int, str] | None = None,
+) -> TextTable:
+    """`notes` end the names of groups, by the ids of their rows."""
     named = zip(labels([cell for cell, _ in groups]), groups, strict=True)
     lines, estimates = [], []
     for label, (cell, members) in named:
         samples = [sample(members, measure, bounds) for measure in measures.values()]
         own = [mean_estimate(each.values, each.bounds) if each.values else None for each in samples]
         shown = [with_interval(each, 0, factor=100 if bounds else 1) for each in own]
-        lines.append((cell.game, ("  " + ", ".join(filter(None, [cell.player, label])), *shown)))
+        note = (notes or {}).get(id(members), "")
+        lines.append((cell.game, ("  " + ", ".join(filter(None, [cell.player, label, note])), *shown)))
         estimates += own
     by_game = grouped(lines, lambda line: line[0]).items()
     body = sections((game, (line for _, line in own_lines)) for game, own_lines in by_game)
