@@ -27,7 +27,7 @@ OWN = {
     "budget_line": "on",
     "carry": "notes",
 }
-"""A value of every rule that a run can have; `chain` is a number that belongs to `carry`."""
+"""A value of every rule that a run can have; `chain` is a number that belongs to `carry`, `wording` names a file."""
 SHORT = sp.Budget(tool_calls=3)
 NOTING = sp.Budget(tool_calls=3, notes_tokens=50)
 
@@ -49,7 +49,7 @@ def test_every_option_of_a_run_and_every_rule_is_a_keyword_of_evaluate_and_sweep
 
 
 def test_every_rule_is_in_the_record_the_row_and_the_key(tmp_path):
-    assert set(OWN) == set(RULES) - {"context", "chain"}, "a run decides the context by itself"
+    assert set(OWN) == set(RULES) - {"context", "chain", "wording"}, "a run decides the context by itself"
     keys = set()
     for name, value in [*OWN.items(), ("manual", Rules().manual)]:
         out = tmp_path / f"{name}-{value}"

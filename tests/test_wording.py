@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +15,14 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context.prompts import last_markable
 from smartplay_tools.context.prompts.budget_line import SENTENCES
-from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
+from smartplay_tools.context.prompts.wording import _OWN as WORDINGS, PARAPHRASES, VERSION, Wording, versions
 from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.episode.tools import AsyncGameTools, GameTools
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.analysis.grouping import PlayedCell
 from smartplay_tools.games.specs import get_spec
-from smartplay_tools.records import sent_prompts
+from smartplay_tools.records import Record, sent_prompts
 from smartplay_tools.transcript import TranscriptWriter
 from tests import scripts
 
@@ -104,3 +106,84 @@ def test_a_record_of_an_unknown_version_is_told_as_such(of_v9, read):
 def test_a_reply_is_not_marked_for_a_cache_and_the_message_before_it_is():
     message = {"role": "user", "content": "What now?"}
     assert last_markable([message, message, {"role": "assistant", "content": "Rock."}]) == 1
+
+
+COMPLETE = {**Wording.of(VERSION).texts, "system": "Play, with the tools.", "error": "No. {reason}"}
+
+
+def written(path: Path, texts: Mapping[str, Any]) -> str:
+    path.write_text("".join(f"{name} = {json.dumps(text)}\n" for name, text in texts.items()), encoding="utf-8")
+    return str(path)
+
+
+def without(name: str) -> dict[str, str]:
+    return {other: text for other, text in COMPLETE.items() if other != name}
+
+
+def test_an_episode_is_played_in_words_of_a_file_and_replays_without_it(tmp_path):
+    file, events = written(tmp_path / "mine.toml", COMPLETE), list[Any]()
+    with sp.Episode(GAME, seed=1, transcript=events, wording=file) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    name = events[0]["config"]["wording"]
+    assert re.fullmatch("mine-[0-9a-f]{16}", name)
+    assert result.deviations["wording"] == {"paper": None, "played": name}
+    Path(file).unlink()
+    assert not sp.replay(events).differences
+    assert Record(events).heads[0]["messages"][0]["content"].startswith("Play, with the tools.")
+
+
+@pytest.mark.parametrize("name", [None, *PARAPHRASES])
+def test_a_rule_reads_every_wording_of_the_package(name):
+    with sp.Episode(GAME, seed=1, wording=name, budget_line="on") as episode:
+        assert sp.play(episode, sp.get_player("rule")).score == 3
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (without("idle"), "lack idle; give every sentence of v3"),
+        ({**COMPLETE, "idol": "x"}, "have idol, which no sentence is called"),
+        ({**COMPLETE, "cut": "[cut]"}, "cut in the prompts .* must have {missing}, once each"),
+        ({**COMPLETE, "error": "{reason}"}, "error in the prompts .* {reason}, once each, after a word of its own"),
+        ({**COMPLETE, "idle": ""}, "have no text for idle"),
+        ({**COMPLETE, "idle": 3}, "have no text for idle"),
+    ],
+)
+def test_words_that_are_not_complete_are_refused(tmp_path, texts, said):
+    with pytest.raises(InvalidArgumentError, match=said):
+        sp.Episode(GAME, seed=1, wording=written(tmp_path / "mine.toml", texts))
+
+
+@pytest.mark.parametrize(("text", "said"), [(None, "name a file, or a paraphrase: brief"), ("a = ", "is not TOML")])
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, text, said):
+    if text is not None:
+        (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(InvalidArgumentError, match=said):
+        sp.Episode(GAME, seed=1, wording=str(tmp_path / "mine.toml"))
+
+
+def test_the_papers_protocol_has_its_own_words():
+    with pytest.raises(InvalidArgumentError, match="paper's protocol has its own words"):
+        cell_config(GAME, protocol="paper", wording="brief")
+
+
+def test_a_record_whose_sentences_were_changed_is_not_replayed(tmp_path):
+    events: list[Any] = []
+    with sp.Episode(GAME, seed=1, transcript=events, wording=written(tmp_path / "a.toml", COMPLETE)) as episode:
+        episode.call("observe", {})
+    WORDINGS.clear()
+    events[0]["config"]["sentences"]["system"] = "Lose."
+    with pytest.raises(TranscriptError):
+        sp.replay(events)
+
+
+def test_wordings_are_other_cells_of_a_run_in_other_processes(tmp_path):
+    """Their names are in the condition, in the key and in the row; a run that is continued needs the same."""
+    how: dict[str, Any] = {"trials": 2, "executor": "processes", "workers": 1}
+    runs = [sp.evaluate([GAME], ["rule"], out=tmp_path / name, wording=name, **how) for name in PARAPHRASES[:2]]
+    rows = [row for run in runs for row in run.folder.rows()]
+    assert [row["wording"].partition("-")[0] for row in rows] == ["brief", "brief", "formal", "formal"]
+    assert len({row["key"] for row in rows}) == 4
+    assert len({PlayedCell.of(row).key() for row in rows}) == 2
+    with pytest.raises(InvalidArgumentError):
+        sp.evaluate([GAME], ["rule"], out=tmp_path / "brief", wording="formal", **how)

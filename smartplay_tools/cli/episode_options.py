@@ -15,6 +15,7 @@ import typer
 from pydantic import ValidationError
 
 from smartplay_tools.cli.options import key_values, names, with_options
+from smartplay_tools.context.prompts.wording import PARAPHRASES
 from smartplay_tools.context.strategies import KINDS
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.errors import InvalidArgumentError
@@ -40,6 +41,14 @@ def _limit(text: str, metavar: str = "N", **how: Any) -> Any:
 
 def _option(kind: Any, text: str, panel: str = "Episode options", **how: Any) -> Any:
     return Annotated[kind, typer.Option(help=text, rich_help_panel=panel, **how)]
+
+
+def _prompts() -> Any:
+    """The option of the rule `wording`, whose name on the command line says what it is about."""
+    text = "Other words around the games: a TOML file, or one of " + ", ".join(PARAPHRASES) + "."
+    return Annotated[
+        str | None, typer.Option("--prompts", help=text, metavar="FILE", rich_help_panel="Episode options")
+    ]
 
 
 BUDGET: Mapping[str, tuple[Any, Any]] = {
@@ -69,6 +78,7 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "budget_line": (_option(str, "on: the last line of each result says what is left of the budget; or off."), "off"),
     "carry": (_option(str | None, "What a trial takes over from the one before it: notes or memory."), None),
     "chain": (_option(int | None, "Trials of a chain, with --carry; all of a cell if not given."), None),
+    "wording": (_prompts(), None),
 }
 """The fields of `Rules`; `context` is not among them, since a command decides it."""
 

@@ -305,7 +305,7 @@ class BaseConversation(ABC):
             purpose=view.purpose,
             cache_key=self._cache_key,
             pictures=self._shown_pictures(view),
-            version=self.episode.words.version,
+            version=self.episode.words.name,
             tokens=view.tokens,
         )
         return Pending(view, max_tokens, prompt)

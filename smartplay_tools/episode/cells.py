@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from smartplay_tools.context.prompts.wording import load_wording
 from smartplay_tools.context.strategies.custom import load_strategy, name_on_record, refused_with
 from smartplay_tools.context.tokens import Tokenizer, get_tokenizer
 from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter, shared_counter
@@ -47,6 +48,9 @@ def cell_config(
         raise InvalidArgumentError(
             f"{spec.id} has no engine {engine!r}; its engines: {', '.join(kind.engines) or 'only one'}."
         )
+    words = None if rules["wording"] is None else load_wording(rules["wording"])
+    if words is not None and rules["protocol"] == "paper":
+        raise InvalidArgumentError("The paper's protocol has its own words, so wording would do nothing; leave it out.")
     counter, budget = counter or shared_counter(), budget or Budget()
     which = {name: rules[name] for name in ("context", "protocol", "observation")}
     check_strategies(budget, spec, **which)
@@ -78,7 +82,8 @@ def cell_config(
             strategy_sha256=None if strategy is None else strategy.sha256,
             player=player,
             player_options=dict(player_options or {}),
-            **rules,
+            sentences={} if words is None else words.changed,
+            **{**rules, "wording": words and words.name},
         )
     except TypeError as error:
         raise InvalidArgumentError(f"Options are recorded, so they must be JSON ({error}).") from None

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from smartplay_tools.context.prompts.wording import VERSION
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError, check_choice, in_one_line
 from smartplay_tools.games.game_registry import GameSpec, Scoring
@@ -78,7 +78,7 @@ class Setting(BaseModel):
 class Rules(Recorded):
     """The rules of an episode: how calls are played and what a prompt contains, the same in every game."""
 
-    later: ClassVar[Mapping[str, Any]] = {"budget_line": "off", "carry": None, "chain": None}
+    later: ClassVar[Mapping[str, Any]] = {"budget_line": "off", "carry": None, "chain": None, "wording": None}
 
     manual: ManualMode = "tool"
     """"tool": the agent may read it; "pinned": it is part of every prompt; "none": it is withheld."""
@@ -96,6 +96,8 @@ class Rules(Recorded):
     """What a trial of a run takes over from the one before it in its chain: "notes", "memory"; None: nothing."""
     chain: Cap | None = None
     """How many trials a chain has, with `carry`; None: all trials of the cell."""
+    wording: str | None = None
+    """The sentences that the model is sent, by a name that ends with their digest; None: those of `prompts`."""
 
 
 RULES = tuple(Rules.model_fields)
@@ -144,6 +146,8 @@ class CellConfig(Rules):
     """The sha256 of the file of the budget's strategy; None if it is not in a file."""
     prompts: str = VERSION
     """The version of the prompts around the games."""
+    sentences: PlainData = Field(default_factory=dict)
+    """The sentences of `wording` that are not those of the version."""
     player: str | None = None
     """The player's name; None if it was not given."""
     player_options: PlainData = Field(default_factory=dict)
@@ -164,6 +168,12 @@ class CellConfig(Rules):
     def with_seed(self, seed: int, repeat: int = 0) -> EpisodeConfig:
         """Return the config of one episode."""
         return EpisodeConfig(**dict(self), seed=seed, repeat=repeat)
+
+    @property
+    def words(self) -> Wording:
+        """What the model is told."""
+        version = self.prompts
+        return Wording.of(version) if self.wording is None else Wording.own(version, self.wording, self.sentences)
 
     @property
     def spec(self) -> GameSpec:

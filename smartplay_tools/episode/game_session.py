@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.context import prompts
 from smartplay_tools.context.prompts.budget_line import with_budget_line
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.base import StrategyTool
 from smartplay_tools.context.tokens import TokenCounter, truncation
@@ -61,7 +60,7 @@ class GameSession:
         asked, manual, context, observation = config.budget, config.manual, config.context, config.observation
         self.observation = observation
         self.spec, self.game, self.counter = spec, game, counter
-        self.words = Wording.of(config.prompts)
+        self.words = config.words
         """What the model is told, in the version of the config."""
         self.manual, self.context = manual, context
         budgets.check_strategies(asked, spec, context=context, observation=observation)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
-from smartplay_tools.context.prompts.wording import VERSION, Wording, versions
+from smartplay_tools.context.prompts.wording import VERSION, Wording, known
 from smartplay_tools.context.strategies.base import StrategyTool
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec, close_game
@@ -317,5 +317,5 @@ def _is_ours(tool: ToolSpec) -> bool:
     """Whether a tool with the name of the memory is that of this library, and not a host's own."""
     from smartplay_tools.context.strategies.memory import memory_spec
 
-    specs = (memory_spec(1, Wording.of(version)) for version in versions())
+    specs = (memory_spec(1, Wording.of(version)) for version in known())
     return any(tool.parameters == spec.parameters for spec in specs)

@@ -99,7 +99,7 @@ class Reading:
     def next_page(self) -> str | None:
         """The page that the latest answer names as the next one, where it has an observation that was too long."""
         latest = self._latest_answer
-        match = None if latest is None else _page_line().search(latest)
+        match = None if latest is None else _page_line(in_any_version("next_page")).search(latest)
         return None if match is None else match[match.lastindex or 0]
 
     @cached_property
@@ -136,10 +136,10 @@ def is_error(text: str) -> bool:
 
 
 @functools.cache
-def _page_line() -> re.Pattern[str]:
+def _page_line(sentences: tuple[str, ...]) -> re.Pattern[str]:
     """The last line of an observation that was too long; its only group that matches is the next page."""
     missing, page = re.escape("{missing}"), re.escape("{page}")
-    lines = [re.escape(text) for text in in_any_version("next_page")]
+    lines = [re.escape(text) for text in sentences]
     lines = [line.replace(missing, r"-?\d+").replace(page, r"(r\d+\.\d+)") for line in lines]
     return re.compile(rf"\n(?:{'|'.join(lines)})$")
 
@@ -167,7 +167,9 @@ def _seen(call: MessageToolCall, text: str) -> Seen:
 def _whole(seen: Seen, pages: Mapping[str | None, str]) -> Seen:
     """An observation with those of its pages that are visible."""
     text = seen.text
-    while (match := _page_line().search(text)) and (page := match[match.lastindex or 0]) in pages:
+    while (match := _page_line(in_any_version("next_page")).search(text)) and (
+        page := match[match.lastindex or 0]
+    ) in pages:
         text = text[: match.start()] + pages[page]
     return replace(seen, text=text)
 

@@ -17,7 +17,6 @@ from operator import add, sub
 from typing import Literal
 
 from smartplay_tools.context.choosing import text_message
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.rewriting import flat
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
@@ -88,7 +87,7 @@ class Accounts:
         self._record = record
         self._counter = shared_counter(record.config.tokenizer, record.config.prompts)
         self._budget = ResolvedBudget(**record.budget)
-        words = Wording.of(record.config.prompts)
+        words = record.config.words
         self._has_grid = words.has_grid
         self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns

@@ -260,7 +260,7 @@ def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> W
         tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
         head = episode.head
     calls = _renumbered(calls)
-    return whole_conversation(head, tools, _turns_of_a_host(calls, Wording.of(config.prompts)), calls)
+    return whole_conversation(head, tools, _turns_of_a_host(calls, config.words), calls)
 
 
 def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:

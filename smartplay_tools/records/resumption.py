@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.strategies.files import FileError
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.conversation.agent_session import AgentSession, Conversation
@@ -159,7 +158,7 @@ def left_by(path: Path) -> Carried:
     if carry is None:
         raise TranscriptError(f"{path} is of an episode that leaves nothing to another one.")
     played = [call for call in record.calls if call["data"].get("mistake") != "over"]
-    store, words = STORES[carry], Wording.of(record.config.prompts)
+    store, words = STORES[carry], record.config.words
     try:
         held = store.after(record.calls, None if before is None else getattr(before, store.kept), words)
     except (*SENSELESS, FileError) as error:

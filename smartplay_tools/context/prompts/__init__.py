@@ -96,13 +96,15 @@ _END: Message = {"role": "user", "content": None}
 def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_tokens: int | None = None) -> Prompt:
     """Return a prompt that came through a provider's interface; its last message tells if it asks for a summary."""
     last = messages[-1] if messages and messages[-1]["role"] == "user" else None
-    is_request = last is not None and _summary_request().fullmatch(text_of(last)) is not None
+    is_request = (
+        last is not None and _summary_request(in_any_version("summary_request")).fullmatch(text_of(last)) is not None
+    )
     return Prompt(messages, tools, max_tokens, purpose="summary" if is_request else "play")
 
 
 @functools.cache
-def _summary_request() -> re.Pattern[str]:
-    requests = (map(re.escape, text.split("{tokens}")) for text in in_any_version("summary_request"))
+def _summary_request(sentences: Sequence[str]) -> re.Pattern[str]:
+    requests = (map(re.escape, text.split("{tokens}")) for text in sentences)
     return re.compile("|".join(r"\d+".join(parts) for parts in requests))
 
 

@@ -27,11 +27,10 @@ def with_budget_line(text: str, words: Wording, *, tokens: int | None, cap: int 
 
 def without_budget_line(text: str) -> str:
     """Return a result without its line; one that has none is returned as it is."""
-    return _line().sub("", text)
+    return _line(tuple(text for name in SENTENCES for text in in_any_version(name))).sub("", text)
 
 
 @functools.cache
-def _line() -> re.Pattern[str]:
-    sentences = (re.escape(text) for name in SENTENCES for text in in_any_version(name))
-    lines = "|".join(re.sub(r"\\{\w+\\}", r"\\d+", text) for text in sentences)
+def _line(sentences: tuple[str, ...]) -> re.Pattern[str]:
+    lines = "|".join(re.sub(r"\\{\w+\\}", r"\\d+", re.escape(text)) for text in sentences)
     return re.compile(rf"\n(?:{lines})\Z")

@@ -16,7 +16,6 @@ from smartplay_tools.evaluation.analysis.numbers import (
     count,
     decimals_of,
     dollars,
-    fixed,
     interval_notes,
     percent,
     with_interval,
@@ -46,7 +45,6 @@ ShownColumn = tuple[str, Callable[[WindowComparison], str]]
 
 
 STEPS: ShownColumn = ("steps", lambda c: f"{c.means['steps'].mean:,.1f}")
-POINTS: ShownColumn = ("points", lambda c: fixed(c.means["reward"].mean, 2, "+"))
 
 
 def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
@@ -58,7 +56,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     compared = sum(c.p is not None for c in comparisons)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     beside = [c.beside for c in comparisons]
-    has_steps, has_points = shows_steps(beside), shows_points(beside)
+    has_steps = shows_steps(beside)
 
     def figures(members: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
         decimals = decimals_of(c.means["score"] for c in members)
@@ -68,7 +66,6 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             ("score", lambda c: with_interval(c.means["score"], decimals)),
             ("+-", lambda c: _difference(c, decimals, single=single)),
             *([] if single else [("p", lambda c: _p_value(c.p))]),
-            *([POINTS] if has_points else []),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
             *([("USD", lambda c: dollars(c.means["cost"].mean) if "cost" in c.means else NOTHING)] if priced else []),
@@ -85,7 +82,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
-        *column_notes(beside),
+        *column_notes(beside, points=False),
         *early_notes(beside),
     ]
     return cells_table("windows", comparisons, figures, notes)

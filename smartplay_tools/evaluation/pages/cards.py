@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import InvalidArgumentError, damage_named, extra_named
 from smartplay_tools.games.game_registry import close_game
@@ -129,7 +128,7 @@ def _images(record: Record) -> Iterator[Any]:
         game = config.model_copy(update={"options": options}).make_game(config.spec, is_recorded=True)
         stack.callback(close_game, game)
         game.reset(seed=config.seed)
-        tools = Tools(game, Wording.of(record.config.prompts))
+        tools = Tools(game, record.config.words)
         yield game.render()
         for call in record.calls:
             if call["data"].get("legal") is True:

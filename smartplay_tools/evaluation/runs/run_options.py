@@ -116,6 +116,7 @@ class RunKeywords(TypedDict, total=False):
     budget_line: BudgetLine
     carry: CarriedStore | None
     chain: int | None
+    wording: str | None
 
 
 class FilePlayer(PlayerConfig):

@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from smartplay_tools.context.prompts.budget_line import without_budget_line
-from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.episode.tools import Tools
 from smartplay_tools.errors import SmartPlayError
@@ -163,14 +162,14 @@ class Drawings:
 
     def _game_of(self, config: EpisodeConfig) -> tuple[TextGame, Tools]:
         played = (config.game, config.game_sha256, config.setting, config.engine, config.options, config.budget.history)
-        cell = (*played, config.observation, config.prompts)
+        cell = (*played, config.observation, config.words.name)
         if self._made is None or self._made[0] != cell:
             self._close()
             if not packages_are_imported() and config.setting.kwargs != Setting.of(config.registered).kwargs:
                 # Numbers of a stranger could ask for a world of any size.
                 raise _NoDrawingError(f"{config.game} has other numbers here; --plugins draws it.")
             game = config.make_game(config.spec, is_recorded=True)
-            self._made = (cell, game, Tools(game, Wording.of(config.prompts)))
+            self._made = (cell, game, Tools(game, config.words))
         return self._made[1], self._made[2]
 
     def _close(self) -> None:

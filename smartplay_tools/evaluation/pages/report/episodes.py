@@ -54,7 +54,8 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
     return {
         "key": key,
         **{name: start.get(name) for name in FACTS},
-        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"]), start["prompts"]),
+        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"]), record.config.words.name),
+        "prompts": record.config.words.name,
         "family": spec.family if spec else None,
         "rollout": start["setting"]["rollout"],
         "trial": facts.get("trial"),

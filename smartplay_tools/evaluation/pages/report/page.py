@@ -16,7 +16,7 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, Literal
 
-from smartplay_tools.context.prompts.wording import versions
+from smartplay_tools.context.prompts.wording import known
 from smartplay_tools.errors import DamageError, InvalidArgumentError, warn_damaged
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
@@ -249,7 +249,7 @@ def _packed(shown: Sequence[ShownEpisode], part_words: Mapping[str, str]) -> dic
     packed = packs(shown)
     pack_of = {key: number for number, (keys, _) in enumerate(packed) for key in keys}
     index = {
-        "words": {version: fixed_texts(version) for version in versions()},
+        "words": {version: fixed_texts(version) for version in known()},
         "mistakes": MISTAKES,
         "partWords": part_words,
         "usual": Budget().words(),
