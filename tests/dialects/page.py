@@ -98,7 +98,7 @@ def names() -> Iterator[list[str]]:
     listed = {"cap on a reply": each("cap"), "why a reply ended": each("end_fields")}
     listed |= {f"tokens: {kind}": each("usage", kind) for kind in ("cached", "written", "written_1h", "reasoning")}
     for kind in ("cut", "refused", "paused", "broken_calls"):
-        listed[f"end: {kind}"] = ((who, row["reasons"]) for who, row in rows_of("end") if row["count"] == kind)
+        listed[f"end: {kind}"] = [(who, row["reasons"]) for who, row in rows_of("end") if row["count"] == kind]
     listed["a request does without"] = ((who, row["name"]) for who, row in rows_of("optional"))
     listed["goes back"] = ((who, f"{row['most']:,} {row['what']}") for who, row in rows_of("limit"))
     for what, said in listed.items():
