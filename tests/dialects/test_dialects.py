@@ -113,5 +113,5 @@ def test_the_page_has_the_tables_of_the_rules():
     for page in pages:
         assert page == renewed(page)
     ends = [line for page in pages for line in page.splitlines() if line.startswith("| end: ")]
-    for row in ("cut | `model_length` | Mistral", "refused | `refusal` | Anthropic", "paused | `pause_turn` | Anthropic"):
+    for row in ("cut | `model_length` | Mistral", "refused | `refusal` | Anthropic"):
         assert f"| end: {row} |" in ends
