@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -248,3 +250,63 @@ def test_a_budget_of_options_takes_none_for_not_given():
     assert sp.Budget.of(history=None, prompt_tokens=700) == sp.Budget(prompt_tokens=700)
     assert sp.Budget.of(history="none") == sp.Budget(history=None)
     assert sp.Budget(history=None) != sp.Budget()
+
+
+def interrupted(read, at, other):
+    """Run `read`; before the line of this package that is its `at`-th one, another thread runs `other` to its end.
+
+    Returns whether there was such a line.
+    """
+    lines = itertools.count()
+
+    def trace(frame, event, _):
+        if not frame.f_globals["__name__"].startswith("smartplay_tools"):
+            return None
+        if event == "line" and next(lines) == at:
+            thread = threading.Thread(target=other)
+            thread.start()
+            thread.join(30)
+            assert not thread.is_alive(), "the reader keeps others from answering"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        read()
+    finally:
+        sys.settrace(before)
+    return next(lines) > at
+
+
+@pytest.mark.parametrize("read", ["latest_turn", "turns", "open_calls", "message"])
+@pytest.mark.parametrize("change", ["answer", "answer an edited call", "add"])
+def test_what_one_thread_reads_loses_nothing_that_another_does(read, change):
+    """Frameworks run the calls of a reply in threads, and each of these asks which turn it is in."""
+
+    def played(at):
+        agent, events = session()
+        agent.prompt()
+        first, second = agent.receive(reply(act("A"), act("1")))
+        agent.answer(first.id)
+        if change == "add":
+            agent.answer(second.id)
+        changes = {
+            "answer": lambda: agent.answer(second.id),
+            "answer an edited call": lambda: agent.answer(second.id, {"action": "2"}),
+            "add": lambda: agent.add({"role": "user", "content": "Go on."}),
+        }
+        was_interrupted = interrupted(lambda: getattr(agent, read), at, changes[change])
+        if not was_interrupted:
+            changes[change]()
+        prompt = agent.prompt()
+        agent.episode.close()
+        assert replay(events).identical
+        return was_interrupted, (prompt.messages, comparable(events))
+
+    _, expected = played(1_000_000)
+    for at in itertools.count():
+        was_interrupted, found = played(at)
+        assert found == expected
+        if not was_interrupted:
+            break
+    assert at > 1, "no line of the reading was interrupted"

@@ -89,7 +89,7 @@ class Form:
 
     def is_counted(self, counter: TokenCounter, tokens: int) -> None:
         """Take note of the tokens that a counter has counted."""
-        self._counter, self._tokens = counter, tokens
+        self._tokens, self._counter = tokens, counter  # in this order: another thread may read between the two
 
 
 @dataclass
@@ -337,7 +337,9 @@ class TurnBuilder:
         self._made_at = 0
         self._results: dict[int, Item] = {}
         self._others: list[Item] = []
-        self._latest: Turn | None = None
+        self._made: list[Turn] = []
+        """The open turn as it is now, once it has been asked for. Hosts ask from other threads than the one that answers
+        a call: a change replaces the list, so that what was made of the state before is never read again."""
         self._reply_tokens: int | None = None
         self._pictures = self._first_picture = 0
         """How many pictures there are so far, and how many there are before the latest turn."""
@@ -363,8 +365,8 @@ class TurnBuilder:
         self._assistant, self._made_at = with_ids(message, [call.id for call in calls]), self.step
         self._sent = self._history.sent(self._assistant, self.calls)
         self.waiting = tuple(range(len(calls)))
-        self._reply_tokens, self._results, self._others, self._latest = tokens, {}, [], None
-        self._first_picture = self._pictures
+        self._reply_tokens, self._results, self._others = tokens, {}, []
+        self._first_picture, self._made = self._pictures, []
 
     def edit(self, position: int, arguments: str) -> None:
         """Replace the arguments of a call, as a host may before it is played."""
@@ -373,7 +375,7 @@ class TurnBuilder:
         self._assistant = edited
         self.calls = read_calls(edited, [call.id for call in self.calls])
         self._sent = self._history.sent(edited, self.calls)
-        self._reply_tokens = self._latest = None
+        self._reply_tokens, self._made = None, []
 
     def add_result(self, position: int, text: str, data: Mapping[str, Any], *, is_error: bool = False) -> None:
         """Add the game's answer to a call."""
@@ -412,12 +414,12 @@ class TurnBuilder:
             self._answer(position, item)
         else:
             self._others.append(item)
-            self._latest = None
+            self._made = []
 
     def _answer(self, position: int, item: Item) -> None:
         self._results[position] = item
         self.waiting = tuple([at for at in self.waiting if at != position])
-        self._latest = None
+        self._made = []
 
     def close(self) -> None:
         """Complete the open turn."""
@@ -430,12 +432,13 @@ class TurnBuilder:
         """The open turn as it is now, or else the last one; None before the first."""
         if not self.is_open:
             return self.turns[-1] if self.turns else None
-        if self._latest is None:
+        made = self._made
+        if not made:
             items = (*[self._results[at] for at in sorted(self._results)], *self._others)
             tokens = self._reply_tokens if self._sent is None else None  # counted as the model said it
             facts = self._made_at, self.manual, self.calls, self.notes, self._first_picture, tokens, self._sent
-            self._latest = Turn(self.number, self._assistant, items, *facts)
-        return self._latest
+            made.append(Turn(self.number, self._assistant, items, *facts))
+        return made[0]
 
 
 def with_ids(message: Message, ids: list[str]) -> Message:

@@ -267,7 +267,7 @@ def played_alike(
     expected_episode, expected_events = fresh(budget)
     with expected_episode:
         expected, *_ = by_conversation(expected_episode, script)
-    assert without_usage(episode.result) == without_usage(expected_episode.result)
+    assert without_usage(episode.result).model_dump() == without_usage(expected_episode.result).model_dump()
     assert comparable(events) == comparable(expected_events)
     assert [spelled(prompt) for prompt in sent] == [spelled(prompt) for prompt in expected]
     return episode, events, sent
