@@ -338,8 +338,8 @@ class TurnBuilder:
         self._results: dict[int, Item] = {}
         self._others: list[Item] = []
         self._made: list[Turn] = []
-        """The open turn as it is now, once it has been asked for. Hosts ask from other threads than the one that answers
-        a call: a change replaces the list, so that what was made of the state before is never read again."""
+        """The open turn as it is now, once it has been asked for. Hosts ask from other threads than the one that
+        answers a call: a change replaces the list, so that what was made of the state before is never read again."""
         self._reply_tokens: int | None = None
         self._pictures = self._first_picture = 0
         """How many pictures there are so far, and how many there are before the latest turn."""
