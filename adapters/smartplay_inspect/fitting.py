@@ -140,8 +140,9 @@ def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMes
     shown: list[ChatMessage] = []
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
         if source is None and chat["role"] == "assistant":
-            shown.append(_reply(chat))
-            functions |= {call.id: call.function for call in shown[-1].tool_calls or ()}
+            reply = _reply(chat)
+            shown.append(reply)
+            functions |= {call.id: call.function for call in reply.tool_calls or ()}
         elif source is None and chat["role"] != "tool":
             kind = ChatMessageUser if chat["role"] == "user" else ChatMessageSystem
             shown.append(kind(content=chat["content"]))

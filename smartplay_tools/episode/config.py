@@ -124,6 +124,8 @@ def read_rules(given: Mapping[str, Any]) -> dict[str, Any]:
 class CellConfig(Rules):
     """An `EpisodeConfig` without a seed: what the trials of a cell share."""
 
+    later: ClassVar[Mapping[str, Any]] = {**Rules.later, "sentences": {}}
+
     game: str
     """The id of a setting."""
     game_file: str | None = None
