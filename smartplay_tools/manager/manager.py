@@ -244,7 +244,7 @@ class ContextManager:
     def count(self, messages: Sequence[Any], **beside: Any) -> int:
         """Return the tokens of a prompt that shows everything, whole; `beside` are the other arguments of `fit`."""
         whole = copy.copy(self)
-        whole.prompt_tokens = whole._result_tokens = whole._folder = whole._summaries = None
+        whole.prompt_tokens = whole._result_tokens = whole._folder = whole._summaries = whole._strategy = None
         whole._rules, whole._readings = PastRules(None, 0, False, None, 0, None), {}
         return whole.fit(messages, **beside).tokens
 
@@ -277,8 +277,8 @@ class ContextManager:
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
             answer: Any
+            ask = self._asked()
             try:
-                ask = self._asked()
                 answer = ask(*made)
             except Exception as error:  # whatever a model's client raises
                 answer = error
@@ -300,8 +300,8 @@ class ContextManager:
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
             answer: Any
+            ask = self._asked()
             try:
-                ask = self._asked()
                 is_async = inspect.iscoroutinefunction(ask)
                 answer = ask(*made) if is_async else await asyncio.to_thread(ask, made[0], made[1])
                 if inspect.isawaitable(answer):

@@ -71,7 +71,7 @@ class StrategyMaker:
         made = self()
         if chooses(made) == compacts(made):
             raise InvalidArgumentError(
-                f"The strategy {self.name} is none: give Summaries(tokens=...), a name, a class or an object with "
+                f"{self.name} is no strategy: give Summaries(tokens=...), a name, a class or an object with "
                 "choose(past, room) or compact(history, room), or a function of history and room."
             )
         self.compacts, self.remembers = compacts(made), bool(getattr(made, "remembers", True))

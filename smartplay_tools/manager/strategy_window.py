@@ -187,7 +187,7 @@ class KeptCompacting(Compacting):
     """The rule of a compactor over an agent's messages: what every prompt shows stays, whatever comes back.
 
     What is missing of it is put back where it stood. While the prompt is over its cap, units leave it, oldest first,
-    and then what stands before the first reply. A unit that stays and was made too long is shown as it was given.
+    and then the messages before the first reply. A unit that stays and was made too long is shown as it was given.
     """
 
     def __init__(self, window: AgentWindow, compactor: Any, restored: Restored) -> None:

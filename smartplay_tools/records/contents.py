@@ -1,4 +1,4 @@
-"""Contents: where in a prompt what an action needs stands, whoever has written it there.
+"""Contents: finds what an action needs in a prompt, in a result of the game or in any other text.
 
 What is needed of an observation is a few words that the game declares (`TextGame.needs`), or else its whole text, if no
 other observation has the same. It stands in a text whose words are these in this order, with at most three other words

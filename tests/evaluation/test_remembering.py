@@ -173,7 +173,7 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
     run = sp.evaluate([told], ["random"], budgets=budgets, trials=2, executor="inline", out=tmp_path / "run")
     table = next(table for table in remembering_tables(run.rows) if table.title.startswith("what the compactor"))
     assert [column.heading for column in table.columns][1:] == [*WORK]
-    assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["words from elsewhere", "never acts"]
+    assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["wrote without asking", "never acts"]
     assert "-" not in [line[1] for line in table.rows[1:]]
 
 

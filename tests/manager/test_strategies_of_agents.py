@@ -189,3 +189,14 @@ def test_what_cannot_be_sent_is_an_error(strategy: Any):
 def test_what_a_strategy_cannot_be_combined_with_is_refused(options: dict[str, Any], sentence: str):
     with pytest.raises(InvalidArgumentError, match=sentence):
         managed(**{"strategy": Chosen, **options}).fit(copy.deepcopy(steps(40)))
+
+
+def test_a_whole_conversation_is_counted_without_the_strategy():
+    messages = steps(8)
+    assert managed(too_long).count(messages) == sp.ContextManager(None, tokenizer=Letters()).fit(messages).tokens
+
+
+def test_a_question_without_anybody_to_ask_is_an_error_whatever_becomes_of_others():
+    manager = managed(lambda history, room: (yield [{"role": "user", "content": "What matters?"}]), on_error="drop")
+    with pytest.raises(InvalidArgumentError, match="asks a model; give ask"):
+        manager.fit(steps(8))

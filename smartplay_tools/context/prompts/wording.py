@@ -168,7 +168,7 @@ def _check(place: str, texts: Mapping[str, Any], usual: Mapping[str, str]) -> No
 
 
 def _parts(text: str) -> list[str]:
-    """What stands before the first placeholder, and the names of all of them."""
+    """The text before the first placeholder, and the names of all placeholders."""
     return [re.split(r"{\w+}", text)[0], *re.findall(r"{(\w+)}", text)]
 
 

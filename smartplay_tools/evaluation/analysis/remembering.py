@@ -83,7 +83,7 @@ WORK: Mapping[str, Measure] = {
 }
 """What a compactor did in an episode."""
 
-FOREIGN = "words from elsewhere"
+FOREIGN = "wrote without asking"
 NEVER_ACTS = "never acts"
 
 
