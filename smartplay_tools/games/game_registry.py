@@ -188,15 +188,20 @@ def close_game(game: TextGame) -> None:
         game.close()
 
 
-PACKS = ("smartplay_popgym:CARDS", "smartplay_popgym:LABYRINTHS", "smartplay_minigrid:ROOMS")
-"""The packs of games that come with this package."""
+PACKS = (
+    "smartplay_tools.games.specs:LOCKERS",
+    "smartplay_popgym:CARDS",
+    "smartplay_popgym:LABYRINTHS",
+    "smartplay_minigrid:ROOMS",
+)
+"""The packs of games that come with this package and are not the benchmark's."""
 
 
 @dataclass(frozen=True)
 class Pack:
-    """Settings whose environments are another package's, which an extra of this package installs."""
+    """Settings beyond the benchmark's; their environments may be another package's, which an extra installs."""
 
-    extra: str
+    extra: str | None
     packages: tuple[str, ...]
     """What has to be installed to play them."""
     settings: tuple[GameSpec, ...]

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, name_of
-from smartplay_tools.games.game_registry import Games, GameSpec
+from smartplay_tools.games.game_registry import Games, GameSpec, Pack
 from smartplay_tools.games.paper_tables import CAPABILITIES, HUMAN_SCORES, MIN_SCORES
 from smartplay_tools.registry import InFile, NamedInFiles, is_in_file, without_folders
 
@@ -105,6 +105,50 @@ GAMES = Games(
     for family, id, kwargs, history, rollout, trials, score_bounds, challenges in _SETTINGS  # noqa: A001 - its name
 )
 """Every setting that can be played, by id: the benchmark's, then those that were registered or installed."""
+
+
+def lockers_setting(
+    name: str,
+    *,
+    facts: int = 6,
+    distractors: int = 0,
+    distance: int = 0,
+    updates: int = 0,
+    order: Literal["free", "told", "reversed"] = "free",
+) -> GameSpec:
+    """Return a setting of the game `smartplay_tools.games.lockers` with these dials, which `Lockers` explains."""
+    dials = {"facts": facts, "distractors": distractors, "distance": distance, "updates": updates, "order": order}
+    rollout = 2 * facts + distractors + distance + updates
+    return GameSpec(
+        id=name,
+        family="lockers",
+        entry_point=f"{_GAMES}.lockers:Lockers",
+        kwargs=dials,
+        history=rollout,
+        rollout=rollout,
+        trials=20,
+        memory="all",
+        action_count=9,
+        score_bounds=(0, facts),
+        worst_step=0,
+        best_step=1,
+        points_of_step=(0, 1),
+    )
+
+
+LOCKERS = Pack(
+    None,
+    (),
+    (
+        lockers_setting("Lockers6-v0"),
+        lockers_setting("Lockers12-v0", facts=12),
+        lockers_setting("Lockers6Distractors12-v0", distractors=12),
+        lockers_setting("Lockers6Distance12-v0", distance=12),
+        lockers_setting("Lockers6Updates6-v0", updates=6),
+        lockers_setting("Lockers12Told-v0", facts=12, order="told"),
+    ),
+)
+"""A game of memory of this package's own, which is no part of the benchmark."""
 
 
 IN_FILES = NamedInFiles("game", "setting", lambda held: isinstance(held, GameSpec))

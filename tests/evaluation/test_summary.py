@@ -46,7 +46,7 @@ def test_completion_is_a_figure_of_games_with_an_objective():
     assert cell_summary(play_rows(HANOI, trials=2)).completion.mean == 1
     games = {spec.family: {"game": spec.id, "completed": True} for spec in sp.GAMES.values()}
     with_objective = {family for family, row in games.items() if completion(row) is not None}
-    assert with_objective == {"hanoi", "messenger", "minecraft"}
+    assert with_objective == {"hanoi", "messenger", "minecraft", "lockers"}
 
 
 def test_the_order_of_rows_changes_no_figure():

@@ -16,8 +16,8 @@ from smartplay_tools.players.rules import hanoi
 
 SMALL_GAMES = [name for name, spec in sp.GAMES.items() if spec.family in ("bandit", "rock_paper_scissors", "hanoi")]
 
-OF_EACH = {spec.family: name for name, spec in reversed([*sp.GAMES.items()])}.values()
-"""The first setting of each game."""
+OF_EACH = {sp.GAMES[name].family: name for name in reversed([*sp.GAMES]) if name in sp.GAMES.benchmark}.values()
+"""The first setting of each game of the benchmark."""
 
 
 @cache
