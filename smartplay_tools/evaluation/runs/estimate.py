@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any
 
+from smartplay_tools.context.cached import marks_of
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.base import BaseConversation
@@ -25,7 +26,7 @@ from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.costs.charges import charge, marks_of
+from smartplay_tools.evaluation.costs.charges import charge
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
 from smartplay_tools.players.player_registry import without_second
