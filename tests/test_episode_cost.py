@@ -37,7 +37,12 @@ def check_episode(seed: int) -> str:
     marks = chance.choice([True, "stable", False])
     places = {True: ("stable", "end"), "stable": ("stable",), False: ()}[marks]
     script = [scripts.Move(fuzz.hostile_reply(chance), chance.choice(scripts.AFTER)) for _ in range(14)]
-    options = {"host": host, "seed": chance.randrange(9), "tokenizer": WORDS, "player_options": {"cache": marks}}
+    options: dict[str, Any] = {
+        "host": host,
+        "seed": chance.randrange(9),
+        "tokenizer": WORDS,
+        "player_options": {"cache": marks},
+    }
 
     def play(**more: Any) -> scripts.Played:
         return scripts.converse(game, script, budget=sp.Budget(**dict(drawn) | more), **options)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.turns import Form, Turn, TurnBuilder, with_ids
@@ -290,13 +290,13 @@ class BaseConversation(ABC):
         except StrategyError as error:
             self.episode.end("strategy_error", error.__cause__ or error)
             return None
-        limits, least = self._limits(view), self.episode.budget.reply_tokens or 1
-        spent: EndReason | None = next((name for name, most in limits.items() if most < least), None)
-        if spent is not None:
-            self.episode.end(spent)
-            return None
-        most = min(limits.values(), default=math.inf)
-        max_tokens = None if most == math.inf else int(most)
+        limits, least = self._left(view), self.episode.budget.reply_tokens or 1
+        for spent, most in limits.items():
+            if most < least:
+                self.episode.end(spent)
+                return None
+        longest = min(*limits.values(), self.episode.budget.reply_tokens or math.inf, math.inf)
+        max_tokens = None if longest == math.inf else int(longest)
         self._view = view
         if self._ledger.is_recording:
             self._record_view(view, max_tokens)
@@ -346,15 +346,15 @@ class BaseConversation(ABC):
             limits.append(budget.prompt_tokens // max(1, each) + 1)
         return min(limits)
 
-    def _limits(self, view: View) -> dict[EndReason | Literal["reply_tokens"], float]:
-        """The most tokens that the reply to a prompt may have, by the field of the budget that says so."""
+    def _left(self, view: View) -> dict[EndReason, float]:
+        """The most tokens that the reply to a prompt may have, by the field of the budget that is spent after them."""
         budget, spent = self.episode.budget, self.episode.stats.tokens
-        limits: dict[Any, float] = {}
+        left: dict[EndReason, float] = {}
         if budget.episode_tokens is not None:
-            limits["episode_tokens"] = budget.episode_tokens - spent.prompt - spent.reply - view.tokens
+            left["episode_tokens"] = budget.episode_tokens - spent.prompt - spent.reply - view.tokens
         if self.spending is not None:
-            limits["episode_cost"] = self.spending.ask(view)
-        return limits if budget.reply_tokens is None else {**limits, "reply_tokens": budget.reply_tokens}
+            left["episode_cost"] = self.spending.take(view)
+        return left
 
     def _new_spending(self) -> Spending | None:
         budget = self.episode.budget
@@ -372,7 +372,7 @@ class BaseConversation(ABC):
         cost = pending.cost(tokens)
         if self.spending is None:
             return cost
-        return {**cost, "spent": self.spending.answer(message, tokens, pending.view.purpose)}
+        return {**cost, "spent": self.spending.charge(message, tokens, pending.view.purpose)}
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
         self._ledger.write(

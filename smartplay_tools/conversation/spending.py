@@ -1,7 +1,7 @@
 """Spending: what the prompts and replies of an episode cost by the rule of its budget, while it is played.
 
-The definition is that of `docs/context-cost.md`, in budget tokens: a replay and a reader of the record find the same. It is
-exact, so the cap is never exceeded by what rounding hides.
+The definition is that of `docs/context-cost.md`, in budget tokens, so that a replay finds the same. Sums are exact: no
+rounding exceeds the cap.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Spending:
         self._asked = Fraction()
         """What the latest prompt costs without its reply."""
 
-    def ask(self, view: View) -> float:
+    def take(self, view: View) -> float:
         """Take a prompt that is about to be sent; return the most tokens that its reply may have."""
         units = [self._units.tools(view.tools), *self._of(view)]
         same, stable = same_and_stable(units, self._before)
@@ -61,13 +61,19 @@ class Spending:
             return -1
         return math.floor(left / price) if price else math.inf
 
-    def answer(self, message: Message, tokens: int, purpose: Purpose) -> float:
+    def charge(self, message: Message, tokens: int, purpose: Purpose) -> float:
         """Charge the latest prompt and its reply, as it is shown in later prompts; return what is spent."""
         self._prefixes.add_reply(self._units.of(message), purpose)
         self._entries.store_reply(-1)
         del self._prefixes.paths[:-1]
         self.spent += self._asked + tokens * self._rule.exact[-1]
+        self._asked = Fraction()
         return float(self.spent)
+
+    @property
+    def with_prompt(self) -> float:
+        """What is spent once the latest prompt is."""
+        return float(self.spent + self._asked)
 
     def _of(self, view: View) -> Sequence[Unit]:
         """The units of messages; forms last as long as turns, and without tools each prompt has new ones."""

@@ -102,8 +102,8 @@ def _named(name: str) -> CostRule:
     priced = CostRule(name=name, **own | {kind: float(f"{tiers[0][1] / 1e6:.12g}") for kind, tiers in of_each.items()})
     if any(len(tiers) > 1 for tiers in of_each.values()):
         raise InvalidArgumentError(
-            f"The price of {name} changes with the length of a prompt; give the rates that hold for yours, those of short "
-            f"prompts are {str(priced)!r}."
+            f"The price of {name} changes with the length of a prompt; write it with the rates that hold for yours: "
+            f"for short ones it is {str(priced)!r}."
         )
     return priced
 

@@ -25,7 +25,6 @@ from pydantic import (
     ValidationError,
     model_serializer,
 )
-
 from pydantic_core import PydanticCustomError
 
 from smartplay_tools.errors import InvalidArgumentError, similar
@@ -170,8 +169,8 @@ class Budget(Recorded):
     episode_cost: Annotated[Cost | None, Reads(_amount("costs"))] = None
     """Cap on what all prompts and replies of an episode cost together, by `cost_rule`."""
     cost_rule: Annotated[Annotated[str, AfterValidator(_spelled_out)] | None, Reads(_rule)] = None
-    """What a token costs and what is cached: a rule of `docs/context-cost.md`, PROVIDER:MODEL, or numbers; None: nothing
-    is cached, and a token of a prompt costs 1 and one of a reply 5."""
+    """What a token costs, and what is cached: a rule of `docs/context-cost.md`, PROVIDER:MODEL, or numbers; None: a
+    token of a prompt costs 1 and one of a reply 5, and nothing is cached."""
     result_tokens: Annotated[Cap | Literal["auto"] | None, Reads(_cap_on("results"))] = "auto"
     """Cap on one tool result. "auto" is a quarter of what head and tool schemas leave of `prompt_tokens` (a third for
     the manual), at least 32; without `prompt_tokens` there is no cap. A number applies to every result."""
