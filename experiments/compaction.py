@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table, repeat_previous
+from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, outcome, repeat_previous
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
@@ -29,6 +29,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     draw_dots,
     figure,
     legend_below,
+    mark_notes,
     panels,
     sample_note,
 )
@@ -254,7 +255,7 @@ def _score(cells: Cells, place: tuple[str, int, int, str]) -> str:
     way = place[-1]
     if place not in cells:
         return ""
-    early = EARLY * bool(ends_of(cells[place]))
+    early = in_steps(cells[place])
     if way == DROPPING:
         return interval(estimate(cells[place], score)) + early
     return interval(less_dropping(cells, place), "+") + early if acts(way, cells[place]) else "never acts"
@@ -334,7 +335,7 @@ def manual_table(cells: Cells) -> str:
         for game in ("RPS", "MESSENGER"):
             pinned, loose = (cells[f"{game}{suffix}", SMALL, longest, way] for suffix in ("", CAN_BE_LOST))
             less = paired_difference(loose, pinned, score)
-            line += [percent(estimate(loose, manual_share, SHARE)), interval(less, "+")]
+            line += [percent(estimate(loose, manual_share, SHARE)), interval(less, "+") + in_steps(loose)]
         lines.append(line)
     headings = [f"{game}: {what}" for game in ("RPS", "MESSENGER") for what in ("manual in view (%)", "less pinned")]
     return markdown_table(["strategy", *headings], lines)
@@ -380,11 +381,9 @@ def claims_table(cells: Cells) -> str:
     for claim in CLAIMS:
         place = claim.stage, claim.cap, dict(lines_of(cells, claim.cap)).get(claim.way, 0), claim.way
         each = less_dropping(cells, place, bonferroni(len(CLAIMS))) if place in cells else None
-        low, high = (each.low or 0, each.high or 0) if each is not None else (0, 0)  # one world has no interval
-        is_decided = not low <= 0 <= high
-        outcome = ("confirmed" if (low > 0) == claim.is_better else "contradicted") if is_decided else "undecided"
+        said = "undecided" if each is None else outcome(each, better=claim.is_better)  # one world has no interval
         facts = [f"{claim.stage}, cap {claim.cap:,}", claim.way, "more" if claim.is_better else "less"]
-        lines.append([*facts, interval(each, "+"), outcome])
+        lines.append([*facts, interval(each, "+") + in_steps(cells.get(place, [])), said])
     headings = ("game", "strategy", "claim: scores", "less dropping [95 %, all together]", "outcome")
     return markdown_table(headings, lines)
 
@@ -395,18 +394,20 @@ def dots(cells: Cells) -> Figure:
     stages = [stage for stage in STAGES if stage.player == READER]
     drawn, axes = panels(len(stages), columns=len(stages), size=(2.9, 5.2))
     names = [way.name for way in reversed(WAYS) if way.name != "recall"]
-    counts = set()
+    counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):
         for row, name in enumerate(names):
             longest = dict(lines_of(cells, stage.cap))[name]
-            each = estimate(cells[stage.name, stage.cap, longest, name], score)
+            rows = cells[stage.name, stage.cap, longest, name]
+            each, mark = estimate(rows, score), EARLY * bool(ends_of(rows))
             assert each is not None
             look, whose = (0, "of this library") if name in CONTROLS else (1, "of others, and memories")
-            draw_dots(panel, [each], [row], Series.number(look), whose)
+            draw_dots(panel, [each], [row], Series.number(look), whose, [mark])
+            marks.append(mark)
             counts.add(each.episodes)
         panel.set(title=f"{stage.name}\ncap {stage.cap:,}", xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
-    legend_below(drawn, note=sample_note(counts))
+    legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn
 
 
