@@ -39,8 +39,7 @@ Pilot = Annotated[
     _option(
         min=1,
         metavar="N",
-        help="Play N episodes of each cell only, and estimate the whole run from them; `power` needs 10 of each. "
-        "Without it, the run continues.",
+        help="Play N episodes of each cell only, and estimate the whole run from them. Without it, the run continues.",
     ),
 ]
 

@@ -31,7 +31,6 @@ TABLES = {
         "which window is cheapest",
     ],
     "compare sweep --margin 0.1h --format latex": ["compared", "over all games"],
-    "power sweep --difference 0.1h --format latex": ["trials to see a difference of D"],
     "results sweep --all --format latex": ["scores", "baselines", "capabilities, the paper's weights", "how it went"],
     "results repeats --format latex": ["repeats"],
     "results decided --all --format latex": ["until decided", "what it took", "different from the paper"],
