@@ -14,7 +14,6 @@ from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
 from smartplay_tools.evaluation.runs.run_options import RunOptions
@@ -131,9 +130,7 @@ class RunCommand:
         given = player_configs(names, self.base_url, self.player_option, configs)
         return with_tool_options(given, self.parse_calls, self.tool_choice)
 
-    def play(
-        self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None, until: Until | None = None
-    ) -> Run | None:
+    def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
         how = RunOptions(
             executor=self.executor,
@@ -142,7 +139,6 @@ class RunCommand:
             run_tokens=self.run_tokens,
             run_cost=self.run_cost,
             prices=prices(self.price),
-            until=until,
             track=self.track,
         )
         if self.dry_run:
@@ -154,8 +150,6 @@ class RunCommand:
         display = not_shown if quiet else partial(showing, Console(stderr=True))
         if self.pilot is None:
             return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
-        if until is not None:
-            raise InvalidArgumentError("--pilot plays a part of a planned run; leave out --until.")
         run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
         if not self.as_json:
             print_pilot(Console(stderr=True), run, plan, players, how)
