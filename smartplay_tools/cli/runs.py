@@ -114,7 +114,6 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
-    track: Annotated[str | None, _option(metavar="mlflow|wandb", help="Send figures to this tracker as well.")] = None
     dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
     pilot: Pilot = None
     assume_reply_tokens: Annotated[
@@ -139,7 +138,6 @@ class RunCommand:
             run_tokens=self.run_tokens,
             run_cost=self.run_cost,
             prices=prices(self.price),
-            track=self.track,
         )
         if self.dry_run:
             check_prices(how.prices or (), map(player_of, plan.cells))

@@ -61,8 +61,6 @@ class RunOptions:
     """Cap on the whole run in US dollars."""
     prices: Mapping[str, Price] | None = None
     """The price of a player's tokens, if `genai-prices` does not have it."""
-    track: str | None = None
-    """The experiment tracker that gets the figures while the run is played: "mlflow" or "wandb"."""
     on_progress: OnProgress | None = None
     """Called when the run has begun and after every attempt; without it, a notebook shows a progress bar."""
 
@@ -96,7 +94,6 @@ class RunKeywords(TypedDict, total=False):
     run_tokens: int | None
     run_cost: float | None
     prices: Mapping[str, Price] | None
-    track: str | None
     on_progress: OnProgress | None
 
     engine: str | None

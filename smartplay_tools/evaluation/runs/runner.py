@@ -29,7 +29,6 @@ from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, Scheduler, Setup, log
-from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
@@ -136,7 +135,7 @@ def evaluate(
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
         options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
-            run_cost, prices, until, track, on_progress), and the rest of a cell: engine, tokenizer, options,
+            run_cost, prices, on_progress), and the rest of a cell: engine, tokenizer, options,
             player_options, and the fields of `Rules`, such as manual="pinned".
 
     A mistake in the arguments raises `InvalidArgumentError` before the first episode. Errors in an episode are only
@@ -188,8 +187,7 @@ def run_plan(
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
         setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced)
         heard = options.on_progress or (_FirstFailures() if display is None else None)
-        tracking = Tracking(options.track, folder.path.name, manifest, heard)
-        scheduler = Scheduler(folder, part, setup, tracking.heard)
+        scheduler = Scheduler(folder, part, setup, heard)
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():
@@ -202,7 +200,6 @@ def run_plan(
                             chosen.close()
             finally:
                 rows = scheduler.finish()
-                tracking.close(complete=len(rows) == len(part.episodes))
                 spending = run_snapshot(folder).spending.to_json()
                 folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(

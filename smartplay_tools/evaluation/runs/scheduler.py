@@ -67,8 +67,6 @@ class RunProgress:
     """The episode's row if it is finished."""
     error: str | None = None
     """Why the attempt has no result, if it has none."""
-    kept: tuple[Row, ...] = ()
-    """At the start of the run: the rows that it already had."""
 
 
 OnProgress = Callable[[RunProgress], None]
@@ -125,7 +123,7 @@ class Scheduler:
         folder.write_rows(self._rows.values())
         self._spent = self._spent_before() if setup.caps else Spent()
         self._expected = Expectations(plan, self._rows.values(), setup.prices)
-        self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
+        self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
         now = run_snapshot(self._folder)
