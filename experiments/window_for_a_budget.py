@@ -4,12 +4,12 @@
     python experiments/window_for_a_budget.py --pilot    # the same in the worlds in which the claims were found
 
 Players without a model play every world under every cap, to the end. Each episode is then cut where the budget
-`episode_cost` ends it: before the first prompt that does not fit with its longest reply. These players do not see what is
-left, so the cut is what they do under that budget; a test plays it.
+`episode_cost` ends it: before the first prompt that does not fit with its longest reply. These players do not see what
+is left, so the cut is what they do under that budget; a test plays it.
 
 Claims, written after the pilot and before any world of the experiment was played, about 10,000 uncached tokens:
-1. At a tenth, the price of a cached token today, the full history buys `rule` more points than a cap of 450 tokens does,
-   at the bandit and at Rock Paper Scissors, and more than any cap that was tried.
+1. At a tenth, the price of a cached token today, the full history buys `rule` more points than a cap of 450 tokens
+   does, at the bandit and at Rock Paper Scissors, and more than any cap that was tried.
 2. It buys the players of one line, which need two or five rounds, fewer points than their best cap does, at both.
 3. Without a cache it buys the player of one line at the bandit fewer points than 450 tokens do.
 4. At Lockers, where any sentence may be asked for, it buys more than 450 tokens at every price.
