@@ -19,7 +19,8 @@ Claims, written after the pilot and before any world of the experiment was playe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from datetime import date
 from itertools import accumulate
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ from smartplay_tools.evaluation.analysis.figures.style import Series, figure, le
 from smartplay_tools.evaluation.costs.charges import calls_under
 from smartplay_tools.providers.caches import CacheRule
 from smartplay_tools.records import Record, requests_of
+from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import mean_estimate
 
 if TYPE_CHECKING:
@@ -41,15 +43,14 @@ if TYPE_CHECKING:
 BANDIT, HANDS, LOCKERS = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Lockers12-v0"
 CELLS = ((BANDIT, "rule"), (BANDIT, "leave-after-two"), (HANDS, "rule"), (HANDS, "count-last-5"), (LOCKERS, "reader"))
 CAPS = (450, 600, 800, 1200, None)
+NARROWER = slice(len(CAPS) - 1)
 WORLDS, FIRST, PILOT = 48, 68_000, 7_000
 """How many worlds, and the seeds of the first of them."""
 COST, REPLY, OUTPUT = 10_000, 40, 5
 """The budget, the cap on a reply, and the price of a reply's token where only that of a cached one is varied."""
 PRICES = np.arange(101) / 100
 """The prices of a cached token, as shares of an uncached one."""
-ANY = CacheRule(name="any", title="no minimum", read_on="2026-11-29", source="this file")
-
-Row = Mapping[str, Any]
+ANY = CacheRule(name="any", title="no minimum", read_on=date(2026, 11, 29), source="this file")
 
 
 def budget(cap: int | None, **more: Any) -> sp.Budget:
@@ -77,9 +78,9 @@ def play(first: int) -> Iterator[Row]:
                     paid[call["turn"]] += call["data"].get("reward", 0)
                 points, bought = list(accumulate(paid, initial=0.0)), {}
                 for each in TARIFFS["money"]:
-                    calls = calls_under(log, each.rule, marks=each.marks)
-                    prompts = each.rule.priced().each([(call.prompt, call.hit, call.written, 0) for call in calls])
-                    replies = np.array([call.reply for call in calls])
+                    charged = calls_under(log, each.rule, marks=each.marks)
+                    prompts = each.rule.priced().each([(call.prompt, call.hit, call.written, 0) for call in charged])
+                    replies = np.array([call.reply for call in charged])
                     bought[each.label] = points[paid_for(np.array(prompts), replies, each.rule.output)]
                 calls = [(call.prompt, call.hit, call.reply) for call in calls_under(log, ANY)]
                 yield {
@@ -91,7 +92,7 @@ def play(first: int) -> Iterator[Row]:
 def by_price(rows: Sequence[Row], game: str, player: str) -> Any:
     """Return the points that the budget buys, by cap, world and price of a cached token."""
     shares = []
-    for row in (row for row in rows if (row["game"], row["player"]) == (game, player)):
+    for row in _of(rows, game, player):
         prompts, hits, replies = np.array(row["calls"]).T
         costs = prompts - hits + PRICES[:, None] * hits
         shares.append(np.array(row["points"])[paid_for(costs, replies, OUTPUT)])
@@ -120,11 +121,11 @@ def less(points: Any, price: int, other: int) -> str:
 
 def prices(rows: Sequence[Row]) -> str:
     """The prices of a cached token up to which the full history buys most, and the differences of the claims."""
-    narrower, lines = slice(len(CAPS) - 1), []
+    lines = []
     for game, player in CELLS:
         points = by_price(rows, game, player)
-        best = int(points[narrower].mean(axis=1)[:, 10].argmax())
-        facts = f"`{game}`", player, turned(points, narrower), turned(points, slice(1)), less(points, 10, 0)
+        best = int(points[NARROWER].mean(axis=1)[:, 10].argmax())
+        facts = f"`{game}`", player, turned(points, NARROWER), turned(points, slice(1)), less(points, 10, 0)
         lines.append([*facts, f"{CAPS[best]:,}: {less(points, 10, best)}", less(points, 100, 0)])
     most, narrow = "all buys most up to [95 %]", "more than 450 up to"
     headings = "game", "player", most, narrow, "at 0.1, less 450", "at 0.1, less the best cap", "no cache, less 450"
@@ -132,32 +133,40 @@ def prices(rows: Sequence[Row]) -> str:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """The points that the budget buys under every rule, the most of a player and a rule in bold."""
+    """The points that the budget buys under every rule with 450 tokens, with the full history, and what buys more."""
     lines = []
-    rules = [each.label for each in TARIFFS["money"]]
     for game, player in CELLS:
-        own = [row for row in rows if (row["game"], row["player"]) == (game, player)]
-        means = [[fmean(row["bought"][rule] for row in own if row["cap"] == cap) for rule in rules] for cap in CAPS]
-        most = list(map(max, *means))
-        for cap, bought in zip(CAPS, means, strict=True):
-            cells = [
-                f"**{each:.1f}**" if each == top else f"{each:.1f}" for each, top in zip(bought, most, strict=True)
-            ]
-            lines.append([f"`{game}`", player, "all" if cap is None else f"{cap:,}", *cells])
-    return markdown_table(("game", "player", "cap", *rules), lines)
+        lines.append([f"`{game}`", player])
+        for rule in (each.label for each in TARIFFS["money"]):
+            own = [fmean(r["bought"][rule] for r in _of(rows, game, player) if r["cap"] == cap) for cap in CAPS]
+            means = [f"{mean:.1f}" for mean in own]
+            most = means[max(range(len(CAPS)), key=own.__getitem__)]
+            shown = [f"**{mean}**" if mean == most else mean for mean in (means[0], means[-1])]
+            between = "" if most in (means[0], means[-1]) else f"; {_cap(CAPS[means.index(most)])}: **{most}**"
+            lines[-1].append(" / ".join(shown) + between)
+    return markdown_table(("game", "player", *(each.label for each in TARIFFS["money"])), lines)
 
 
 @figure
 def curves(rows: Sequence[Row]) -> Figure:
     """Draw what the budget buys against the price of a cached token, with a line for each cap."""
-    cells = ((HANDS, "rule", "counts every round"), (HANDS, "count-last-5", "needs five rounds"))
     drawn, axes = panels(2)
-    for panel, (game, player, need) in zip(axes, cells, strict=True):
-        for index, (cap, means) in enumerate(zip(CAPS, by_price(rows, game, player).mean(axis=1), strict=True)):
-            panel.plot(PRICES, means, color=Series.number(index).colour, label="all" if cap is None else f"{cap:,}")
-        panel.set(title=f"{player}: {need}", xlabel="price of a cached token", ylabel="points bought")
+    for panel, player, need in zip(axes, ("rule", "count-last-5"), ("counts all rounds", "counts five"), strict=True):
+        points = by_price(rows, HANDS, player)
+        for cap, means, look in zip(CAPS, points.mean(axis=1), map(Series.number, range(len(CAPS))), strict=True):
+            panel.plot(PRICES, means, color=look.colour, linestyle=look.line, label=_cap(cap))
+        up_to = f"all buys most up to {turn(points, NARROWER):.2f} of a token"
+        panel.set(title=f"Who {need}:\n{up_to}", xlabel="price of a cached token", ylabel="points bought")
     legend_below(drawn, note=f"Rock Paper Scissors, {COST:,} uncached tokens an episode, {WORLDS} worlds")
     return drawn
+
+
+def _of(rows: Sequence[Row], game: str, player: str) -> Sequence[Row]:
+    return [row for row in rows if (row["game"], row["player"]) == (game, player)]
+
+
+def _cap(cap: int | None) -> str:
+    return "all" if cap is None else f"{cap:,}"
 
 
 EXPERIMENT = Experiment(
