@@ -27,7 +27,7 @@ DEFAULT_CONTEXT = 8192
 """Tokens of a prompt and its reply, or the model's own limit where that is smaller."""
 
 MOST_THREADS = 4
-"""By default no more threads than this compute, and one processor stays free: threads wait for each other by spinning."""
+"""By default no more threads than this compute, and a processor stays free, because they spin while they wait."""
 
 MOST_SLOTS = 64
 
