@@ -18,7 +18,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, outcome, repeat_previous
+from page_tables import (
+    Experiment,
+    arguments,
+    complete,
+    in_steps,
+    interval,
+    markdown_table,
+    outcome,
+    repeat_previous,
+    verdict,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
@@ -396,6 +406,7 @@ def dots(cells: Cells) -> Figure:
     names = [way.name for way in reversed(WAYS) if way.name != "recall"]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):
+        gains = 0
         for row, name in enumerate(names):
             longest = dict(lines_of(cells, stage.cap))[name]
             rows = cells[stage.name, stage.cap, longest, name]
@@ -404,8 +415,11 @@ def dots(cells: Cells) -> Figure:
             look, whose = (0, "of this library") if name in CONTROLS else (1, "of others, and memories")
             draw_dots(panel, [each], [row], Series.number(look), whose, [mark])
             marks.append(mark)
+            less = less_dropping(cells, (stage.name, stage.cap, longest, name))
+            gains += name not in CONTROLS and less is not None and verdict(less) == "more"
             counts.add(each.episodes)
-        panel.set(title=f"{stage.name}\ncap {stage.cap:,}", xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
+        title = f"{stage.name}, cap {stage.cap:,}\n{gains} of {len(set(names) - set(CONTROLS))} keep more"
+        panel.set(title=title, xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
     legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn

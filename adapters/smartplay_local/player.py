@@ -57,7 +57,7 @@ class LocalPlayer(OpenAIPlayer):
             them into the messages. By default "template" where the file's template has tools and the model calls one
             when it is tried.
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
-        threads: how many threads compute; by default as many as there are processors, at most four.
+        threads: how many threads compute; by default one less than there are processors, from one to four.
         slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
         timeout: seconds that a reply may take, the time included for which it waits for a slot.
