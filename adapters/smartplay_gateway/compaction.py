@@ -23,7 +23,7 @@ from smartplay_tools import ContextManager, InvalidArgumentError, PromptOverflow
 from smartplay_tools.context.strategies.provider_edits import SUMMARY, Compact, OpenAICompaction, summary_in
 from smartplay_tools.types.arguments import object_in
 
-__all__ = ["Managed", "NoSummaryError", "managed"]
+__all__ = ["Managed", "NoSummaryError", "is_managed", "managed"]
 
 FIELD = "context_management"
 THRESHOLD_BETA, DEMAND_BETA = "compact-2026-01-12", "compact-2026-09-04"
@@ -61,6 +61,13 @@ class Managed:
     """What its answer says of that; None if there is nothing to say."""
     answer: Json | None = None
     """The whole answer, where nothing is left to ask."""
+
+
+def is_managed(body: Json, surface: Surface) -> bool:
+    """Whether a request asks for a compaction, or holds what one has left."""
+    messages = surface.conversation(body) or []
+    has_trigger = bool(messages) and _type(messages[-1]) == "compaction_trigger"
+    return body.get(FIELD) is not None or has_trigger or any(_compactions(messages))
 
 
 async def managed(body: Json, surface: Surface, betas: str, manager: ContextManager, ask: Ask) -> Managed:

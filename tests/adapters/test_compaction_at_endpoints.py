@@ -12,7 +12,7 @@ import httpx2
 import openai
 import pytest
 from anthropic import types
-from smartplay_gateway import ContextEndpoint
+from smartplay_gateway import ContextEndpoint, LocalEndpoint, SimulatedLimits
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.provider_edits import INSTRUCTIONS, SUMMARY
@@ -433,3 +433,52 @@ def test_an_error_of_the_upstream_is_the_client_s(endpoint: ContextEndpoint, ups
     with ContextEndpoint("http://127.0.0.1:9/v1", sp.ContextManager(None)) as lost:
         answer = httpx2.post(f"{lost.base_url}/responses/compact", json={"model": "m", "input": items(1)})
     assert "does not answer" in answer.json()["error"]["message"]
+
+
+class Clerk:
+    """A player that summarises where it is asked to, and says how many messages it sees otherwise."""
+
+    name = "clerk"
+
+    def reply(self, prompt: sp.Prompt) -> sp.Reply:
+        asked = prompt.messages[-1]["content"] == INSTRUCTIONS
+        text = "Page 3 is next." if asked else str(len(prompt.messages))
+        return sp.Reply({"role": "assistant", "content": text}, sp.Usage(prompt=50 + asked, reply=2))
+
+
+class TestPlayers:
+    @pytest.fixture
+    def client(self) -> Iterator[Any]:
+        with LocalEndpoint(Clerk(), limits=SimulatedLimits(context_tokens=600)) as served:
+            yield openai.OpenAI(base_url=served.base_url, api_key="k", max_retries=0).responses
+
+    @pytest.mark.parametrize("stream", [False, True])
+    def test_a_player_is_asked_for_a_summary_and_goes_on_with_it(self, client: Any, stream: bool):
+        answer = client.create(model="clerk", input=items(4), context_management=ENTRY, stream=stream)
+        if stream:
+            answer = [*answer][-1].response
+        assert [item.type for item in answer.output] == ["compaction", "message"]
+        assert answer.output_text == "3"
+        assert answer.usage.input_tokens == 101
+        later = [*(item.to_dict() for item in answer.output), {"role": "user", "content": "Go on."}]
+        assert client.create(model="clerk", input=later).output_text == "5"
+        below = [{"type": "compaction", "compact_threshold": 599}]
+        assert client.create(model="clerk", input=items(4), context_management=below).output_text == "10"
+
+    def test_it_compacts_at_once(self, client: Any):
+        answer = client.compact(model="clerk", input=items(3))
+        assert [item.type for item in answer.output] == ["message", "compaction"]
+        answer = client.create(model="clerk", input=[*items(3), {"type": "compaction_trigger"}])
+        assert [item.type for item in answer.output] == ["compaction"]
+
+    @pytest.mark.parametrize(
+        ("more", "words"),
+        [
+            ({"context_management": [{"type": "clear"}]}, "Supported values are: 'compaction'"),
+            ({"input": [{"type": "compaction", "encrypted_content": "gAAA"}, *items(1)]}, "cannot be read here"),
+            ({"input": items(12), "context_management": ENTRY}, "maximum context length"),
+        ],
+    )
+    def test_refusals(self, client: Any, more: Any, words: str):
+        with pytest.raises(openai.BadRequestError, match=words):
+            client.create(**{"model": "clerk", "input": items(1), **more})
