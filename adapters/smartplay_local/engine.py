@@ -134,15 +134,6 @@ class LocalServer:
             answer = error.read().decode("utf-8", "replace")
             raise ValueError(answer.partition('"message":"')[2][:200] or answer[:200]) from error
 
-    def calls(self, messages: Sequence[Mapping[str, Any]], tools: Sequence[Mapping[str, Any]]) -> bool:
-        """Return whether the most likely reply to a chat that asks for a call is one that the engine reads."""
-        body = {"messages": messages, "tools": tools, "tool_choice": "required", "temperature": 0, "max_tokens": 40}
-        try:
-            message = self.ask("/v1/chat/completions", body)["choices"][0]["message"]
-        except urllib.error.HTTPError:
-            return False
-        return bool(message.get("tool_calls"))
-
     def ask(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
         """Send a request to the engine, past the environment's proxies, and return the answer."""
         url, headers = self.base_url.removesuffix("/v1") + path, {"Content-Type": "application/json"}
