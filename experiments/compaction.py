@@ -230,5 +230,214 @@ CLAIMS = (
          "Pydantic AI, window", "memory, BM25", "memory, WordLlama"),
         is_better=False,
     ),
+    Claim(
+        "A summary keeps more of what stands among distractors",
+        "distractors",
+        ("our summary", "LangChain, summary", "Agent Framework, summary", "Google ADK, summary"),
+        is_better=True,
+    ),
+    Claim(
+        "Who summarizes a summary more often than langmem loses more",
+        "k = 32, keeps 0.7",
+        ("LangChain, summary", "deepagents, summary", "Agent Framework, summary"),
+        is_better=False,
+        than="langmem, summary",
+        longest=LONGER,
+    ),
 )  # fmt: skip
 """Written down after the pilot's worlds and before those of `SEED` were played."""
+
+
+Cells = Mapping[tuple[str, int, str], list[Row]]
+"""Rows by stage, cap on questions and way."""
+
+
+def cells_of(rows: Iterable[Row]) -> Cells:
+    """Group the rows of a folder."""
+    return grouped(rows, lambda row: (row["stage"], row["questions_up_to"], row["way"]))
+
+
+def rows_in(cells: Cells, stage: str, way: str, longest: int) -> list[Row]:
+    """Return the rows of a cell. Where no question was too long, both caps on them give the same episodes."""
+    return cells.get((stage, longest, way)) or cells.get((stage, CAP, way), [])
+
+
+def names_in(cells: Cells) -> list[str]:
+    """Return the ways that were played, in the order of `WAYS`; a way of somebody else comes last."""
+    played = {way for _, _, way in cells}
+    known = [way.name for way in WAYS if way.name in played]
+    return [*known, *sorted(played - {*known})]
+
+
+def less(
+    cells: Cells, stage: str, way: str, longest: int, than: str = DROPPING, method: Method = USUAL
+) -> MeanEstimate | None:
+    """Estimate by how much a way scores more than another on the same worlds."""
+    compared = rows_in(cells, stage, way, longest), rows_in(cells, stage, than, longest)
+    return paired_difference(*compared, score, method)
+
+
+def acts(way: str, rows: Iterable[Row]) -> bool:
+    """Whether a way is of this library, or rewrote or asked anything in these episodes."""
+    return way in CONTROLS or any(row.get("rewrites") or row.get("questions") for row in rows)
+
+
+def scores_table(cells: Cells, longest: int) -> str:
+    """The score of dropping, and the difference of every other way to it; with the higher cap where that decides."""
+    ways = [way for way in names_in(cells) if longest == CAP or any(each[1:] == (longest, way) for each in cells)]
+    stages = [stage.name for stage in STAGES]
+    lines = ([way, *(_score(cells, stage, way, longest) for stage in stages)] for way in ways)
+    return markdown_table(["strategy", *stages], (line for line in lines if any(line[1:])))
+
+
+def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
+    rows = cells.get((stage, longest, way), [])
+    if not rows:
+        return ""
+    early = EARLY * bool(ends_of(rows))
+    if way == DROPPING:
+        return interval(mean_score(rows)) + early
+    return difference(less(cells, stage, way, longest)) + early if acts(way, rows) else "never acts"
+
+
+def difference(each: MeanEstimate | None) -> str:
+    """Return a difference with its interval, which also says what pairs that are all equal can exclude."""
+    if each is None or each.low is None or each.high is None:
+        return "" if each is None else f"{each.mean:+.2f}"
+    return f"{each.mean:+.2f} [{each.low:+.2f}, {each.high:+.2f}]"
+
+
+def work_table(cells: Cells) -> str:
+    """What every compactor did in an episode, over all of the table of scores with the lower cap on questions."""
+    lines = []
+    for way in names_in(cells):
+        rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
+        if way not in CONTROLS and acts(way, rows):
+            figures = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
+            ended = sum(bool(ends_of([row])) for row in rows)
+            lines.append([way, *(f"{each:,.{0 if each >= 100 else 1}f}" for each in figures), f"{ended} of {len(rows)}"])
+    return markdown_table(["strategy", *WORK, "ended early"], lines)
+
+
+def curves(cells: Cells) -> dict[str, list[list[Row]]]:
+    """Return the rows of every way that asks, by how much each summary keeps: all of it first."""
+    stages = ("k = 32", *(stage.name for stage in CURVE))
+    ways = [way for way in names_in(cells) if any((stage, LONGER, way) in cells for stage in stages[1:])]
+    return {way: [rows_in(cells, stage, way, LONGER) for stage in stages] for way in ways}
+
+
+def curve_table(cells: Cells) -> str:
+    """The score of those that ask against what each summary keeps, by the summaries of an episode."""
+    lines = sorted((fmean(row["questions"] for row in own[0]), way, own) for way, own in curves(cells).items())
+    shown = ([way, f"{asked:.1f}", *(interval(mean_score(rows)) for rows in own)] for asked, way, own in lines)
+    return markdown_table(["strategy", "questions", "keeps 1", *(f"{stage.keeps}" for stage in CURVE)], shown)
+
+
+def claims_table(cells: Cells) -> str:
+    """Every sentence with its outcome; the intervals of all comparisons hold together."""
+    method, lines = bonferroni(sum(len(claim.ways) for claim in CLAIMS)), []
+    for claim in CLAIMS:
+        sign = 1 if claim.is_better else -1
+        ends: list[tuple[float, str, MeanEstimate]] = []
+        for way in claim.ways:
+            each = less(cells, claim.stage, way, claim.longest, claim.than, method)
+            if each is not None and each.low is not None and each.high is not None:
+                ends.append((min(sign * each.low, sign * each.high), way, each))
+        missing = [way for way in claim.ways if way not in [name for _, name, _ in ends]]
+        failed = [name for end, name, _ in ends if end <= 0] + [f"{way} (not played)" for way in missing]
+        outcome = f"all but {', '.join(failed)}" if failed else "confirmed"
+        least = f"{min(ends)[1]}: {difference(min(ends)[2])}" if ends else ""
+        what = f"{'more' if claim.is_better else 'less'} than {claim.than}"
+        lines.append([claim.sentence, claim.stage, f"{len(claim.ways)}, {what}", least, outcome])
+    return markdown_table(["sentence", "game", "ways", "the least difference [95 %, all together]", "outcome"], lines)
+
+
+@figure
+def dots(cells: Cells) -> Figure:
+    """Draw the score of every way, a panel for each game, with the lower cap on questions."""
+    drawn, axes = panels(len(STAGES), columns=len(STAGES), size=(2.7, 6.6))
+    names = names_in(cells)[::-1]
+    counts = set()
+    for panel, stage in zip(axes, STAGES, strict=True):
+        for row, name in enumerate(names):
+            if rows := cells.get((stage.name, CAP, name)):
+                each = mean_score(rows)
+                look = 0 if name in CONTROLS else 1 if name in {way.name for way in WAYS} else 2
+                whose = ("of this library", "of others, and memories", "yours")[look]
+                draw_dots(panel, [each], [row], Series.number(look), whose)
+                counts.add(each.episodes)
+        panel.set(title=stage.name, xlabel="score", yticks=range(len(names)))
+        panel.set_yticklabels(names if panel is axes[0] else [])
+    legend_below(drawn, note=sample_note(counts))
+    return drawn
+
+
+@figure
+def curve(cells: Cells) -> Figure:
+    """Draw the score of those that ask against the share of the lines that each summary keeps."""
+    drawn, [panel] = panels(1, size=(8, 4.2))
+    places = [1.0, *(stage.keeps for stage in CURVE)]
+    for index, (way, own) in enumerate(curves(cells).items()):
+        points = [(place, mean_score(rows)) for place, rows in zip(places, own, strict=True) if rows]
+        draw_estimates(panel, [at for at, _ in points], [each for _, each in points], Series.number(index), way)
+    panel.set(title="k = 32", xlabel="probability with which a summary keeps a line", ylabel="score")
+    panel.invert_xaxis()
+    legend_below(drawn, note="bars: 95 % intervals")
+    return drawn
+
+
+def tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tables of the page by their names."""
+    cells = cells_of(rows)
+    return {
+        "compaction": scores_table(cells, CAP),
+        "compaction-questions": scores_table(cells, LONGER),
+        "compaction-work": work_table(cells),
+        "compaction-curve": curve_table(cells),
+        "compaction-claims": claims_table(cells),
+    }
+
+
+def figures(rows: Iterable[Row]) -> dict[str, Figure]:
+    """Return the figures of the page by their names."""
+    cells = cells_of(rows)
+    return {"compaction": dots(cells), "compaction-curve": curve(cells)}
+
+
+EXPERIMENT = Experiment("compaction", tables, figures)
+
+
+def play_alone(way: Way, out: Path, trials: int = TRIALS) -> list[Row]:
+    """Play a way in the published worlds; print the tables with it, and the row to send; return all rows."""
+    played = [{**row, "way": way.name} for row in play(out, SEED, trials, [way], STAGES)]
+    rows = [*EXPERIMENT.rows(), *played]
+    for name, written in tables(rows).items():
+        print(f"{name}\n\n{written}\n", flush=True)
+    for name, drawn in figures(rows).items():
+        save_figure(drawn, out / name, formats=["svg"])
+    cells = cells_of(rows)
+    sent = [way.name, *(_score(cells, stage.name, way.name, CAP) for stage in STAGES)]
+    print(f"Figures and records are in {out}. Every record proves its episode without your code:")
+    print(f"smartplay-tools replay '{out}'\nThe row to send in a pull request:\n{table_row(sent)}")
+    return rows
+
+
+def main() -> None:
+    """Play, and print or publish the tables."""
+    parser = arguments(__doc__, "runs/compaction")
+    parser.add_argument("--pilot", action="store_true", help="play another world, and publish nothing")
+    parser.add_argument("--way", metavar="FILE.py:CLASS", help="play this compactor alone in the published worlds")
+    parser.add_argument("--trials", type=int, default=TRIALS, help="the worlds of each game")
+    asked = parser.parse_args()
+    logging.disable(logging.WARNING)  # of frameworks, for every question that is refused
+    if asked.way:
+        rows = play_alone(Way(asked.way.rpartition("/")[2], asked.way, asks=True), asked.out / "alone", asked.trials)
+        if asked.publish:
+            EXPERIMENT.conclude(rows, publishes=True)
+        return
+    folder, seed, trials = ("pilot", PILOT_SEED, PILOT_TRIALS) if asked.pilot else ("fresh", SEED, asked.trials)
+    EXPERIMENT.conclude(play(asked.out / folder, seed, trials), publishes=asked.publish and not asked.pilot)
+
+
+if __name__ == "__main__":
+    main()
