@@ -3,24 +3,35 @@
     python experiments/compaction.py --out runs/compaction      # plays; continues where it stopped
     python experiments/compaction.py --pilot                    # another world, of which nothing is published
     python experiments/compaction.py --way my.py:MyCompactor    # plays yours alone, beside the published rows
+    python experiments/compaction.py --replay FOLDER            # proves its records, without the compactor
 
 Every compactor plays the same worlds under the same cap, beside dropping, masking and a summary of this library. What
 this environment lacks the packages for is left to another one with the same folder. The players are scripted. `reader`
-plays rightly where its prompt shows what is needed; as a summary it writes the observations that the question shows, the
-newest of them if not all fit, and in the stages of a curve it loses some. `rule-notes`, told to say nothing, plays Rock
-Paper Scissors from the rounds and the manual that it sees.
+plays rightly where its prompt shows what is needed; as a summary it writes the observations that the question shows,
+the newest of them if not all fit, and in the stages of a curve it loses some. `rule-notes`, told to say nothing, plays
+Rock Paper Scissors from the rounds and the manual that it sees.
 """
 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score, repeat_previous, table_row
+from page_tables import (
+    Experiment,
+    arguments,
+    complete,
+    interval,
+    markdown_table,
+    mean_score,
+    repeat_previous,
+    table_row,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
@@ -313,9 +324,9 @@ def work_table(cells: Cells) -> str:
     for way in names_in(cells):
         rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
         if way not in CONTROLS and acts(way, rows):
-            figures = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
-            ended = sum(bool(ends_of([row])) for row in rows)
-            lines.append([way, *(f"{each:,.{0 if each >= 100 else 1}f}" for each in figures), f"{ended} of {len(rows)}"])
+            means = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
+            shown = (f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)
+            lines.append([way, *shown, f"{sum(bool(ends_of([row])) for row in rows)} of {len(rows)}"])
     return markdown_table(["strategy", *WORK, "ended early"], lines)
 
 
@@ -417,9 +428,17 @@ def play_alone(way: Way, out: Path, trials: int = TRIALS) -> list[Row]:
         save_figure(drawn, out / name, formats=["svg"])
     cells = cells_of(rows)
     sent = [way.name, *(_score(cells, stage.name, way.name, CAP) for stage in STAGES)]
-    print(f"Figures and records are in {out}. Every record proves its episode without your code:")
-    print(f"smartplay-tools replay '{out}'\nThe row to send in a pull request:\n{table_row(sent)}")
+    print(f"The figures are in {out}, with the records, which --replay proves without your code.")
+    print(f"The row to send in a pull request:\n{table_row(sent)}")
     return rows
+
+
+def prove(folder: Path) -> None:
+    """Play the records below a folder again, and print how many are identical; leave with 1 if one differs."""
+    replayed = {record: sp.replay(record).identical for record in sorted(folder.rglob("episodes/*.jsonl"))}
+    differing = [f"{record} differs." for record, is_identical in replayed.items() if not is_identical]
+    print(*differing, f"{len(replayed) - len(differing)} of {len(replayed)} records are identical.", sep="\n")
+    sys.exit(bool(differing) or not replayed)
 
 
 def main() -> None:
@@ -427,9 +446,12 @@ def main() -> None:
     parser = arguments(__doc__, "runs/compaction")
     parser.add_argument("--pilot", action="store_true", help="play another world, and publish nothing")
     parser.add_argument("--way", metavar="FILE.py:CLASS", help="play this compactor alone in the published worlds")
+    parser.add_argument("--replay", type=Path, metavar="FOLDER", help="play the records of a folder again, and compare")
     parser.add_argument("--trials", type=int, default=TRIALS, help="the worlds of each game")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)  # of frameworks, for every question that is refused
+    if asked.replay:
+        prove(asked.replay)
     if asked.way:
         rows = play_alone(Way(asked.way.rpartition("/")[2], asked.way, asks=True), asked.out / "alone", asked.trials)
         if asked.publish:
