@@ -23,10 +23,11 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
+from smartplay_tools.context.cached import Unit
 from smartplay_tools.evaluation.costs.charges import calls_under
 from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.records import sent_prompts
-from smartplay_tools.records.requests import Request, RequestLog, Unit
+from smartplay_tools.records.requests import Request, RequestLog
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 STRATEGIES: dict[str, dict[str, Any]] = {

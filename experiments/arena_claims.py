@@ -15,7 +15,17 @@ from typing import Any
 
 from arena import HISTORY
 from arena_curves import LEARNED_GAME, STAGES, SUBJECT, described, play, play_learned
-from page_tables import TOGETHER, Experiment, arguments, complete, markdown_table, records_of
+from page_tables import (
+    TOGETHER,
+    Experiment,
+    arguments,
+    complete,
+    in_steps,
+    interval,
+    markdown_table,
+    outcome,
+    records_of,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -92,24 +102,8 @@ def played(out: Path, models: Path | None) -> Iterator[Row]:
             yield from play_learned(stage, Lab(models, LEARNED_GAME), player, out / "learned", **few)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """A difference to dropping on the fresh worlds, with an interval that holds together with all others."""
-
-    seeds: int
-    difference: float
-    low: float
-    high: float
-
-    def of(self, claim: Claim) -> str:
-        """Return what it says about a claim."""
-        if self.low <= 0 <= self.high:
-            return "undecided"
-        return "confirmed" if (self.low > 0) == claim.better else "contradicted"
-
-
-def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outcome | None]:
-    """Return the outcome of every claim; None if its episodes are not among the rows."""
+def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[tuple[MeanEstimate, str] | None]:
+    """Return the difference of every claim with its mark of early ends; None if its episodes are not among the rows."""
     cells = {
         (cell.game, f"{cell.player}, {way_name(cell)}", cell.budget["history"]): members
         for cell, members in by_cell(row for row in rows if row["budget"]["prompt_tokens"] == CAP)
@@ -122,13 +116,7 @@ def outcomes(rows: Sequence[Row], claims: Sequence[Claim] = CLAIMS) -> list[Outc
         if key in cells
     ]
     estimates = iter(mean_estimates(samples, bonferroni(len(claims))))
-    return [_outcome(next(estimates)) if key in cells else None for key in keys]
-
-
-def _outcome(estimate: MeanEstimate) -> Outcome:
-    assert estimate.low is not None
-    assert estimate.high is not None
-    return Outcome(estimate.episodes, estimate.mean, estimate.low, estimate.high)
+    return [(next(estimates), in_steps(cells[key])) if key in cells else None for key in keys]
 
 
 def _name(claim: Claim) -> str:
@@ -141,13 +129,13 @@ def _name(claim: Claim) -> str:
 def table(rows: Sequence[Row]) -> str:
     """Every claim with its outcome, in Markdown."""
     lines = []
-    for claim, outcome in zip(CLAIMS, outcomes(rows), strict=True):
+    for claim, played in zip(CLAIMS, outcomes(rows), strict=True):
         claimed = "more" if claim.better else "less"
         window = f"{CAP} tokens" if claim.history is None else f"{CAP} tokens, {claim.history} past steps"
         facts = ["-", "not played"]
-        if outcome is not None:
-            shown = f"{outcome.difference:+.2f} [{outcome.low:+.2f}, {outcome.high:+.2f}]"
-            facts = [shown, outcome.of(claim)]
+        if played is not None:
+            estimate, early = played
+            facts = [interval(estimate, "+") + early, outcome(estimate, better=claim.better)]
         lines.append([f"`{claim.game}`", _name(claim), window, claimed, *facts])
     return markdown_table(("game", "player and strategy", "window", "claim", TOGETHER[0], "outcome"), lines)
 

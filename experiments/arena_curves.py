@@ -159,7 +159,7 @@ def curves_table(rows: Sequence[Row]) -> str:
     shown: list[list[str]] = []
     for (game, player, way), cells in table.items():
         caps = STAGES[game].caps
-        effects = [_less(cells[cap]) if cap in cells else "" for cap in caps]
+        effects = [score_or(TOGETHER[1])(cells[cap]) if cap in cells else "" for cap in caps]
         middle = cells.get(caps[1])
         cost = "" if middle is None else _dearer(_costs(middle), dropping[_place(middle)])
         name = f"{way} (full context {whole[game, player]})" if way == "dropping" else way
@@ -182,11 +182,6 @@ def _cap(line: Line) -> int | None:
 
 def _place(line: Line) -> tuple[str, str, int | None]:
     return line.compared.cell.game, line.compared.cell.player, _cap(line)
-
-
-def _less(line: Line) -> str:
-    ended = sum(row["end_reason"] == "prompt_tokens" for row in line.rows)
-    return score_or(TOGETHER[1])(line) + (f", {ended} ended" if ended else "")
 
 
 def _costs(line: Line) -> list[float]:

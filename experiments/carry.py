@@ -13,7 +13,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table
+from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -77,7 +77,8 @@ def table(rows: Sequence[Row]) -> str:
     for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):
         means = mean_estimates([sample(side, measure) for side in ([b for _, b in own], [a for a, _ in own])])
         shown = [f"{mean.mean:.2f}" for mean in means]
-        lines.append((f"`{cell.game}`", cell.player, str(difference.episodes), *shown, interval(difference, "+")))
+        less = interval(difference, "+") + in_steps([b for _, b in own])
+        lines.append((f"`{cell.game}`", cell.player, str(difference.episodes), *shown, less))
     headings = ("game", "player", "chains", "score without", "score with", "with less without [95 %, all together]")
     return markdown_table(headings, lines)
 

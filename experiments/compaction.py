@@ -26,6 +26,7 @@ from page_tables import (
     Experiment,
     arguments,
     complete,
+    in_steps,
     interval,
     markdown_table,
     mean_score,
@@ -43,6 +44,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     draw_estimates,
     figure,
     legend_below,
+    mark_notes,
     panels,
     sample_note,
     save_figure,
@@ -305,7 +307,7 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
     rows = cells.get((stage, longest, way), [])
     if not rows:
         return ""
-    early = EARLY * bool(ends_of(rows))
+    early = in_steps(rows)
     if way == DROPPING:
         return interval(mean_score(rows)) + early
     return difference(less(cells, stage, way, longest)) + early if acts(way, rows) else "never acts"
@@ -368,18 +370,19 @@ def dots(cells: Cells) -> Figure:
     """Draw the score of every way, a panel for each game, with the lower cap on questions."""
     drawn, axes = panels(len(STAGES), columns=len(STAGES), size=(2.7, 6.6))
     names = names_in(cells)[::-1]
-    counts = set()
+    counts, marks = set(), [""]
     for panel, stage in zip(axes, STAGES, strict=True):
         for row, name in enumerate(names):
             if rows := cells.get((stage.name, CAP, name)):
                 each = mean_score(rows)
                 look = 0 if name in CONTROLS else 1 if name in {way.name for way in WAYS} else 2
                 whose = ("of this library", "of others, and memories", "yours")[look]
-                draw_dots(panel, [each], [row], Series.number(look), whose)
+                marks.append(EARLY * bool(ends_of(rows)))
+                draw_dots(panel, [each], [row], Series.number(look), whose, marks[-1:])
                 counts.add(each.episodes)
         panel.set(title=stage.name, xlabel="score", yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
-    legend_below(drawn, note=sample_note(counts))
+    legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn
 
 

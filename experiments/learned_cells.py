@@ -82,12 +82,16 @@ def _budget(cap: int | None, way: str = "drop") -> sp.Budget:
 TEACHERS: Mapping[str, PlayerConfig] = {
     "random": PlayerConfig(name="random"),
     "rule": PlayerConfig(name="rule"),
+    "count-last-5": PlayerConfig(name="count-last-5"),
+    "leave-after-two": PlayerConfig(name="leave-after-two"),
     "rule-notes": PlayerConfig(name="rule-notes", options={"words": False}),
     "digits": PlayerConfig(
         name=f"{Path(__file__).parent / 'learned_teacher.py'}:DigitsPlayer", options={"words": False}
     ),
 }
 """The scripted players."""
+LINES = {GAME: "count-last-5", BANDIT: "leave-after-two"}
+"""The baseline of one line that scores most at a game."""
 RULE, NOTES, DIGITS = TEACHERS["rule"], TEACHERS["rule-notes"], TEACHERS["digits"]
 REGIMES: Mapping[str, Regime] = {
     "small": Regime([_budget(SMALL)], RULE, _budget(CAPS[0])),
@@ -109,6 +113,7 @@ def cells() -> Iterator[Cell]:
     """All cells, in the order in which they are played: what matters most comes first."""
     for player in ("rule", "random"):
         yield from (Cell(player, cap, game=game) for game in (GAME, BANDIT) for cap in CAPS)
+    yield from (Cell(player, cap, game=game) for game, player in LINES.items() for cap in CAPS)
     for player in ("rule", "rule-notes", "digits"):
         yield from (Cell(player, SMALL, way) for way in WAYS)
     models = [f"{regime}-{seed}" for regime in ("full", "small", "all") for seed in SEEDS]

@@ -11,8 +11,8 @@ from pathlib import Path
 from statistics import fmean, variance
 from typing import TYPE_CHECKING, Any
 
-from learned_cells import BANDIT, CAPS, GAME, SEEDS, SMALL, WAYS, Cell
-from page_tables import HERE, Experiment, markdown_table
+from learned_cells import BANDIT, CAPS, GAME, LINES, SEEDS, SMALL, WAYS, Cell
+from page_tables import HERE, Experiment, in_steps, markdown_table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels
@@ -66,6 +66,10 @@ class Played:
         """The score of every world."""
         return [row["score"] for row in self.rows[cell]]
 
+    def early(self, cell: Cell) -> str:
+        """A mark of early ends with the steps of an episode, if the cell was played and has any."""
+        return in_steps(self.rows.get(cell, []))
+
     def failures(self, cell: Cell) -> int:
         """In how many worlds the score is at most the mean score of `random`."""
         floor = fmean(self.scores(Cell("random", None, game=cell.game)))
@@ -89,6 +93,7 @@ def tables(played: Played) -> dict[str, str]:
         "learned-strategies": _matrix(played, {way: {"cap": SMALL, "way": way} for way in WAYS}),
         "learned-bandit": _matrix(played, {head: {"cap": cap, "game": BANDIT} for head, cap in caps}),
         "learned-trainings": _trainings(played, _of_trainings()),
+        "learned-lines": _trainings(played, _of_lines()),
         "learned-manuals": _trainings(played, _of_manuals()),
         "learned-differences": _differences(played, _comparisons()),
     }
@@ -106,7 +111,9 @@ def _matrix(played: Played, columns: Mapping[str, Mapping[str, Any]]) -> str:
     for player in sorted(players, key=_order):
         cells = [Cell(player, **column) for column in columns.values()]
         means = (_interval(mean_estimate(played.scores(cell), SCORES), "-") for cell in cells)
-        shown = (f"{mean}, {played.failures(cell)}" for mean, cell in zip(means, cells, strict=True))
+        shown = (
+            f"{mean}{played.early(cell)}, {played.failures(cell)}" for mean, cell in zip(means, cells, strict=True)
+        )
         lines.append((player, *shown))
     return markdown_table(("played with", *columns), lines)
 
@@ -135,10 +142,18 @@ def _comparisons() -> list[Compared]:
     return wanted
 
 
+def _of_lines() -> list[Compared]:
+    """Every kind of training beside the baseline of one line, in the narrowest window and in the widest."""
+    kinds = [(GAME, name) for name in ("full-{}", "small-{}", "all-{}", "full-{}-rewarded")]
+    kinds += [(BANDIT, "full-{}"), (BANDIT, "small-{}")]
+    ends = CAPS[0], CAPS[-1]
+    return [(Cell(name, cap, game=game), Cell(LINES[game], cap, game=game)) for game, name in kinds for cap in ends]
+
+
 def _of_trainings() -> list[Compared]:
     """What is compared of every training of a kind."""
     small, full = CAPS[0], None
-    wanted = []
+    wanted = [(Cell("full-{}", cap), Cell("full-{}", full)) for cap in CAPS[1:-1]]
     for game in (GAME, BANDIT):
         for player in ("full-{}", "small-{}", "all-{}"):
             wanted += [(Cell(player, small, game=game), Cell(player, full, game=game))]
@@ -161,15 +176,18 @@ def _of_manuals() -> list[Compared]:
 
 def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
     """Paired differences of every training of a kind, which hold together, and what they say of a further training."""
-    rows: list[tuple[Compared, list[list[float] | None]]] = []
+    rows: list[tuple[Compared, list[list[float] | None], list[str]]] = []
     for pair in wanted:
         kinds = [_of_seed(pair, seed) for seed in (SEEDS if "{}" in pair[0].player else [0])]
         if any(each := [_paired(played, kind) for kind in kinds]):
-            rows.append((pair, each))
-    together = bonferroni(sum(values is not None for _, each in rows for values in each))
+            rows.append((pair, each, ["".join(map(played.early, kind)) for kind in kinds]))
+    together = bonferroni(sum(values is not None for _, each, _ in rows for values in each))
     lines = []
-    for (cell, other), each in rows:
-        shown = ["not run" if values is None else _decided(mean_estimate(values, BOUNDS, together)) for values in each]
+    for (cell, other), each, early in rows:
+        shown = [
+            "not run" if values is None else _decided(mean_estimate(values, BOUNDS, together)) + mark
+            for values, mark in zip(each, early, strict=True)
+        ]
         shown += ["" for _ in SEEDS[len(each) :]]
         lines.append((_name(cell), _name(other), *shown, _any_seed(each)))
     return markdown_table(("this", "less this", *(f"seed {seed}" for seed in SEEDS), "any seed"), lines)
@@ -216,7 +234,8 @@ def _differences(played: Played, wanted: Sequence[Compared]) -> str:
     lines = []
     for (cell, other), values in compared:
         estimate = mean_estimate(values, BOUNDS, bonferroni(len(compared)))
-        lines.append((_name(cell), _name(other), _interval(estimate, "+")))
+        names = (_name(each) + played.early(each) for each in (cell, other))
+        lines.append((*names, _interval(estimate, "+")))
     return markdown_table(("this", "less this", "difference [95 %, all together]"), lines)
 
 

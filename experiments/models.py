@@ -25,7 +25,17 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, repeat_previous
+from page_tables import (
+    HERE,
+    Experiment,
+    arguments,
+    interval,
+    markdown_table,
+    mean_score,
+    repeat_previous,
+    score_of,
+    verdict,
+)
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
@@ -36,6 +46,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     draw_dots,
     figure,
     legend_below,
+    mark_notes,
     panels,
     sample_note,
     spread,
@@ -225,7 +236,7 @@ def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> s
 
 
 def points_table(cells: Cells) -> str:
-    """The points that the two games of the questions have paid, which are not their scores, and the steps played."""
+    """The points that the two games of the questions have paid, which are not their scores."""
     lines = []
     for player in (*MODELS, "random", "blind", "rule"):
         for game in READING:
@@ -237,7 +248,7 @@ def points_table(cells: Cells) -> str:
 
 
 def _points(rows: Sequence[Row]) -> str:
-    return f"{_mean(rows, reward):+.2f} in {_mean(rows, steps):.1f} steps" if rows else ""
+    return f"{_mean(rows, reward):+.2f}" if rows else ""
 
 
 def _mean(rows: Sequence[Row], measure: Measure) -> float:
@@ -303,8 +314,8 @@ def ways_table(cells: Cells) -> str:
 
 
 def _score(rows: Sequence[Row]) -> str:
-    """The mean score, the number of worlds, and a mark where episodes ended before their game did."""
-    return f"{interval(mean_score(rows))} ({len(rows)}){EARLY * bool(ends_of(rows))}" if rows else ""
+    """The mean score, and the number of worlds."""
+    return f"{score_of(rows)} ({len(rows)})" if rows else ""
 
 
 def ends_table(cells: Cells) -> str:
@@ -364,12 +375,10 @@ def questions_table(cells: Cells) -> str:
         each = difference(cells, "fresh", asked, together)
         if each is None:
             continue
-        low, high = each.low or 0, each.high or 0
-        outcome = "undecided" if low <= 0 <= high else "more" if low > 0 else "less"
         player, game, way, other = asked
         shown = f"{mde(each.sd, each.episodes, confidence=together.confidence):.1f}" if each.sd else ""
         names = [player, GAMES[game], way, other, f"{each.episodes}"]
-        lines.append([*names, interval(each, "+"), outcome, shown])
+        lines.append([*names, interval(each, "+"), verdict(each), shown])
     difference_heading, shown_heading = "difference [95 %, all together]", "would be seen"
     headings = ["player", "game", "in this way", "than in this", "worlds", difference_heading, "scores", shown_heading]
     return markdown_table(headings, lines)
@@ -380,12 +389,15 @@ def dots(cells: Cells) -> Figure:
     """Draw the scores of the models in every way, a panel for each of the two games of the questions."""
     drawn, axes = panels(2, size=(4.6, 4.0))
     ways, counts = [way for way in reversed(WAYS) if way not in SLOW], set()
+    marks: list[str] = []
     for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
         for look, player in enumerate(MODELS):
             for place, way in enumerate(ways):
                 if rows := cells.get(("fresh", player, game, way), []):
                     counts.add(len(rows))
-                    draw_dots(panel, [mean_score(rows)], [place + spread(look, 3)], Series.number(look), player)
+                    at, mark = [place + spread(look, 3)], EARLY * bool(ends_of(rows))
+                    draw_dots(panel, [mean_score(rows)], at, Series.number(look), player, [mark])
+                    marks.append(mark)
         name, rows = best_baseline(cells, game, cells["fresh", TAUGHT, game, DROPPING])
         panel.axvline(_mean(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
         own = cells["fresh", TAUGHT, game, DROPPING]
@@ -394,7 +406,7 @@ def dots(cells: Cells) -> Figure:
         title = f"{GAMES[game]}: under {DROPPING} a line of code,\n{name.partition(' ')[0]}, {verdict}"
         panel.set(title=title, xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
         panel.set_yticklabels(ways if panel is axes[0] else [])
-    legend_below(drawn, note=sample_note(counts))
+    legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn
 
 

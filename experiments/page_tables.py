@@ -18,7 +18,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.beside import EARLY
+from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of, grows
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
@@ -235,7 +235,7 @@ def compared_lines(rows: Sequence[Row], along: Sequence[str], without: Container
 GAME: Column = "game", lambda line: f"`{line.compared.cell.game}`"
 PLAYER: Column = "player", lambda line: line.compared.cell.player
 EPISODES: Column = "episodes", lambda line: str(line.compared.episodes)
-SCORE: Column = "score [95 %]", lambda line: interval(line.compared.means["score"]) + EARLY * bool(line.compared.ends)
+SCORE: Column = "score [95 %]", lambda line: interval(line.compared.means["score"]) + in_steps(line.rows)
 TOKENS: Column = "tokens an episode", lambda line: f"{line.compared.means['tokens'].mean:,.0f}"
 STABLE: Column = "prefix-stable", lambda line: f"{100 * line.compared.means['prefix_share'].mean:.1f} %"
 
@@ -255,13 +255,37 @@ TOGETHER: Column = "less dropping [95 %, all together]", difference(lambda each:
 
 def score_or(shown: Callable[[Line], str]) -> Callable[[Line], str]:
     """Return a column's score for the cell that others are compared with, and what `shown` returns for the others."""
-    return lambda line: SCORE[1](line) if line.compared.is_reference else shown(line)
+    return lambda line: SCORE[1](line) if line.compared.is_reference else shown(line) + in_steps(line.rows)
+
+
+def in_steps(rows: Sequence[Row]) -> str:
+    """Return what stands beside a score: a mark of early ends, and the steps where the score counts them as well."""
+    early = EARLY * bool(ends_of(rows))
+    counts = early or any(grows(row["game"]) and row["steps"] != sp.GAMES[row["game"]].rollout for row in rows)
+    return f"{early} in {fmean(row['steps'] for row in rows):,.0f} steps" if counts else ""
+
+
+def score_of(rows: Sequence[Row]) -> str:
+    """Return the mean score of a cell's episodes with its interval, a mark of early ends, and steps that it counts."""
+    return interval(mean_score(rows)) + in_steps(rows)
 
 
 def mean_score(rows: Sequence[Row]) -> MeanEstimate:
     """Return the mean score of a cell's episodes with its interval."""
     scores = sample(rows, MEASURES["score"])
     return mean_estimate(scores.values, scores.bounds)
+
+
+def verdict(estimate: MeanEstimate) -> str:
+    """Return whether an interval says more, or less, than 0, or nothing."""
+    low, high = estimate.low or 0, estimate.high or 0
+    return "undecided" if low <= 0 <= high else "more" if low > 0 else "less"
+
+
+def outcome(estimate: MeanEstimate, *, better: bool) -> str:
+    """Return what an interval says about the claim that a difference is more than 0, or less."""
+    said = verdict(estimate)
+    return said if said == "undecided" else "confirmed" if (said == "more") == better else "contradicted"
 
 
 def interval(estimate: MeanEstimate | None, sign: str = "-") -> str:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score, repeat_previous
+from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, mean_score, repeat_previous
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -21,6 +21,8 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     draw_estimates,
     figure,
     legend_below,
+    mark_notes,
+    mark_points,
     panels,
     sample_note,
 )
@@ -44,7 +46,7 @@ CAPS = (250, 300, 350, 400, 500, 600, 700, 800, 1000, 1200, 1400, 1600, 2000, 25
 SOLVED = 0.9
 """A mean score from which a game counts as solved."""
 
-Points = list[tuple[int, MeanEstimate]]
+Points = list[tuple[int, MeanEstimate, str]]
 
 
 def play(out: Path) -> Iterator[Row]:
@@ -68,10 +70,10 @@ def is_playable(game: str, budget: sp.Budget) -> bool:
 
 
 def points(rows: Sequence[Row], game: str, along: str) -> Points:
-    """Return the mean score of a game against its history, or against its cap, in ascending order."""
+    """Return the mean score of a game against its history, or its cap, in ascending order, with marks of early ends."""
     other = {"history": "prompt_tokens", "prompt_tokens": "history"}[along]
     return sorted(
-        (cell.budget[along], mean_score(own))
+        (cell.budget[along], mean_score(own), in_steps(own))
         for cell, own in by_cell(rows)
         if cell.game == game and cell.budget[other] is None and cell.budget[along] is not None
     )
@@ -85,8 +87,8 @@ def table(rows: Sequence[Row]) -> str:
         line = [name, f"{needed}"]
         for along in ("history", "prompt_tokens"):
             own = points(rows, game, along)
-            first = max(at for at, (_, estimate) in enumerate(own) if estimate.mean < SOLVED) + 1
-            line += [f"{place:,}: {interval(estimate)}" for place, estimate in own[first - 1 : first + 1]]
+            first = max(at for at, (_, estimate, _) in enumerate(own) if estimate.mean < SOLVED) + 1
+            line += [f"{place:,}: {interval(estimate)}{early}" for place, estimate, early in own[first - 1 : first + 1]]
         lines.append(line)
     last, first = "the last that fails", "the first that suffices"
     headings = ("game", "past steps needed", f"history: {last}", first, f"cap: {last}", first)
@@ -97,19 +99,23 @@ def table(rows: Sequence[Row]) -> str:
 def ruler(rows: Sequence[Row]) -> Figure:
     """Draw the score against the history, and against the cap on prompts, with a line for each game."""
     drawn, axes = panels(2)
-    counts = set()
+    counts, marks = set(), [""]
     for panel, along, label in zip(
         axes, ("history", "prompt_tokens"), ("past steps shown", "cap on prompts (tokens)"), strict=True
     ):
         for index, (game, name) in enumerate(GAMES.items()):
-            places, estimates = zip(*points(rows, game, along), strict=True)
+            places, estimates, early = zip(*points(rows, game, along), strict=True)
             draw_estimates(panel, places, estimates, Series.number(index), name)
+            mark_points(
+                panel, [(x, each.mean) for x, each in zip(places, estimates, strict=True)], [mark[:1] for mark in early]
+            )
             counts |= {estimate.episodes for estimate in estimates}
+            marks += early
         panel.set(xlabel=label, ylabel="score", ylim=(-1.05, 1.05))
     axes[1].set_xscale("log")
     axes[1].set_xticks(ticks := (250, 500, 1000, 2000, 3500), [f"{tick:,}" for tick in ticks])
     axes[1].minorticks_off()
-    legend_below(drawn, note=sample_note(counts))
+    legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, interval, markdown_table, mean_score
+from page_tables import Experiment, arguments, complete, markdown_table, mean_score, score_of
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
@@ -56,9 +56,9 @@ def scores(rows: Sequence[Row]) -> str:
     lines = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         played = {cell.player: own for cell, own in cells}
-        means = {player: interval(mean_score(played[player])) for player in PLAYERS}
+        means = {player: score_of(played[player]) for player in PLAYERS}
         name, line = best_line(played)
-        means["one line"] = f"{interval(mean_score(line))}, `{name}`"
+        means["one line"] = f"{score_of(line)}, `{name}`"
         best = f"{max(model.raw[game] for model in models):,g}" if game in people.raw else ""
         human = f"{people.raw[game]:,g}" if game in people.raw else ""
         lines.append((f"`{game}`", str(len(cells[0][1])), *(means[player] for player in SHOWN), best, human))

@@ -37,7 +37,6 @@ COMMANDS = (
     ("results", "run"),
     ("compare", "run", "sweep"),
     ("cost", "run"),
-    ("power", "run", "--difference", "1"),
     ("report", "run", "--out", "run.html"),
     ("share", "hanoi.jsonl", "--out", "hanoi.html"),
     ("export", "run", "--out", "rows.jsonl"),

@@ -16,7 +16,7 @@ ELSEWHERE = {
     "inspect.md": "inspect_ai",
     "openenv.md": "openenv",
     "pydantic-ai.md": "pydantic_ai",
-    "trackers.md": "opentelemetry.sdk",
+    "traces.md": "opentelemetry.sdk",
     "trl.md": "trl",
     "verifiers.md": "verifiers",
 }

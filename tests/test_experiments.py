@@ -14,6 +14,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.evaluation.runs.sweeps import sweep
+from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
@@ -207,12 +208,10 @@ def test_a_custom_strategy_is_the_same_as_the_windows_own(experiments):
 
 
 def test_a_claim_is_confirmed_by_an_interval_on_its_side_alone():
-    claims = importlib.import_module("arena_claims")
-    better = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=True)
-    worse = claims.Claim(claims.BANDIT, {"notes_tokens": 200}, better=False)
-    above, around = claims.Outcome(64, 0.1, 0.05, 0.15), claims.Outcome(64, 0.1, -0.05, 0.25)
-    assert [above.of(better), above.of(worse)] == ["confirmed", "contradicted"]
-    assert [around.of(better), around.of(worse)] == ["undecided", "undecided"]
+    outcome = importlib.import_module("page_tables").outcome
+    above, around = mean_estimate([0.1, 0.2, 0.1, 0.2], Bounds(0, 1)), mean_estimate([0.1, -0.2, 0.1], Bounds(-1, 1))
+    assert [outcome(above, better=better) for better in (True, False)] == ["confirmed", "contradicted"]
+    assert [outcome(around, better=better) for better in (True, False)] == ["undecided", "undecided"]
 
 
 @pytest.mark.slow

@@ -144,8 +144,7 @@ def test_a_picture_s_name_in_an_older_record_is_no_path(tmp_path: Path) -> None:
 
 def test_no_command_imports_the_game_that_a_run_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    until = {"until": {"margin": "0.1h"}, "executor": "inline", "trials": 2}
-    sp.evaluate(["Hanoi3Disk-v0"], ["rule", "random"], out="run", **until)
+    sp.evaluate(["Hanoi3Disk-v0"], ["rule", "random"], out="run", executor="inline", trials=2)
     Path("beacon.py").write_text("raise SystemExit('imported')\n")
     for path in (*Path("run").glob("*.json*"), *Path("run").glob("episodes/*.jsonl")):
         path.write_text(path.read_text().replace("Hanoi3Disk-v0", "beacon.py:SPEC"))

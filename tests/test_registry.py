@@ -16,7 +16,6 @@ import smartplay_tools as sp
 from smartplay_tools.errors import MissingExtraError, UnknownNameError
 from smartplay_tools.evaluation.exports.export import FORMATS
 from smartplay_tools.evaluation.runs.executors import EXECUTORS
-from smartplay_tools.evaluation.runs.tracking import TRACKERS
 from smartplay_tools.games import GAMES
 from smartplay_tools.games.game_registry import Games
 from smartplay_tools.games.minecraft.engines import ENGINES
@@ -39,9 +38,9 @@ import smartplay_tools as sp
 TOWER = dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="Tower-v0", kwargs={"disks": 5}, rollout=40)
 """
 
-PLACES = {**PLAYERS, **EXECUTORS.places, **TRACKERS.places, **ENGINES.places, **FORMATS}
+PLACES = {**PLAYERS, **EXECUTORS.places, **ENGINES.places, **FORMATS}
 IMPORT_A_FRAMEWORK = ("smartplay_anthropic", "smartplay_langchain", "smartplay_openai", EXECUTORS.places["ray"])
-NEED_THEIR_OWN_ENVIRONMENT = ("smartplay_inspect", "smartplay_local", "smartplay_trackers")
+NEED_THEIR_OWN_ENVIRONMENT = ("smartplay_inspect", "smartplay_local")
 
 Install = Callable[..., None]
 

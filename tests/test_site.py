@@ -32,10 +32,9 @@ ELSEWHERE = {
     "smartplay_local": "local.md",
     "smartplay_minigrid": "memory.md",
     "smartplay_openenv": "openenv.md",
-    "smartplay_otel": "trackers.md",
+    "smartplay_otel": "traces.md",
     "smartplay_popgym": "memory.md",
     "smartplay_pydantic_ai": "pydantic-ai.md",
-    "smartplay_trackers": "trackers.md",
     "smartplay_trl": "trl.md",
     "smartplay_verifiers": "verifiers.md",
 }

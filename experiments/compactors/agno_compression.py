@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from agno.compression.manager import CompressionManager
 from agno.models import message as agno
@@ -73,5 +73,4 @@ def _back(messages: Iterable[agno.Message]) -> Iterator[Message]:
         if message.role == "tool":
             yield {"role": "tool", "content": text, "tool_call_id": message.tool_call_id or ""}
         else:
-            made: Any = reply_message(text, calls)
-            yield {**made, "role": message.role}
+            yield cast(Message, {**reply_message(text, calls), "role": message.role})

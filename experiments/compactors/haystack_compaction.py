@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from haystack.dataclasses import ChatMessage, ToolCall
 from haystack.hooks.compaction.sliding_window import SlidingWindowCompactor
@@ -58,7 +58,7 @@ class HaystackCompactor(ImportedCompactor):
             return ChatMessage.from_tool(text, origin=self._calls[message["tool_call_id"]])
         if message["role"] == "assistant":
             calls = [
-                ToolCall(call["function"]["name"], object_in(call["function"]["arguments"]), id=call["id"])
+                ToolCall(call["function"]["name"], object_in(call["function"]["arguments"]) or {}, id=call["id"])
                 for call in calls_of(message)
             ]
             self._calls |= {call.id: call for call in calls if call.id}
@@ -100,5 +100,4 @@ def _back(messages: Iterable[ChatMessage]) -> Iterator[Message]:
             yield {"role": "tool", "content": str(result.result), "tool_call_id": result.origin.id or ""}
         if not message.tool_call_results:
             calls = [function_call(call.id or "", call.tool_name, call.arguments) for call in message.tool_calls]
-            made: Any = reply_message(message.text or "", calls)
-            yield {**made, "role": message.role.value}
+            yield cast(Message, {**reply_message(message.text or "", calls), "role": message.role.value})

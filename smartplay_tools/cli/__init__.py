@@ -79,7 +79,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "results": _Entry("results:results", True),
         "compare": _Entry("compare:compare", True),
         "cost": _Entry("cost:cost", True),
-        "power": _Entry("compare:power", True),
         "report": _Entry("report:report", True),
         "share": _Entry("report:share", True),
         "view": _Entry("view:view"),

@@ -1,4 +1,4 @@
-"""The commands `compare`, which compares runs and sweeps pair by pair, and `power`, which plans a comparison."""
+"""The command `compare`, which compares runs and sweeps pair by pair."""
 
 from __future__ import annotations
 
@@ -16,24 +16,9 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.planning import (
-    as_rows as plan_rows,
-    of_comparison,
-    of_windows,
-    plan,
-    planning_table,
-)
 from smartplay_tools.evaluation.analysis.tables import plain
-from smartplay_tools.evaluation.analysis.together import bonferroni
-from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
-from smartplay_tools.evaluation.runs.sweeps import SUMMARY
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import CONFIDENCE
-
-Reference = Annotated[
-    str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
-]
 
 
 def compare(
@@ -43,7 +28,9 @@ def compare(
             metavar="DIR...", help="Folders of runs or sweeps; the first is the reference.", show_default=False
         ),
     ],
-    reference: Reference = None,
+    reference: Annotated[
+        str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
+    ] = None,
     margin: Annotated[
         str | None,
         typer.Option(
@@ -76,40 +63,6 @@ def compare(
     compared = compare_runs(rows, reference=reference, margin=given, match=options.names(match))
     tables = [*comparison_tables(compared), *cost_columns(folders, cache, caches)]
     print_tables(form, tables, as_rows(compared), plain(compared))
-
-
-def power(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR...", help="Folders of runs; the first is the reference.", show_default=False),
-    ],
-    difference: Annotated[
-        str, typer.Option(metavar="D", help="The difference to detect, in points or human scores (0.1h).")
-    ],
-    reference: Reference = None,
-    together: Annotated[
-        int | None,
-        typer.Option(metavar="K", min=1, help="Differences that hold together; by default those of the table."),
-    ] = None,
-    form: FormatOption = Format.TEXT,
-) -> None:
-    """Say how many trials it takes to see a difference, from the spread of the pairs in these runs.
-
-    The plan is of the table that will be printed: of `sweep` for the folder of a sweep, of `compare` for others.
-
-    Example: smartplay-tools power runs/before runs/after --difference 2
-    """
-    rows, confidence = _rows_by_run(folders), CONFIDENCE
-    if len(folders) == 1 and reference is None and (folders[0] / SUMMARY).exists():
-        windows = compare_windows(rows[str(folders[0])])
-        contrasts, confidence = of_windows(windows), windows[0].confidence if windows else CONFIDENCE
-    else:
-        contrasts = of_comparison(compare_runs(rows, reference=reference))
-    if together is not None:
-        confidence = bonferroni(together).confidence
-    planned = plan(contrasts, Margin.parse(difference), confidence)
-    lines = plan_rows(planned)
-    print_tables(form, [planning_table(planned, confidence)], lines, lines)
 
 
 def _rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:

@@ -57,6 +57,8 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
     "reply_tokens": (_limit("Cap on every reply."), "none"),
     "question_tokens": (_limit("Cap on the prompts of a compactor's questions; none: that of prompts."), "none"),
     "episode_tokens": (_limit("Cap on all prompts and replies together."), "none"),
+    "episode_cost": (_limit("Cap on what all prompts and replies cost, by --cost-rule.", "AMOUNT"), "none"),
+    "cost_rule": (_limit("What a token costs: a rule as in `cost`, PROVIDER:MODEL, or numbers.", "RULE"), "none"),
     "result_tokens": (_limit("Cap on one tool result: a number, auto or none."), "auto"),
     "tool_calls": (_limit("Cap on tool calls: a number, game (4 x rollout + 16) or none."), "game"),
     "stalled_turns": (_limit("Cap on turns in a row that play no step and show nothing new, or none."), "10"),

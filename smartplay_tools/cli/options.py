@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -125,8 +126,8 @@ def on_command_line(context: typer.Context) -> set[str]:
 
 
 def names(text: str | None) -> list[str]:
-    """Return the parts of a list that is separated by commas."""
-    return [name.strip() for name in (text or "").split(",") if name.strip()]
+    """Return the parts of a list that is separated by commas; one before KEY= belongs to the part before it."""
+    return [name.strip() for name in re.split(r",(?![^\W\d]\w*=)", text or "") if name.strip()]
 
 
 def key_values(pairs: list[str] | None, name: str = "--option") -> dict[str, Any]:

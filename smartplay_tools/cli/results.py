@@ -23,7 +23,6 @@ from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
-from smartplay_tools.evaluation.analysis.stopping import Comparisons, decisions_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
 from smartplay_tools.evaluation.analysis.window_tables import took_tables
@@ -108,7 +107,7 @@ def run_tables(
     everything: bool = False,
     succeeds: Succeeds | None = None,
 ) -> Iterator[TextTable]:
-    """Yield a run's headline and failures, or all tables of its summary; then its repeats and decisions, if any."""
+    """Yield a run's headline and failures, or all tables of its summary; then its repeats, if any."""
     if summary.cells:
         yield headline(summary)
     if everything:
@@ -120,10 +119,6 @@ def run_tables(
         yield failures_table(summary.failures)
     if figures := repeated(rows, succeeds):
         yield repeats_table(figures)
-    manifest = folder.manifest()
-    if manifest.until is not None:
-        decisions = Comparisons(manifest).decisions({row["key"]: row for row in rows})
-        yield decisions_table(decisions, manifest.cells)
 
 
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:

@@ -14,7 +14,6 @@ from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
 from smartplay_tools.evaluation.runs.run_options import RunOptions
@@ -39,8 +38,7 @@ Pilot = Annotated[
     _option(
         min=1,
         metavar="N",
-        help="Play N episodes of each cell only, and estimate the whole run from them; `power` needs 10 of each. "
-        "Without it, the run continues.",
+        help="Play N episodes of each cell only, and estimate the whole run from them. Without it, the run continues.",
     ),
 ]
 
@@ -116,7 +114,6 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
-    track: Annotated[str | None, _option(metavar="mlflow|wandb", help="Send figures to this tracker as well.")] = None
     dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
     pilot: Pilot = None
     assume_reply_tokens: Annotated[
@@ -132,9 +129,7 @@ class RunCommand:
         given = player_configs(names, self.base_url, self.player_option, configs)
         return with_tool_options(given, self.parse_calls, self.tool_choice)
 
-    def play(
-        self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None, until: Until | None = None
-    ) -> Run | None:
+    def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
         how = RunOptions(
             executor=self.executor,
@@ -143,8 +138,6 @@ class RunCommand:
             run_tokens=self.run_tokens,
             run_cost=self.run_cost,
             prices=prices(self.price),
-            until=until,
-            track=self.track,
         )
         if self.dry_run:
             check_prices(how.prices or (), map(player_of, plan.cells))
@@ -155,8 +148,6 @@ class RunCommand:
         display = not_shown if quiet else partial(showing, Console(stderr=True))
         if self.pilot is None:
             return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
-        if until is not None:
-            raise InvalidArgumentError("--pilot plays a part of a planned run; leave out --until.")
         run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
         if not self.as_json:
             print_pilot(Console(stderr=True), run, plan, players, how)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
 
 NOT_ENFORCED = (
-    *("prompt_tokens", "reply_tokens", "episode_tokens", "slack", "batch", "protocol"),
+    *("prompt_tokens", "reply_tokens", "episode_tokens", "episode_cost", "cost_rule", "slack", "batch", "protocol"),
     *STRATEGIES,
     *OF_RUNS,
 )

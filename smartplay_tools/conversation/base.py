@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from smartplay_tools.context.prefix import common_beginning
-from smartplay_tools.context.turns import Form, Turn, TurnBuilder
+from smartplay_tools.context.turns import Form, Turn, TurnBuilder, with_ids
 from smartplay_tools.context.view import View
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
@@ -31,10 +31,13 @@ from smartplay_tools.errors import (
     name_of,
 )
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.types import EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
+from smartplay_tools.types import EndReason, EpisodeResult, Prompt, Reply, SampledTokens, ToolSpec, Usage
 from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Call, Message, assistant_message, calls_of, pictures_of, read_calls
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
+
+if TYPE_CHECKING:
+    from smartplay_tools.conversation.spending import Spending
 
 T = TypeVar("T")
 
@@ -131,6 +134,8 @@ class BaseConversation(ABC):
         """The pictures that a later view may show, by their sha256, the newest last."""
         episode.begin(player=player, protocol=self.protocol)
         self._cache_key = episode.config.key
+        self.spending = self._new_spending()
+        """What the episode has cost, where its budget has a cap on that."""
         self._record_head(head, tools, **facts)
 
     def _record_head(self, head: Sequence[Message], tools: Sequence[ToolSpec], **facts: Any) -> None:
@@ -269,7 +274,8 @@ class BaseConversation(ABC):
             message["ids"] = ids
         events = [message]
         if pending is not None:
-            events.append({"event": "usage", "turn": number, **pending.cost(tokens), "provider": reply.usage})
+            cost = self._charged(pending, with_ids(reply.message, ids), tokens)
+            events.append({"event": "usage", "turn": number, **cost, "provider": reply.usage})
         self._ledger.record(*events)
         self._pending, self._ledger.if_closed = None, None
         self._builder.open(number, reply.message, calls, tokens)
@@ -284,10 +290,13 @@ class BaseConversation(ABC):
         except StrategyError as error:
             self.episode.end("strategy_error", error.__cause__ or error)
             return None
-        max_tokens = self._max_tokens(view.tokens)
-        if max_tokens is not None and max_tokens < max(1, self.episode.budget.reply_tokens or 1):
-            self.episode.end("episode_tokens")
-            return None
+        limits, least = self._left(view), self.episode.budget.reply_tokens or 1
+        for spent, most in limits.items():
+            if most < least:
+                self.episode.end(spent)
+                return None
+        longest = min(*limits.values(), self.episode.budget.reply_tokens or math.inf, math.inf)
+        max_tokens = None if longest == math.inf else int(longest)
         self._view = view
         if self._ledger.is_recording:
             self._record_view(view, max_tokens)
@@ -337,13 +346,33 @@ class BaseConversation(ABC):
             limits.append(budget.prompt_tokens // max(1, each) + 1)
         return min(limits)
 
-    def _max_tokens(self, prompt_tokens: int) -> int | None:
+    def _left(self, view: View) -> dict[EndReason, float]:
+        """The most tokens that the reply to a prompt may have, by the field of the budget that is spent after them."""
+        budget, spent = self.episode.budget, self.episode.stats.tokens
+        left: dict[EndReason, float] = {}
+        if budget.episode_tokens is not None:
+            left["episode_tokens"] = budget.episode_tokens - spent.prompt - spent.reply - view.tokens
+        if self.spending is not None:
+            left["episode_cost"] = self.spending.take(view)
+        return left
+
+    def _new_spending(self) -> Spending | None:
         budget = self.episode.budget
-        if budget.episode_tokens is None:
-            return budget.reply_tokens
-        spent = self.episode.stats.tokens
-        left = budget.episode_tokens - spent.prompt - spent.reply - prompt_tokens
-        return left if budget.reply_tokens is None else min(left, budget.reply_tokens)
+        if budget.episode_cost is None:
+            return None
+        from smartplay_tools.context.cached import marks_of
+        from smartplay_tools.conversation.spending import Spending
+        from smartplay_tools.providers.cost_rules import NO_CACHE, cost_rule
+
+        marks = marks_of(self.episode.config.player_options)
+        return Spending(budget.episode_cost, cost_rule(budget.cost_rule or NO_CACHE), self.episode.counter, marks)
+
+    def _charged(self, pending: Pending, message: Message, tokens: int) -> dict[str, Any]:
+        """Charge a prompt and its reply, as later prompts show it, and return the fields of the `usage` event."""
+        cost = pending.cost(tokens)
+        if self.spending is None:
+            return cost
+        return {**cost, "spent": self.spending.charge(message, tokens, pending.view.purpose)}
 
     def _record_view(self, view: View, max_tokens: int | None) -> None:
         self._ledger.write(

@@ -179,7 +179,7 @@ class ToolConversation(BaseConversation):
             event = {**reply.event("summary", turn, covers=facts.pop("covers")), **facts}
         else:
             event = {**reply.event("question", turn, tokens=view.tokens), "reply": reply.message}
-        cost = pending.cost(self.episode.counter.message(reply.message))
+        cost = self._charged(pending, reply.message, self.episode.counter.message(reply.message))
         self._ledger.record(
             event, {"event": "usage", "turn": turn, "purpose": view.purpose, **cost, "provider": reply.usage}
         )

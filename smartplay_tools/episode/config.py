@@ -264,7 +264,7 @@ def recorded_facts(start: Mapping[str, Any], config: EpisodeConfig | None = None
 Deviations = dict[str, dict[str, Any]]
 """name -> {"paper": ..., "played": ...}; None stands for no cap."""
 
-CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "result_tokens")
+CAPS = ("prompt_tokens", "reply_tokens", "episode_tokens", "episode_cost", "result_tokens")
 """Fields of a budget that the paper does not limit."""
 
 

@@ -113,6 +113,7 @@ class EpisodeStats:
     questions: int = 0
     refused_questions: int = 0
     blind_prompts: int = 0
+    spent_cost: float = 0.0
     unusable_usages: int = 0
     _sums: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     _provider: Usage | None = None
@@ -204,6 +205,7 @@ class EpisodeStats:
                 self.unusable_usages += 1
             else:
                 self._provider = usage if self._provider is None else self._provider + usage
+        self.spent_cost = event.get("spent", self.spent_cost)
         sums, prompt, reply = self._sums, event.get("prompt", 0), event.get("reply", 0)
         sums["prompt"] += prompt
         sums["reply"] += reply

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 
-BUDGET_ENDS = ("prompt_tokens", "episode_tokens", "strategy_error")
+BUDGET_ENDS = ("prompt_tokens", "episode_tokens", "episode_cost", "strategy_error")
 """Reasons for which an episode ends when the next prompt is requested."""
 
 EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")

@@ -1,43 +1,25 @@
-"""The requests of an episode as a provider's cache sees them: sequences of units, and the prefixes that they share.
-
-Equal units have the same number. The units of a request are the tools as one, then each message. Inside the first unit
-that differs nothing is common: a head to which the manual is added counts as new from there on. Priming belongs to no
-unit, since no request shares it.
-"""
+"""The requests of an episode as a provider's cache sees them (`smartplay_tools.context.cached`), from its record."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from itertools import compress, count
-from operator import is_not
 from typing import Any, NamedTuple
 
+from smartplay_tools.context.cached import Prefixes, Unit, Units, same_and_stable
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer
-from smartplay_tools.context.turns import Form, with_ids
+from smartplay_tools.context.turns import with_ids
 from smartplay_tools.episode.cells import counter_of
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.prompts import Rebuilder, sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import purpose_of
-from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
 from smartplay_tools.transcript.times import read_times, times_file
-from smartplay_tools.types import Purpose, ToolSpec, Usage
-from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of
-
-
-class Unit(NamedTuple):
-    """The tools of a request, or one of its messages; equal ones are the same object."""
-
-    number: int
-    tokens: int
-    blocks: int
-    """Content blocks: a text, a call, a result and the reasoning of a reply are one each."""
-    is_system: bool
-    """Whether it is the tools or a system message."""
+from smartplay_tools.types import Purpose, Usage
+from smartplay_tools.types.messages import calls_of
 
 
 class Request(NamedTuple):
@@ -97,102 +79,11 @@ class RequestLog:
         return self._numbered(by_purpose=True)
 
     def _numbered(self, *, by_purpose: bool) -> Prefixes:
-        tagged: dict[tuple[Unit, Purpose], Unit] = {}
-
-        def told_apart(units: Sequence[Unit], purpose: Purpose) -> list[Unit]:
-            return [tagged.setdefault((unit, purpose), unit._replace(number=-1 - len(tagged))) for unit in units]
-
-        prefixes = Prefixes(self.ratio)
+        prefixes = Prefixes(self.ratio, by_purpose=by_purpose)
         for request in self.requests:
-            units, same, answer = request.units, request.same, request.answer
-            if by_purpose:
-                system = next((at for at, unit in enumerate(units) if not unit.is_system), len(units))
-                units, same = [*units[:system], *told_apart(units[system:], request.purpose)], min(same, system)
-                [answer] = told_apart([answer], request.purpose)
-            prefixes.add(units, same, answer)
+            prefixes.add(request.units, request.same, request.purpose)
+            prefixes.add_reply(request.answer, request.purpose)
         return prefixes
-
-
-class Prefixes:
-    """The prefixes of requests that end with a unit, each with a number; equal ones have the same.
-
-    They form a tree: each prefix extends another by one unit. The empty prefix is 0. A prefix has the number after that
-    of the one it extends, unless that one was extended by another unit before.
-    """
-
-    def __init__(self, ratio: Fraction | None = None) -> None:
-        """`ratio` is that of the provider's tokens to ours."""
-        self.paths: list[list[int]] = []
-        """For each request its prefixes, by their length in units."""
-        self.shared: list[int] = []
-        """For each request, how many of its units an earlier one begins with."""
-        self.shared_with_reply: list[int] = []
-        """For each request, how many of its units an earlier one, or one with its reply, begins with."""
-        self.answers: list[int] = []
-        """For each request the prefix that is itself with its reply."""
-        self._ratio = ratio
-        self._before = [0]
-        """Each prefix without its last unit."""
-        self._units: list[Unit] = [Unit(-1, 0, 0, is_system=False)]
-        """The last unit of each prefix."""
-        self._branches: dict[tuple[int, int], int] = {}
-        """The prefixes whose number is not the next, by the one before and the last unit."""
-        self._replies: set[int] = set()
-        """The prefixes that end with a reply, and with which no request begins."""
-
-    def add(self, units: Sequence[Unit], same: int, answer: Unit) -> None:
-        """Add the next request, whose first units are the `same` as those of the one before."""
-        path = self.paths[-1][: same + 1] if self.paths else [0]
-        for unit in units[same:]:
-            if (prefix := self._after(path[-1], unit)) is None:
-                break
-            path.append(prefix)
-        shared = len(path) - 1
-        self.shared_with_reply.append(shared)
-        self.shared.append(shared - (path[shared] in self._replies))  # nothing follows a reply that was not shown again
-        self._replies.discard(path[shared])
-        path += self._grown(path[shared], units[shared:])
-        self.paths.append(path)
-        if (prefix := self._after(path[-1], answer)) is None:
-            [prefix] = self._grown(path[-1], [answer])
-            self._replies.add(prefix)
-        self.answers.append(prefix)
-
-    def _after(self, prefix: int, unit: Unit) -> int | None:
-        """The prefix that is this one and a unit, if there is one."""
-        following = prefix + 1
-        if following < len(self._units) and self._before[following] == prefix and self._units[following] is unit:
-            return following
-        return self._branches.get((prefix, unit.number))
-
-    def _grown(self, prefix: int, units: Sequence[Unit]) -> Sequence[int]:
-        """Number the prefixes that extend one by each of these units in turn."""
-        first = len(self._units)
-        if units and first != prefix + 1:
-            self._branches[prefix, units[0].number] = first
-        new = range(first, first + len(units))
-        self._before += (prefix, *new)[: len(units)]
-        self._units += units
-        return new
-
-    @cached_property
-    def tokens(self) -> list[int]:
-        """The tokens of each prefix, which are the provider's if there is a ratio."""
-        tokens = self._summed([unit.tokens for unit in self._units])
-        if (ratio := self._ratio) is None:
-            return tokens
-        return [each * ratio.numerator // ratio.denominator for each in tokens]
-
-    @cached_property
-    def blocks(self) -> list[int]:
-        """The content blocks of each prefix; tools are none."""
-        return self._summed([unit.blocks for unit in self._units])
-
-    def _summed(self, sizes: Sequence[int]) -> list[int]:
-        sums: list[int] = []
-        for before, size in zip(self._before, sizes, strict=True):
-            sums.append(size + sums[before] if sums else size)
-        return sums
 
 
 Key = tuple[int, Purpose, int]
@@ -221,10 +112,7 @@ def requests_of(record: Record, *, tokenizer: str | Tokenizer | None = None) -> 
     for key, (prompt, at) in prompts.items():
         score = scores.get(key[0] - 1, score)
         if key in usages and key in replies:
-            same, (tokens, reply) = _common(prompt, before), _counted(usages[key], ratio)
-            # Messages after the tools are stable even if the tools change.
-            stable = same or 1 + _common(prompt[1:], before[1:])
-            stable = stable if stable > 1 else 0
+            (same, stable), (tokens, reply) = same_and_stable(prompt, before), _counted(usages[key], ratio)
             requests.append(Request(prompt, same, stable, key[1], tokens, reply, replies[key], score, at))
             before = prompt
     return RequestLog(requests, ratio)
@@ -263,23 +151,18 @@ def _counted(usage: Mapping[str, Any], ratio: Fraction | None) -> tuple[int, int
     return prompt, usage["reply"] if provider is None or not provider.prompt else provider.reply
 
 
-class _Units(dict[Form, Unit]):
-    """The units of a record's prompts by the forms of messages; equal ones are numbered and counted once."""
+class _Units(Units):
+    """The units of a record's prompts."""
 
     def __init__(self, record: Record, counter: TokenCounter) -> None:
-        super().__init__()
-        self._record, self._counter = record, counter
-        self._units: dict[Hashable, Unit] = {}
-
-    def __missing__(self, form: Form) -> Unit:
-        unit = self[form] = self._of(form.message)
-        return unit
+        super().__init__(counter)
+        self._record = record
 
     def prompts(self) -> Iterator[list[Unit]]:
         """Yield the units of every prompt of the record."""
         if self._record.is_paper:
             for sent in sent_prompts(self._record.events):
-                yield [self._tools(sent.prompt.tools), *map(self._of, sent.prompt.messages)]
+                yield [self.tools(sent.prompt.tools), *map(self.of, sent.prompt.messages)]
             return
         rebuilder, known = Rebuilder(self._record.events, self._record.turns), None
         for event in self._record.events:
@@ -287,7 +170,7 @@ class _Units(dict[Form, Unit]):
             if event["event"] == "view":
                 tools, forms = rebuilder.parts(event)
                 if tools is not known:
-                    known, unit = tools, self._tools(tools)
+                    known, unit = tools, self.tools(tools)
                 yield [unit, *map(self.__getitem__, forms)]
 
     def replies(self) -> dict[Key, Unit]:
@@ -299,45 +182,10 @@ class _Units(dict[Form, Unit]):
         for number, event in sent.items():
             if record.is_paper or number in edited or record.turns[number].sent is not None:
                 ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
-                replies[number, "play", 0] = self._of(with_ids(event["message"], ids))
+                replies[number, "play", 0] = self.of(with_ids(event["message"], ids))
             else:
                 replies[number, "play", 0] = self[record.turns[number].whole[0]]
-        replies |= {(event["turn"], "summary", 0): self._of(event["message"]) for event in record.summaries}
+        replies |= {(event["turn"], "summary", 0): self.of(event["message"]) for event in record.summaries}
         answers = [(event["turn"], event["reply"]) for event in record.questions if event["reply"] is not None]
         keys = _keys({"turn": turn, "purpose": "compaction"} for turn, _ in answers)
-        return replies | {key: self._of(answer) for key, (_, answer) in zip(keys, answers, strict=True)}
-
-    def _of(self, message: Message) -> Unit:
-        written = _written(message)
-        if (unit := self._units.get(written)) is None:
-            tokens, is_system = self._counter.message(message), message["role"] in ("system", "developer")
-            unit = self._units[written] = Unit(len(self._units), tokens, blocks_of(message), is_system)
-        return unit
-
-    def _tools(self, tools: Sequence[ToolSpec]) -> Unit:
-        written = tools_bytes(tools)
-        if (unit := self._units.get(written)) is None:
-            unit = self._units[written] = Unit(len(self._units), self._counter.tools(tools), 0, is_system=True)
-        return unit
-
-
-def _written(message: Message) -> Hashable:
-    """A key that is equal if the canonical JSON of messages is; for most results it needs no JSON."""
-    if message["role"] == "tool" and len(message) == 3 and isinstance(message["content"], str):
-        return message["content"], message["tool_call_id"]
-    return canonical_json(message)
-
-
-def _common(first: list[Unit], second: list[Unit]) -> int:
-    """How many units at the beginning are the same."""
-    length = min(len(first), len(second))
-    if first[:length] == second[:length]:
-        return length
-    return next(compress(count(), map(is_not, first, second)))
-
-
-def blocks_of(message: Message) -> int:
-    """Return how many content blocks a message is: a text, a call, a result and its reasoning are one each."""
-    if message["role"] != "assistant":
-        return 1
-    return max(1, bool(text_of(message)) + len(calls_of(message)) + bool(reasoning_of(message)))
+        return replies | {key: self.of(answer) for key, (_, answer) in zip(keys, answers, strict=True)}

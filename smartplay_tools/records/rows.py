@@ -73,7 +73,10 @@ GAME_ENDS = ("terminated", "rollout")
 """The game's own ends; every other one is early: a cap, a stall, an error, a host or a person has caused it."""
 
 EARLY_ENDS = frozenset(
-    {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call", "strategy_error", "game_error"}
+    {
+        *("prompt_tokens", "episode_tokens", "episode_cost", "tool_calls"),
+        *("stalled_turns", "no_tool_call", "strategy_error", "game_error"),
+    }
 )
 """Of the early ends, those that a budget, a stall, a strategy or a wrong value of the game causes."""
 

@@ -10,9 +10,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.cached import Unit
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, is_thread_record
-from smartplay_tools.records.requests import Request, RequestLog, Unit
+from smartplay_tools.records.requests import Request, RequestLog
 
 __all__ = ["thread_files", "thread_requests", "thread_row"]
 

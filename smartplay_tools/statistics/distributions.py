@@ -56,15 +56,6 @@ def t_quantile(tail: float, df: float) -> float:
     return crossing(excess, 0.0, beyond(excess), 80)
 
 
-def chi_squared_quantile(probability: float, df: float) -> float:
-    """The value below which chi-squared with `df` degrees of freedom is with this probability."""
-
-    def shortfall(x: float) -> float:
-        return probability - _incomplete_gamma(df / 2, x / 2)
-
-    return crossing(shortfall, 0.0, beyond(shortfall), 80)
-
-
 def binomial_at_most(successes: int, n: int, share: float) -> float:
     """The probability of at most this number of successes in `n` trials."""
     if successes < 0 or successes >= n:

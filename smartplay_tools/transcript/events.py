@@ -172,6 +172,8 @@ class UsageEvent(TypedDict):
     overrun: NotRequired[bool]
     texts: NotRequired[Count]
     """The part of `prompt` that a custom strategy has written."""
+    spent: NotRequired[Annotated[float, Field(ge=0, allow_inf_nan=False)]]
+    """What the episode has cost so far, where its budget is in money."""
     purpose: NotRequired[Literal["summary", "compaction"]]
     """Present on the usage of a summary or of a question; the turn has its own usage."""
     provider: Annotated[dict[str, Any], AfterValidator(_usage)] | None

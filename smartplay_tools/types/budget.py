@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -24,6 +25,7 @@ from pydantic import (
     ValidationError,
     model_serializer,
 )
+from pydantic_core import PydanticCustomError
 
 from smartplay_tools.errors import InvalidArgumentError, similar
 
@@ -31,6 +33,10 @@ NEWER = "newer than the first records, in which it is 0"
 
 NewerCount = Annotated[int, NEWER]
 """A count that older records lack."""
+
+
+NewerCost = Annotated[float, NEWER]
+"""A cost that older records lack."""
 
 
 class Recorded(BaseModel):
@@ -73,6 +79,8 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 
 Cap = Annotated[int, Field(strict=True, ge=1)]
 
+Cost = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
 
 BeyondHistory = Literal["drop", "mask"]
 """What happens to a turn older than `history`: it is dropped, or stays with its observations masked."""
@@ -114,8 +122,31 @@ def _number(what: str, without: str) -> Callable[[Any], str]:
     return lambda number: without if number is None else f"{what} {number}"
 
 
+def _amount(what: str) -> Callable[[Any], str]:
+    return lambda cap: f"{what} unlimited" if cap is None else f"{what} <= {cap:,.12g}"
+
+
 def _choice(**words: str) -> Callable[[Any], str]:
     return words.__getitem__
+
+
+def _rule(line: str | None) -> str:
+    if line is None:
+        return "costs without a cache"
+    name = line.partition(":input=")[0]
+    return f"costs by {name if _spelled_out(name, '') == line else line}"
+
+
+def _spelled_out(line: str, otherwise: str | None = None) -> str | None:
+    """The rule of costs that a line names, in numbers; `none` is no rule."""
+    from smartplay_tools.providers.cost_rules import cost_rule
+
+    try:
+        return None if line == "none" else str(cost_rule(line))
+    except InvalidArgumentError as error:
+        if otherwise is not None:
+            return otherwise
+        raise PydanticCustomError("cost_rule", "{why}", {"why": str(error).removesuffix(".")}) from None
 
 
 def _custom(strategy: str | None) -> str:
@@ -135,6 +166,11 @@ class Budget(Recorded):
     """Cap on every reply."""
     episode_tokens: Annotated[Cap | None, Reads(_cap_on("episode"))] = None
     """Cap on all prompts and replies of an episode together."""
+    episode_cost: Annotated[Cost | None, Reads(_amount("costs"))] = None
+    """Cap on what all prompts and replies of an episode cost together, by `cost_rule`."""
+    cost_rule: Annotated[Annotated[str, AfterValidator(_spelled_out)] | None, Reads(_rule)] = None
+    """What a token costs, and what is cached: a rule of `docs/context-cost.md`, PROVIDER:MODEL, or numbers; None: a
+    token of a prompt costs 1 and one of a reply 5, and nothing is cached."""
     result_tokens: Annotated[Cap | Literal["auto"] | None, Reads(_cap_on("results"))] = "auto"
     """Cap on one tool result. "auto" is a quarter of what head and tool schemas leave of `prompt_tokens` (a third for
     the manual), at least 32; without `prompt_tokens` there is no cap. A number applies to every result."""
@@ -231,7 +267,7 @@ STRATEGIES: Mapping[str, Any] = {name: Budget.model_fields[name].default for nam
 WORDS = tuple(name for name, reading in _KEEPING.items() if reading.is_text)
 """The fields among these whose values are words; those of the others are numbers."""
 
-Budget.later = {**STRATEGIES, "stalled_turns": None, "question_tokens": None}
+Budget.later = {**STRATEGIES, "stalled_turns": None, "question_tokens": None, "episode_cost": None, "cost_rule": None}
 
 
 @functools.lru_cache(1_000, typed=True)

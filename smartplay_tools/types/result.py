@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from smartplay_tools.types.budget import Count, NewerCount, Recorded
+from smartplay_tools.types.budget import Count, NewerCost, NewerCount, Recorded
 from smartplay_tools.types.pictures import Picture
 from smartplay_tools.visible import as_html
 
@@ -185,6 +185,7 @@ EndReason = Literal[
     "rollout",
     "tool_calls",
     "episode_tokens",
+    "episode_cost",
     "prompt_tokens",
     "no_tool_call",
     "stalled_turns",
@@ -287,6 +288,8 @@ class EpisodeResult(Recorded):
     """Questions that were not sent, because they were longer than `question_tokens`."""
     blind_prompts: NewerCount = 0
     """Prompts of a compactor in which the newest observation is not visible, and its words stand in no message."""
+    spent_cost: NewerCost = 0.0
+    """What prompts and replies cost by the budget's `cost_rule`, where it has a cap on that (`episode_cost`)."""
     unusable_usages: NewerCount = 0
     """Usages reported by a provider whose numbers cannot be token counts; they are ignored."""
     end_reason: EndReason

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 LONG = 0.005
 """Seconds for which the event loop may be blocked."""
 
-NOT_ENFORCEABLE = ("prompt_tokens", "reply_tokens", "episode_tokens", "slack")
+NOT_ENFORCEABLE = ("prompt_tokens", "reply_tokens", "episode_tokens", "episode_cost", "cost_rule", "slack")
 """Budgets for prompts and replies, which only the host could enforce."""
 
 

@@ -201,9 +201,10 @@ BUDGETS = {
     "lazy": sp.Budget(prompt_tokens=1400, slack=0.5, result_tokens=150, episode_tokens=20_000, reply_tokens=300),
     "spent": sp.Budget(prompt_tokens=900, history=2),
     "poor": sp.Budget(episode_tokens=1500, reply_tokens=40),
+    "thrifty": sp.Budget(episode_cost=1800, cost_rule="ours:read=0.25,output=5", reply_tokens=40),
 }
 """With the first three the game is played to its end; with the second and third, turns leave the window."""
-ENDS = {"spent": "prompt_tokens", "poor": "episode_tokens"}
+ENDS = {"spent": "prompt_tokens", "poor": "episode_tokens", "thrifty": "episode_cost"}
 """How the episode ends under a budget with which it is not."""
 
 

@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from smartplay_openai.fitting import ContextManagerModel, window_filter
 
 import smartplay_tools as sp
+from tests.adapters.fitted_fuzz import faults, some
 from tests.manager.fuzz import Rewritten
 from tests.manager.histories import Messages, text_of_page
 from tests.manager.judge import is_broken
@@ -170,3 +171,9 @@ async def test_a_summary_is_shown_and_not_stored():
     check(model)
     assert model.sent[-1][1]["content"].endswith("Nothing but doors.")
     assert "Nothing but doors." not in str(result.to_input_list())
+
+
+async def test_prompts_of_random_conversations_have_no_fault():
+    rows = await some("agents", 0, 40, seed=6)
+    assert not faults(rows), rows
+    assert rows["of fewer messages"] > 20

@@ -36,6 +36,7 @@ from smartplay_inspect import WindowModel, fitted_model
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from tests.adapters.fitted_fuzz import faults, some
 from tests.manager.fuzz import cleared
 
 CAP, PAGES = 1_000, 40
@@ -240,3 +241,9 @@ def test_everything_else_is_the_models(tmp_path: Path):
     assert (str(model), model.canonical_name()) == ("window/mockllm/model", "model")
     assert model.api.connection_key() == model.api.api.connection_key()
     assert model.api.outputs is model.api.api.outputs
+
+
+async def test_prompts_of_random_conversations_have_no_fault():
+    rows = await some("inspect", 0, 40, seed=6)
+    assert not faults(rows), rows
+    assert rows["of fewer messages"] > 20

@@ -19,6 +19,7 @@ from smartplay_langchain import ContextManagerMiddleware, FittedModel
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from tests.adapters.fitted_fuzz import faults, some
 from tests.manager.histories import text_of_page
 
 CAP = 1_000
@@ -271,3 +272,9 @@ async def test_a_summary_is_shown_as_words_of_the_user(is_asynchronous: bool):
     assert isinstance(model.sent[-1][2], HumanMessage)
     assert str(model.sent[-1][2].content).endswith("Nothing but doors.")
     assert not any("Nothing but doors." in str(message.content) for message in state["messages"])
+
+
+async def test_prompts_of_random_conversations_have_no_fault():
+    rows = await some("langchain", 0, 40, seed=6)
+    assert not faults(rows), rows
+    assert rows["of fewer messages"] > 20

@@ -32,6 +32,7 @@ from smartplay_pydantic_ai import ContextManagerCapability
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
+from tests.adapters.fitted_fuzz import faults, some
 from tests.manager.fuzz import cleared
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -253,3 +254,9 @@ def test_a_result_that_is_an_error_is_cut_as_it_is_sent():
     assert request.parts[0].model_response_str().startswith('{"error":')
     assert request.parts[0].model_response_str().endswith("tokens cut]")
     assert tokens(reader.sent[0], reader.infos[0]) <= CAP
+
+
+async def test_prompts_of_random_conversations_have_no_fault():
+    rows = await some("pydantic-ai", 0, 40, seed=6)
+    assert not faults(rows), rows
+    assert rows["of fewer messages"] > 20

@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 from smartplay_openai import CHAT
 
-from smartplay_tools.providers.tables import providers, rows
+from smartplay_tools.providers.tables import ANY, provider_at, providers, rows
 from tests.dialects.rules import DIALECTS, LIMITS, RULES
 from tests.dialects.scripts import HOSTILE, ODD, SOLVED
 from tests.dialects.server import in_pieces, whole_answer
@@ -35,6 +35,12 @@ def test_a_provider_s_file_has_nothing_that_nobody_reads():
         assert {*table} <= {*READ.split()}, name
     reported = [(who, row) for kind in ("optional", "end", "limit") for who, row in rows(kind)]
     assert all(row["source"] and row["read"] >= date(2026, 11, 26) for _, row in reported)
+
+
+def test_a_cap_in_a_provider_s_file_holds_at_its_hosts():
+    assert all("hosts" in table for name, table in providers().items() if "cap" in table and name != ANY)
+    own = [dialect for dialect in CHATS if "{port}" not in dialect.base_url]
+    assert all(dialect.name.startswith(provider_at(dialect.base_url)) for dialect in own)
 
 
 def test_every_name_of_thoughts_at_the_tests_server_is_in_the_provider_s_file():

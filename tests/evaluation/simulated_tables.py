@@ -16,13 +16,11 @@ from pathlib import Path
 from tests.evaluation import simulations
 from tests.evaluation.simulations import (
     JOINT_SIZES,
-    PLANNED,
     SIZES,
     WORD_SIZES,
     coverage,
     intervals,
     joint,
-    stopping,
     words,
 )
 
@@ -46,15 +44,6 @@ TABLES: Mapping[str, tuple[tuple[str, ...], Callable[[], Mapping[str, tuple[floa
     "words": (
         ("players", *(f"{word}, n = {n}" for n in WORD_SIZES for word in ('"different"', '"equivalent"'))),
         words,
-    ),
-    "stopping": (
-        (
-            "players, margin",
-            '"different" at 0',
-            '"equivalent" at the margin',
-            *(f"used of {n}, {truth}" for n in PLANNED for truth in ("alike", "apart")),
-        ),
-        stopping,
     ),
 }
 """The tables of the page: their headings, and their figures by row."""

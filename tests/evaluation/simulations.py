@@ -1,4 +1,4 @@
-"""Simulations of intervals, words and stopping, from which the tables of docs/metrics.md are made (`simulated_tables`).
+"""Simulations of intervals and words, from which the tables of docs/metrics.md are made (`simulated_tables`).
 
 Each figure is a share of samples, 10,000 in the page and 2,000 in the tests, that are drawn with replacement from the
 scores of 200 episodes of our own players (`populations`), or from a worst case. The mean of the 200 is the truth.
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from smartplay_tools.evaluation.analysis.decisions import decide
-from smartplay_tools.evaluation.analysis.stopping import decided_at
 from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.statistics.distributions import Values
 from smartplay_tools.statistics.intervals import Bounds, Method, Sample, mean_estimate, mean_estimates
@@ -185,49 +184,3 @@ def words() -> Mapping[str, tuple[float, ...]]:
         name: tuple(error for n in WORD_SIZES for error in wrong_words(against_itself(key), margin, n))
         for name, (key, margin) in ALIKE.items()
     }
-
-
-# Stopping.
-
-PLANNED = (20, 50, 100)
-
-
-@dataclass(frozen=True)
-class Stops:
-    """What runs of a comparison came to."""
-
-    different: float
-    equivalent: float
-    used: float
-    """The share of the planned pairs."""
-
-
-def stops(differences: Values, declared: Bounds, margin: float, comparisons: int = 1) -> Stops:
-    """Judge runs, as [run, pair]."""
-    different, equivalent = decided_at(differences, declared, margin, comparisons)
-    n = differences.shape[1]
-    used = np.minimum(np.minimum(different, equivalent), n - 1) + 1
-    return Stops(
-        float(np.mean((different < n) & (different <= equivalent))),
-        float(np.mean(equivalent < different)),
-        float(used.mean() / n),
-    )
-
-
-def stopped(key: tuple[str, str, int], margin: float, truth: float, planned: int) -> Stops:
-    """Runs of a comparison whose true difference is `truth`."""
-    population = against_itself(key)
-    assert population.bounds is not None
-    drawn = draw(population, planned, 2, tilted(population.values, truth))
-    return stops(drawn, population.bounds, margin)
-
-
-def stopping() -> Mapping[str, tuple[float, ...]]:
-    """The worst error over all planned numbers, and the pairs used of 100 planned ones."""
-    figures = {}
-    for name, (key, margin) in ALIKE.items():
-        different = max(stopped(key, margin, 0, planned).different for planned in PLANNED)
-        equivalent = max(stopped(key, margin, margin, planned).equivalent for planned in PLANNED)
-        used = [stopped(key, margin, truth, planned).used for planned in PLANNED for truth in (0, 2 * margin)]
-        figures[f"{name}, margin {margin:g}"] = (different, equivalent, *used)
-    return figures

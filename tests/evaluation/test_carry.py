@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, Until
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.merge import audit, merge
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
@@ -170,7 +170,6 @@ def test_a_rule_learns_from_trial_to_trial_how_often_a_better_machine_wins(playe
         ({"repeats": 2}, "plays every world once"),
         ({"budgets": NOTING.model_copy(update={"result_tokens": None})}, "give result_tokens a number"),
         ({"budgets": sp.Budget(notes_tokens=100, prompt_tokens=450)}, "carried from the trial before"),
-        ({"until": Until("1")}, "leave out --until or carry"),
     ],
 )
 def test_what_cannot_be_carried_is_refused_in_a_sentence(tmp_path, options, reason):

@@ -44,7 +44,7 @@ def test_an_agent_does_not_do_better_where_its_budget_ends_the_episode_at_once(c
 @pytest.mark.parametrize("reason", get_args(EndReason))
 def test_only_the_ends_that_budgets_stalls_strategies_and_wrong_values_cause_count(cards, reason):
     counts = {"prompt_tokens", "episode_tokens", "tool_calls", "stalled_turns", "no_tool_call"}
-    counts |= {"strategy_error", "game_error"}
+    counts |= {"strategy_error", "game_error", "episode_cost"}
     assert (mean_score(early(cards, end_reason=reason)) < 0) == (reason in counts)
 
 

@@ -9,7 +9,6 @@ import pytest
 import scipy
 
 from smartplay_tools.statistics import intervals
-from smartplay_tools.statistics.distributions import chi_squared_quantile
 from smartplay_tools.statistics.intervals import (
     Bounds,
     MeanEstimate,
@@ -83,11 +82,6 @@ def test_shares_have_scipys_intervals(successes, n):
 
 def test_an_end_without_room_for_its_correction_is_that_of_all_resamples():
     assert [intervals._corrected(0.1, shifted, 4 * shifted) for shifted in (-0.5, 0.5)] == [0, 1]
-
-
-def test_quantiles_of_chi_squared_are_scipys():
-    for df in (1, 4, 19):
-        assert chi_squared_quantile(0.2, df) == pytest.approx(scipy.stats.chi2.ppf(0.2, df))
 
 
 def test_equal_scores_have_the_interval_that_their_number_alone_gives():

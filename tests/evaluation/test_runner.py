@@ -9,8 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
@@ -89,6 +91,20 @@ def test_a_run_from_before_stalled_turns_says_how_to_go_on(tmp_path):
     with pytest.raises(sp.InvalidArgumentError, match=r"with stalled_turns=None \(--stalled-turns none\)"):
         evaluate(sp.Budget())
     assert len(evaluate(sp.Budget(stalled_turns=None)).rows) == 1
+
+
+def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_goes_on(tmp_path, caplog):
+    """Its manifest has the margin of `--until decided`, and two of its three planned trials were not needed."""
+    plan = {"games": [HANOI], "players": ["rule"], "out": tmp_path, "executor": "inline"}
+    sp.evaluate(**plan, trials=1)
+    planned = plan_episodes(make_cells([HANOI], ["rule"], [sp.Budget()]), trials=3).manifest(shard=None, prices={})
+    older = planned.model_copy(update={"until": {"margin": "0.1h", "clip": None, "by": "score"}})
+    (tmp_path / "manifest.json").write_text(json.dumps(older.to_json()))
+    for command in ("replay", "results"):
+        assert CliRunner().invoke(app, [command, str(tmp_path)]).exit_code == 0
+    assert sp.evaluate(**plan, trials=3).complete
+    assert "it has all episodes that are asked for" in caplog.text
+    assert RunFolder(tmp_path).manifest().until is None
 
 
 def test_another_run_does_not_go_into_the_same_folder(tmp_path):

@@ -14,7 +14,9 @@ import hashlib
 import json
 import random
 from collections import Counter
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, fields
 from typing import Any
 
 import smartplay_tools as sp
@@ -136,21 +138,52 @@ def fitted(manager: sp.ContextManager, messages: Messages) -> sp.FittedPrompt | 
         return str(error)
 
 
-def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[Counter[str], list[str]]:
+@dataclass(frozen=True)
+class Drawn:
+    """A random conversation, and the settings under which it is fitted."""
+
+    kind: str
+    form: str
+    cap: int
+    options: dict[str, Any]
+    given: Messages
+    rng: random.Random
+
+    @classmethod
+    def of(cls, number: int, seed: int) -> Drawn:
+        rng = random.Random(f"{seed}:{number}")
+        kind, form, cap, options = KINDS[number % 5], rng.choice([*FORMS]), rng.choice(CAPS), settings(rng)
+        return cls(kind, form, cap, options, history(rng, kind, form), rng)
+
+    @property
+    def key(self) -> Any:
+        return self.form, self.cap, *self.options.values()
+
+    def manager(self, **asked: Any) -> sp.ContextManager:
+        """A manager that was asked nothing; without `asked`, its strategy has a memo of its own."""
+        asked = asked or {"ask": ask, "memo": {}}
+        asked = asked if self.options["strategy"] else {}
+        return sp.ContextManager(self.cap, form=self.form, tokenizer=Letters(), **self.options, **asked)
+
+
+def digests(numbers: Iterable[int], seed: int) -> dict[int, str]:
+    """The digest of each conversation's prompt, where one manager for each settings is asked in this order."""
+    used, found = dict[Any, sp.ContextManager](), dict[int, str]()
+    for number in numbers:
+        drawn = Drawn.of(number, seed)
+        manager = used.setdefault(drawn.key, drawn.manager())
+        found[number] = hashlib.sha256(repr(fitted(manager, drawn.given)).encode()).hexdigest()
+    return found
+
+
+def judged(number: int, seed: int, used: dict[Any, Any]) -> tuple[Counter[str], list[str]]:
     """Counts and faults of one conversation. `used` keeps the managers that have been asked before."""
-    rng, row, found = random.Random(f"{seed}:{number}"), Counter[str](), list[str]()
-    kind, form, cap, options = KINDS[number % 5], rng.choice([*FORMS]), rng.choice(CAPS), settings(rng)
-    given = history(rng, kind, form)
+    drawn, row, found = Drawn.of(number, seed), Counter[str](), list[str]()
+    kind, form, cap, options, given, rng = (getattr(drawn, field.name) for field in fields(drawn))
     before = json.dumps(given)
-
-    def fresh(**asked: Any) -> sp.ContextManager:
-        asked = asked or ({"ask": ask, "memo": {}} if options["strategy"] else {})
-        return sp.ContextManager(cap, form=form, tokenizer=Letters(), **options, **asked)
-
-    key, memo = (form, cap, *options.values()), used.setdefault("memo", {})
-    if key not in used:
-        used[key] = fresh(ask=ask, memo=memo) if options["strategy"] else fresh()
-    manager = used[key]
+    fresh = drawn.manager
+    memo: Any = used.setdefault("memo", {})
+    manager = used.setdefault(drawn.key, fresh(ask=ask, memo=memo))
     if number % 4 == 0:
         changed = copy.deepcopy(given)
         at = rng.randrange(len(changed))
@@ -190,7 +223,7 @@ def judged(number: int, seed: int, used: dict[Any, sp.ContextManager]) -> tuple[
 
 def some(first: int, stop: int, seed: int) -> tuple[Counter[str], list[str]]:
     """Counts and faults of consecutive conversations."""
-    rows, found, used = Counter[str](), list[str](), dict[Any, sp.ContextManager]()
+    rows, found, used = Counter[str](), list[str](), dict[Any, Any]()
     for number in range(first, stop):
         row, faulty = judged(number, seed, used)
         rows += row

@@ -215,6 +215,20 @@ def masked(form: str, message: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def head_of(form: str, given: Messages, which: str) -> Messages:
+    """The messages with which every prompt has to begin; `which` is a manager's `head`."""
+    replies = [number for number, message in enumerate(given) if kind(form, message) == "reply"]
+    head = [m for m in given[: replies[0] if replies else len(given)] if kind(form, m) == "word"]
+    return head if which == "task" else [message for message in head[:1] if message["role"] == "system"]
+
+
+def keeps_task(form: str, given: Messages, shown: Messages, which: str) -> bool:
+    """Whether a prompt begins with its head, and has the user's newest words."""
+    head = head_of(form, given, which)
+    requests = [m for m in given if kind(form, m) == "word" and m["role"] == "user"]
+    return shown[: len(head)] == head and (not requests or requests[-1] in shown)
+
+
 def faults(
     form: str, given: Messages, before: str, prompt: FittedPrompt, cap: int, options: dict[str, Any]
 ) -> list[str]:
@@ -229,10 +243,7 @@ def faults(
         found.append(f"counted {prompt.tokens} instead of {own}")
     if is_broken(form, shown):
         found.append("calls and results are apart")
-    replies = [number for number, message in enumerate(given) if kind(form, message) == "reply"]
-    head = [m for m in given[: replies[0] if replies else len(given)] if kind(form, m) == "word"]
-    if options["head"] == "system":
-        head = [message for message in head[:1] if message["role"] == "system"]
+    head = head_of(form, given, options["head"])
     made = [message for message, source in zip(shown, prompt.sources, strict=True) if source is None]
     summaries = [message for message in made if str(message.get("content")).startswith(SUMMARY)]
     if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
@@ -240,11 +251,8 @@ def faults(
     left = [number for number in prompt.dropped if kind(form, given[number]) != "reply" or options["own_words"] is None]
     if isinstance(options["strategy"], Summaries) and left and not summaries:
         found.append("messages have left without a summary")
-    if shown[: len(head)] != head:
-        found.append("the head is not whole")
-    requests = [m for m in given if kind(form, m) == "word" and m["role"] == "user"]
-    if requests and requests[-1] not in shown:
-        found.append("the user's newest words are lost")
+    if not keeps_task(form, given, shown, options["head"]):
+        found.append("the head is not whole, or the user's newest words are lost")
     kept = [number for number in range(len(given)) if number not in prompt.repaired]
     if kept and kept[-1] not in {*prompt.sources, *prompt.rewritten}:
         found.append("the newest message is lost")

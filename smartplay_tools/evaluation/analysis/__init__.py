@@ -4,7 +4,6 @@
     comparison  compares runs, pair by pair
     windows     compares the cells of a sweep with the widest window
     together    judges differences together: the level of their intervals, and their p values
-    planning    says how many trials a table of comparisons takes
     tables      writes rows as CSV or Parquet, and a summary as JSON
     figures/    draws sweeps, capabilities and prompts
 

@@ -56,7 +56,7 @@ def shows_steps(cells: Iterable[Beside]) -> bool:
     """Return whether steps have to stand beside the scores of these cells."""
     games = grouped(cells, lambda cell: cell.game)
     return any(
-        any(cell.ends for cell in members) or (_grows(game) and len({cell.steps for cell in members}) > 1)
+        any(cell.ends for cell in members) or (grows(game) and len({cell.steps for cell in members}) > 1)
         for game, members in games.items()
     )
 
@@ -78,6 +78,7 @@ def early_notes(cells: Iterable[Beside]) -> list[str]:
     return [f"{EARLY}: episodes that ended before their game did ({told}); {LEAST}"] if told else []
 
 
-def _grows(game: str) -> bool:
+def grows(game: str) -> bool:
+    """Return whether the score of a game only grows, so that it counts steps as well."""
     spec = GAMES.get(game)
     return spec is not None and spec.worst_step is not None and spec.worst_step >= 0

@@ -1,4 +1,4 @@
-"""What a difference between two sides shows, in one word, and how many pairs it takes to see a difference.
+"""What a difference between two sides shows, in one word.
 
 The words are "identical" if every prompt and reply of both sides is equal (`pairs.are_identical`); else "different" if
 the 95 % interval excludes 0, or if all pairs differ by the same amount and the sign test has p < 0.05; else
@@ -11,22 +11,18 @@ There is no default margin: which difference does not matter depends on the game
 from __future__ import annotations
 
 import functools
-import math
 import re
 from dataclasses import dataclass
 from typing import Literal
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.statistics.distributions import beyond, chi_squared_quantile, crossing, t_power
+from smartplay_tools.statistics.distributions import beyond, crossing, t_power
 from smartplay_tools.statistics.intervals import CONFIDENCE, MeanEstimate, Method, Sample, mean_estimate
 
 POWERS = (0.8, 0.9)
-FEWEST_PAIRS = 10
-"""With fewer, the standard deviation is a guess."""
 
 TWO_ONE_SIDED = Method(confidence=0.90)
-MOST_PAIRS = 1_000_000
 
 Word = Literal["identical", "different", "equivalent", "undecided", "different, but less"]
 
@@ -92,57 +88,3 @@ def _effect_seen(n: int, power: float, confidence: float) -> float:
         return power - t_power(effect, n, 1 - confidence)
 
     return crossing(missing, 0.0, beyond(missing), 40)
-
-
-def pairs_needed(difference: float, sd: float, power: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many pairs show a difference with this power, at a two-sided level."""
-    low, high = 2, 4
-    while t_power(difference / sd, high, 1 - confidence) < power:
-        low, high = high, high * 2
-        if high > MOST_PAIRS:
-            raise InvalidArgumentError(f"To see a difference of {difference:g} takes more than {MOST_PAIRS:,} pairs.")
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if t_power(difference / sd, middle, 1 - confidence) >= power else (middle, high)
-    return high
-
-
-@dataclass(frozen=True)
-class Needed:
-    """The pairs that a difference needs, judged from a pilot."""
-
-    difference: float
-    sd: float
-    """The standard deviation of the pilot's differences."""
-    pairs: int
-    """The pairs of the pilot."""
-    mde: tuple[float, ...]
-    """What the pilot's number of pairs shows, for each of `POWERS`."""
-    needed: tuple[int, ...]
-    """Pairs in all, for each of `POWERS`."""
-    at_most: tuple[int, ...]
-    """The same if the pilot's standard deviation was small by chance: from its upper 80 % limit."""
-
-
-def plan_pairs(
-    estimate: MeanEstimate, difference: float, unit: str = "pairs", confidence: float = CONFIDENCE
-) -> Needed | str:
-    """Plan the pairs that show a difference, from those of a pilot; return the reason if they tell too little.
-
-    They show it if their interval at this level excludes 0. `unit` names what the values of the estimate are of, where
-    they are means of several pairs.
-    """
-    n, sd = estimate.episodes, estimate.sd
-    if n < FEWEST_PAIRS:
-        return f"{n} {unit} are too few to judge from; play {FEWEST_PAIRS}"
-    if estimate.all_equal or not sd:
-        return f"all {n} {unit} are equal, so there is no spread to judge from"
-    upper = sd * math.sqrt((n - 1) / chi_squared_quantile(0.2, n - 1))
-    return Needed(
-        difference,
-        sd,
-        n,
-        tuple(mde(sd, n, power, confidence) for power in POWERS),
-        tuple(pairs_needed(difference, sd, power, confidence) for power in POWERS),
-        tuple(pairs_needed(difference, upper, power, confidence) for power in POWERS),
-    )

@@ -236,11 +236,4 @@ class RowCondition:
     def __call__(self, row: Row) -> bool:
         """Whether the condition holds for an episode; an episode without the measure does not meet it."""
         value = MEASURES[self.measure](row)
-        return value is not None and self.holds(value)
-
-    def __str__(self) -> str:
-        return f"{self.measure} {self.sign} {self.number:g}"
-
-    def holds(self, value: float) -> bool:
-        """Whether it holds for a value."""
-        return OPERATORS[self.sign](value, self.number)
+        return value is not None and OPERATORS[self.sign](value, self.number)

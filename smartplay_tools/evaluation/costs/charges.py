@@ -7,33 +7,19 @@ attempts at a reply, and evictions before an entry's life is over. The first mak
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import fsum, inf
 from operator import mul
-from typing import Any, Literal, NamedTuple, get_args
+from typing import NamedTuple
 
+from smartplay_tools.context.cached import PLACES, MarkedPrefixes, Place, Prefixes, marked, whole_blocks
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.caches import CacheRule
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.records.requests import Prefixes, Request, RequestLog
+from smartplay_tools.records.requests import Request, RequestLog
 
 __all__ = ["Charge", "calls_under", "charge"]
-
-Place = Literal["stable", "end"]
-"""Where a player marks a prompt: at the end of what is unchanged since the prompt before, or at its own end."""
-
-PLACES: tuple[Place, ...] = get_args(Place)
-
-
-def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:
-    """Return where a player with these options marks its prompts for a cache."""
-    match player_options.get("cache", True):
-        case "stable":
-            return ("stable",)
-        case False:
-            return ()
-    return PLACES
 
 
 class ChargedCall(NamedTuple):
@@ -83,16 +69,10 @@ def _cached(log: RequestLog, rule: CacheRule, places: Sequence[Place]) -> tuple[
     if unknown := set(places) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
     matched, stored = _matched_and_stored(log, rule, tuple(places))
-    hits = _down(matched, rule)
+    hits = [whole_blocks(length, rule) for length in matched]
     if rule.write is None:
         return hits, [0] * len(hits)
-    return hits, [max(0, end - hit) for end, hit in zip(_down(stored, rule), hits, strict=True)]
-
-
-def _down(lengths: Sequence[int], rule: CacheRule) -> list[int]:
-    """Round lengths down to blocks; one below the minimum is 0."""
-    block, minimum = rule.block, rule.minimum
-    return [whole if (whole := length - length % block) >= minimum else 0 for length in lengths]
+    return hits, [max(0, whole_blocks(end, rule) - hit) for end, hit in zip(stored, hits, strict=True)]
 
 
 def _matched_and_stored(
@@ -111,8 +91,11 @@ def _matched_and_stored(
         if rule.marks == "auto":
             lengths, stored = _stored_whole(log.requests, prefixes, rule, life), prompts
         else:
-            marks = [_marked(request, rule.marks, places) for request in log.requests]
-            lengths = _stored_to_marks(log.requests, prefixes, rule, life, marks)
+            marks = [marked(request.units, request.stable, rule.marks, places) for request in log.requests]
+            entries, lengths = MarkedPrefixes(prefixes, rule, life), []
+            for at, (request, ends) in enumerate(zip(log.requests, marks, strict=True)):
+                lengths.append(entries.find(at, ends, request.at or 0.0))
+                entries.store_reply(at, request.at or 0.0)
             stored = [tokens[path[ends[-1]]] if ends else 0 for path, ends in zip(prefixes.paths, marks, strict=True)]
         matched = zip(prefixes.paths, lengths, prompts, strict=True)
         # The last token of a prompt is always computed.
@@ -138,47 +121,3 @@ def _stored_whole(requests: Sequence[Request], prefixes: Prefixes, rule: CacheRu
         if rule.replies:
             used[answer] = now
     return lengths
-
-
-def _stored_to_marks(
-    requests: Sequence[Request],
-    prefixes: Prefixes,
-    rule: CacheRule,
-    life: float,
-    marks: Sequence[Sequence[int]],
-) -> Sequence[int]:
-    """The same where requests are stored up to their marks.
-
-    A stored prefix is looked for at each mark, from the last one on, and at most `lookback` blocks before it.
-    """
-    used: dict[int, float] = {}
-    """The stored prefixes by their numbers, with the time of their last use."""
-    lookback = inf if rule.lookback is None else rule.lookback
-    blocks, lengths = prefixes.blocks, []
-    each = zip(requests, prefixes.paths, prefixes.shared_with_reply, prefixes.answers, marks, strict=True)
-    for request, path, shared, answer, ends in each:
-        now, longest = request.at or 0.0, 0
-        for mark in reversed(ends):
-            farthest = blocks[path[mark]] - lookback
-            for length in range(min(mark, shared), longest, -1):
-                prefix = path[length]
-                if blocks[prefix] < farthest:
-                    break
-                if prefix in used and now - used[prefix] <= life:
-                    longest = length
-                    break
-        for length in (longest, *ends):
-            used[path[length]] = now
-        if rule.replies:
-            used[answer] = now
-        lengths.append(longest)
-    return lengths
-
-
-def _marked(request: Request, marks: int, places: Sequence[Place]) -> Sequence[int]:
-    """The numbers of units after which a request is marked; of the marks the last ones count."""
-    stable, end = request.stable, len(request.units)
-    wanted = [stable] if "stable" in places and 0 < stable < end else []
-    if "end" in places or ("stable" in places and stable == end):
-        wanted.append(end)
-    return wanted[-marks:] if marks else []

@@ -53,7 +53,7 @@ from smartplay_tools.records.rows import Row, Timing, read_rows
 from smartplay_tools.transcript.lines import parse_json
 from smartplay_tools.types.messages import text_of
 
-__all__ = ["RunFolder", "Until"]
+__all__ = ["RunFolder"]
 
 T = TypeVar("T")
 
@@ -88,18 +88,6 @@ class ManifestEpisode:
     seed: Annotated[int, Field(ge=0, lt=2**31)]
 
 
-@dataclass(frozen=True)
-class Until:
-    """What ends a run before its planned trials: its comparisons are decided (`evaluation.analysis.stopping`)."""
-
-    margin: str
-    """What does not matter, in points or in human scores: "0.5" or "0.1h"."""
-    clip: float | None = None
-    """The largest difference that counts, for games without bounds."""
-    by: Literal["score", "wins"] = "score"
-    """How much the scores of a pair differ, or only which is higher."""
-
-
 class Manifest(BaseModel):
     """The content of `manifest.json`. All shards of a run have the whole plan."""
 
@@ -124,8 +112,8 @@ class Manifest(BaseModel):
     """The paths of the files of games, by the sha256 of the file; None without such a game."""
     strategy_files: dict[str, str] | None = None
     """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
-    until: Until | None = None
-    """What ends the run early; declared before its first episode."""
+    until: Mapping[str, Any] | None = None
+    """In runs of earlier versions: the margin at which their comparisons were decided, which ended them early."""
     spending: dict[str, Any] | None = None
     """What the run had used when it was last stopped (`Spending.to_json`)."""
 

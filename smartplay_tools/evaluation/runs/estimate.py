@@ -13,9 +13,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from statistics import fmean
 from typing import Any
 
+from smartplay_tools.context.cached import marks_of
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.base import BaseConversation
@@ -25,11 +27,12 @@ from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.costs.charges import charge, marks_of
+from smartplay_tools.evaluation.costs.charges import charge
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_of
 from smartplay_tools.players import PLAYERS, get_player, is_model
 from smartplay_tools.players.player_registry import without_second
 from smartplay_tools.providers.caches import cache_rules, rule_of
+from smartplay_tools.providers.cost_rules import NO_CACHE, cost_rule
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
@@ -115,6 +118,8 @@ class _Sample:
     """The share of prompt tokens that the provider's cache serves."""
     written: float
     """The share that is written to it and billed."""
+    rates: tuple[float, float]
+    """What a token of a prompt and one of a reply cost by the rule of a budget in money."""
     is_over: bool
     cut: int
     results: int
@@ -260,7 +265,9 @@ def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sampl
         is_over = episode.end_reason != "closed"
         cut = stats.cut_results
     hit, written = _cached(cell, Record(events))
-    return _Sample(tuple(prompts), tuple(replies), stats.summaries, hit, written, is_over, cut, stats.tool_calls)
+    reply = cost_rule(cell.budget.cost_rule or NO_CACHE).output
+    rates = (stats.spent_cost - reply * sum(replies)) / max(1, sum(prompts[: len(replies)])), reply
+    return _Sample(tuple(prompts), tuple(replies), stats.summaries, hit, written, rates, is_over, cut, stats.tool_calls)
 
 
 def _cached(cell: CellConfig, record: Record) -> tuple[float, float]:
@@ -319,14 +326,11 @@ def _extended(sample: _Sample, cell: CellConfig, calls: int | None) -> _Sample:
         first = later[-1] if grows else fmean(later)
         prompts += [round(first + slope * at) for at in range(1, missing + 1)]
         replies += [round(fmean(replies))] * missing
-    cap = cell.budget.episode_tokens
-    if cap is not None:
-        spent = 0
-        for place, pair in enumerate(zip(prompts, replies, strict=True)):
-            spent += sum(pair)
-            if spent > cap and place:
-                prompts, replies = prompts[:place], replies[:place]
-                break
+    caps = (cell.budget.episode_tokens, (1, 1)), (cell.budget.episode_cost, sample.rates)
+    for cap, (prompt, reply) in caps:
+        spent = accumulate(asked * prompt + said * reply for asked, said in zip(prompts, replies, strict=True))
+        fits = len(prompts) if cap is None else max(1, sum(each <= cap for each in spent))
+        prompts, replies = prompts[:fits], replies[:fits]
     return replace(sample, prompts=tuple(prompts), replies=tuple(replies))
 
 

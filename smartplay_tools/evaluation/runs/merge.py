@@ -141,7 +141,8 @@ def audit(
 ) -> Iterator[EpisodeAudit]:
     """Yield the audit of every episode of a run that is planned or has a record, in the order of completion.
 
-    Those without a row come first, unless the run was ended because their comparisons are decided.
+    Those without a row come first, unless they have no record and the run was to end before its planned episodes
+    (`Manifest.until`).
 
     At most `workers` processes replay them, including this one, and only this one if no other knows a game that it has
     registered. `games` and `strategies` are the names of those that are in files; a compactor that is named is called
@@ -162,11 +163,6 @@ def audit(
 
 def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:
     by_key, finished = {row["key"]: row for row in rows}, folder.finished()
-    needed = set(range(len(manifest.cells)))
-    if manifest.until is not None:
-        from smartplay_tools.evaluation.analysis.stopping import Comparisons
-
-        needed = Comparisons(manifest).undecided(by_key)
     for episode in manifest.planned:
         if episode.key in by_key:
             continue
@@ -174,7 +170,7 @@ def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> 
         why = "It has no row and no record."
         if has_record:
             why = "It has a record and no row; the run's own command makes it from the record."
-        if has_record or episode.cell in needed:
+        if has_record or manifest.until is None:
             yield EpisodeAudit(episode.key, game, (why,), has_row=False, has_record=has_record)
     for key in sorted(finished - {episode.key for episode in manifest.episodes}):
         yield EpisodeAudit(key, "", ("It has a record and is not in the plan.",))

@@ -38,7 +38,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from smartplay_tools.episode.config import RULES, BatchPolicy, BudgetLine, ManualMode, ProtocolName, read_rules
 from smartplay_tools.errors import InvalidArgumentError, similar
-from smartplay_tools.evaluation.run_folder.folder import Until
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
 from smartplay_tools.evaluation.runs.scheduler import OnProgress
@@ -62,10 +61,6 @@ class RunOptions:
     """Cap on the whole run in US dollars."""
     prices: Mapping[str, Price] | None = None
     """The price of a player's tokens, if `genai-prices` does not have it."""
-    until: Until | None = None
-    """What ends the run before its planned trials: its comparisons are decided."""
-    track: str | None = None
-    """The experiment tracker that gets the figures while the run is played: "mlflow" or "wandb"."""
     on_progress: OnProgress | None = None
     """Called when the run has begun and after every attempt; without it, a notebook shows a progress bar."""
 
@@ -74,8 +69,6 @@ class RunOptions:
             raise InvalidArgumentError(f"workers must be at least 1, not {self.workers}.")
         check_given(self.prices)
         _ = self.caps
-        if self.until is not None and self.shard is not None:
-            raise InvalidArgumentError("A shard cannot tell when a run is decided; play the whole run.")
 
     @property
     def caps(self) -> Caps:
@@ -101,8 +94,6 @@ class RunKeywords(TypedDict, total=False):
     run_tokens: int | None
     run_cost: float | None
     prices: Mapping[str, Price] | None
-    until: Until | None
-    track: str | None
     on_progress: OnProgress | None
 
     engine: str | None

@@ -29,7 +29,6 @@ from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, is_notebook, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, Scheduler, Setup, log
-from smartplay_tools.evaluation.runs.tracking import Tracking
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
@@ -39,7 +38,6 @@ from smartplay_tools.types import Budget
 if TYPE_CHECKING:
     import pandas
 
-    from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
     from smartplay_tools.evaluation.pages.notebook import ReplayWidget
 
 
@@ -55,10 +53,6 @@ class Run:
     """The signal that stopped it; None if it was not stopped."""
     cap_reached: bool = False
     """Whether a cap of the run ended it; the same run with a higher cap continues."""
-    spared: int = 0
-    """Planned episodes that were not needed, since their comparisons were decided."""
-    decisions: tuple[Decision, ...] = ()
-    """The decisions of a run that stops when its comparisons are decided."""
     refused: str | None = None
     """Why the run was ended early: a model's server refuses every request."""
     waiting: int = 0
@@ -66,8 +60,8 @@ class Run:
 
     @property
     def complete(self) -> bool:
-        """Whether every planned episode is finished, or not needed."""
-        return len(self.rows) + self.spared == self.planned
+        """Whether every planned episode is finished."""
+        return len(self.rows) == self.planned
 
     @property
     def failures(self) -> list[Row]:
@@ -141,7 +135,7 @@ def evaluate(
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
         options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
-            run_cost, prices, until, track, on_progress), and the rest of a cell: engine, tokenizer, options,
+            run_cost, prices, on_progress), and the rest of a cell: engine, tokenizer, options,
             player_options, and the fields of `Rules`, such as manual="pinned".
 
     A mistake in the arguments raises `InvalidArgumentError` before the first episode. Errors in an episode are only
@@ -189,18 +183,14 @@ def run_plan(
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
         manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
-        comparisons = _comparisons(manifest)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced, comparisons)
+        setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced)
         heard = options.on_progress or (_FirstFailures() if display is None else None)
-        tracking = Tracking(options.track, folder.path.name, manifest, heard)
-        scheduler = Scheduler(folder, part, setup, tracking.heard)
+        scheduler = Scheduler(folder, part, setup, heard)
         with following(folder, show):
             try:
-                # Where a comparison is to be decided early, players that cost nothing play before models begin.
-                order = list(roster.episodes.items())[:: 1 if comparisons is None else -1]
-                for name, episodes in order:
+                for name, episodes in roster.episodes.items():
                     chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
                     try:
                         signals.tell(chosen.stop)
@@ -210,7 +200,6 @@ def run_plan(
                             chosen.close()
             finally:
                 rows = scheduler.finish()
-                tracking.close(complete=len(rows) + scheduler.spared == len(part.episodes))
                 spending = run_snapshot(folder).spending.to_json()
                 folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(
@@ -219,8 +208,6 @@ def run_plan(
         rows,
         signals.received,
         scheduler.cap_reached,
-        scheduler.spared,
-        tuple(scheduler.decisions),
         scheduler.refused,
         scheduler.waiting,
     )
@@ -281,11 +268,11 @@ def _manifest(
     prices: dict[str, Price] = {}
     if before is not None:
         _check_same_run(folder, before, plan, options.shard)
-        if before.until != options.until:
-            end = "another end" if before.until is None else f"--until decided --margin {before.until.margin}"
-            raise InvalidArgumentError(
-                f"{folder.path} holds a run with {end}, which was declared before its first pair; "
-                "ask for the same, or name another folder."
+        if before.until is not None:
+            log.warning(
+                "%s holds a run that was to end early, once its comparisons were decided (--until, of an earlier "
+                "version); from now on it has all episodes that are asked for.",
+                folder.path,
             )
         prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
     manifest = plan.manifest(
@@ -294,25 +281,11 @@ def _manifest(
         prices={**prices, **given},
         versions=versions(),
         run_file=run_file,
-        until=options.until,
         spending=None if before is None else before.spending,
     )
     if options.run_cost is not None:
         check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - manifest.prices.keys())
     return manifest
-
-
-def _comparisons(manifest: Manifest) -> Comparisons | None:
-    if manifest.until is None:
-        return None
-    if any(cell.carry is not None for cell in manifest.cells):
-        raise InvalidArgumentError(
-            "Trials that carry something over depend on each other, so no pair of them can decide a comparison early; "
-            "leave out --until or carry."
-        )
-    from smartplay_tools.evaluation.analysis.stopping import Comparisons
-
-    return Comparisons(manifest)
 
 
 def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tuple[int, int] | None) -> None:

@@ -18,7 +18,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import SmartPlayError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
@@ -37,9 +36,6 @@ from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.visible import logger
-
-if TYPE_CHECKING:
-    from smartplay_tools.evaluation.analysis.stopping import Comparisons, Decision
 
 log = logger("smartplay_tools.evaluation")
 
@@ -71,8 +67,6 @@ class RunProgress:
     """The episode's row if it is finished."""
     error: str | None = None
     """Why the attempt has no result, if it has none."""
-    kept: tuple[Row, ...] = ()
-    """At the start of the run: the rows that it already had."""
 
 
 OnProgress = Callable[[RunProgress], None]
@@ -90,8 +84,6 @@ class Setup:
     """Players of which one episode is tried first, by `player_key`."""
     repriced: Collection[str] = ()
     """Players whose price has changed since the run was played before."""
-    comparisons: Comparisons | None = None
-    """The comparisons that end the run early when they are decided."""
 
 
 class Scheduler:
@@ -115,7 +107,6 @@ class Scheduler:
         self._reasons: set[tuple[str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
-        self._needed: set[int] | None = None
         self.cap_reached = False
         """Whether a cap of the run has prevented episodes from beginning or ending."""
         self.refused: str | None = None
@@ -132,7 +123,7 @@ class Scheduler:
         folder.write_rows(self._rows.values())
         self._spent = self._spent_before() if setup.caps else Spent()
         self._expected = Expectations(plan, self._rows.values(), setup.prices)
-        self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0, kept=tuple(self._rows.values())))
+        self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
         now = run_snapshot(self._folder)
@@ -155,10 +146,8 @@ class Scheduler:
         self._capped, self._executor = False, executor
         attempts: Counter[str] = Counter()
         while True:
-            left = [episode for episode in episodes if episode.key not in self._rows and self._is_needed(episode)]
+            left = [episode for episode in episodes if episode.key not in self._rows]
             left = [episode for episode in left if attempts[episode.key] <= RETRIES]
-            if self._setup.comparisons is not None:
-                left.sort(key=lambda episode: (episode.trial, episode.place))
             self._queue = deque(self._tryouts_first(left))
             if not self._queue or self._is_over():
                 break
@@ -180,7 +169,7 @@ class Scheduler:
         busy = Counter(self._who[task.planned.place] for task in self._running.values())
         for place, episode in enumerate(self._queue):
             player = self._who[episode.place]
-            if player in self._silent or not self._is_needed(episode) or self._waits(episode):
+            if player in self._silent or self._waits(episode):
                 continue
             room = self._setup.players[player].concurrency
             if room is not None and busy[player] >= room:
@@ -195,29 +184,12 @@ class Scheduler:
         return None
 
     @property
-    def decisions(self) -> list[Decision]:
-        """The decisions of a run that stops when its comparisons are decided."""
-        return [] if self._setup.comparisons is None else self._setup.comparisons.decisions(self._rows)
-
-    @property
-    def spared(self) -> int:
-        """How many planned episodes were not needed."""
-        return sum(e.key not in self._rows and not self._is_needed(e) for e in self._plan.episodes)
-
-    @property
     def waiting(self) -> int:
         """How many episodes wait for the trial before them in their chain, which has no result."""
         return sum(e.key not in self._rows and self._waits(e) for e in self._plan.episodes)
 
     def _waits(self, episode: PlannedEpisode) -> bool:
         return episode.after is not None and episode.after not in self._rows
-
-    def _is_needed(self, episode: PlannedEpisode) -> bool:
-        if self._setup.comparisons is None:
-            return True
-        if self._needed is None:
-            self._needed = self._setup.comparisons.undecided(self._rows)
-        return episode.place in self._needed
 
     def again(self, task: Task) -> Task:
         """Keep the record of a lost worker, and return the task that continues it (`executors.Again`)."""
@@ -343,7 +315,6 @@ class Scheduler:
             self._folder.append_row(row)
             player = self._who[episode.place]
             self._failures = Counter({key: n for key, n in self._failures.items() if key[0] != player})
-            self._needed = None
             self._expected.finished(row)
             if row["end_reason"] == "host" and task.player.agent is None:
                 self._tell(episode, "%s ended early: %s", row["detail"] or "")

@@ -52,6 +52,8 @@ def budget_bars(prompt: Prompt, conversation: BaseConversation | None) -> list[B
     bars = [_budget_bar("prompt", view.tokens, budget.prompt_tokens, parts)]
     used = stats.tokens.prompt + stats.tokens.reply + view.tokens
     bars.append(_budget_bar("episode", used, budget.episode_tokens, " with this prompt"))
+    if conversation.spending is not None:
+        bars.append(_budget_bar("cost", conversation.spending.with_prompt, budget.episode_cost, " with this prompt"))
     bars.append(_budget_bar("calls", stats.tool_calls, budget.tool_calls))
     # The view counts the current observation, a history counts what is behind it.
     past = max(0, view.shown_steps - 1)
@@ -72,13 +74,13 @@ def _task_tokens(prompt: Prompt, conversation: BaseConversation) -> int:
     return counter.messages(list(head)) + counter.tools(prompt.tools) + PRIMING
 
 
-def _budget_bar(name: str, used: int, cap: int | None, parts: str = "") -> BudgetBar:
+def _budget_bar(name: str, used: float, cap: float | None, parts: str = "") -> BudgetBar:
     if cap is None:
         return BudgetBar(f"{name} {used:,}{parts}, no cap", f"{name} {used:,}")
     share = min(1.0, used / cap)
     full = round(WIDTH * share)
     drawn = f"{'█' * full}{'░' * (WIDTH - full)}"
-    return BudgetBar(f"{name} {drawn} {used:,}/{cap:,}{parts}", f"{name} {used:,}/{cap:,}", share)
+    return BudgetBar(f"{name} {drawn} {used:,.12g}/{cap:,.12g}{parts}", f"{name} {used:,.12g}/{cap:,.12g}", share)
 
 
 KEYS = "o observe, m manual, ? help, q leave"

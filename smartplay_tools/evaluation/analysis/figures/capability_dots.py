@@ -23,7 +23,10 @@ Scores = Mapping[str, Sequence[float | None]]
 
 @style.figure
 def capability_dots(players: Mapping[str, Scores]) -> Figure:
-    """Draw capability scores (1 is the human's) of players, and as small dots those of the paper's models."""
+    """Draw capability scores (1 is the human's) of players, and as small dots those of the paper's models.
+
+    A mark at a player's name (`style.MARK_NOTES`) is explained below.
+    """
     settings = _common_settings(players)
     drawn, (axes,) = style.panels(1, size=(8.6, 5.0))
     places = range(len(CAPABILITIES))
@@ -42,7 +45,8 @@ def capability_dots(players: Mapping[str, Scores]) -> Figure:
     of = f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings"
     axes.set(title=of, xlabel="score as a share of the human's")
     episodes = [sum(len(scores[game]) for game in settings) for scores in players.values()]
-    style.legend_below(drawn, note=style.sample_note(episodes))
+    notes = [style.sample_note(episodes), *style.mark_notes(players)]
+    style.legend_below(drawn, note="; ".join(notes))
     return drawn
 
 

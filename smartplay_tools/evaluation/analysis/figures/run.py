@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from smartplay_tools.evaluation.analysis.beside import EARLY
 from smartplay_tools.evaluation.analysis.figures.capability_dots import Scores, capability_dots
 from smartplay_tools.evaluation.analysis.figures.curves import (
     effects_of_slack,
@@ -71,9 +72,10 @@ def _varies(comparisons: Sequence[WindowComparison], field: str) -> bool:
 def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> dict[str, Scores]:
     """The normalised scores of every player in full context; empty unless they have two settings in common.
 
-    In one setting all nine capabilities are the same number.
+    In one setting all nine capabilities are the same number. A player is marked if any of its episodes ended early.
     """
     profiles: dict[str, dict[str, Sequence[float]]] = {}
+    early = {series_name(each, comparisons) for each in comparisons if each.is_reference and each.ends}
     cells = by_cell(rows)
     for comparison in comparisons:
         members = next(own for cell, own in cells if cell == comparison.cell)
@@ -83,4 +85,5 @@ def _profiles(rows: Sequence[Row], comparisons: Sequence[WindowComparison]) -> d
             if normalized:
                 profiles[series_name(comparison, comparisons)][comparison.cell.game] = normalized
     common = set.intersection(*(set(profile) for profile in profiles.values()))
-    return dict(profiles) if len(common) > 1 else {}
+    marked = {name + EARLY * (name in early): profile for name, profile in profiles.items()}
+    return dict(marked) if len(common) > 1 else {}

@@ -118,12 +118,18 @@ def draw_estimates(
 
 
 def draw_dots(
-    axes: Axes, estimates: Sequence[MeanEstimate], rows: Sequence[float], look: Series, label: str | None = None
+    axes: Axes,
+    estimates: Sequence[MeanEstimate],
+    rows: Sequence[float],
+    look: Series,
+    label: str | None = None,
+    marks: Sequence[str] = (),
 ) -> None:
-    """Draw means as dots in rows, and their intervals, if any, as bars to the left and right."""
+    """Draw means as dots in rows, marked if need be, and their intervals, if any, as bars to the left and right."""
     means = [estimate.mean for estimate in estimates]
     axes.plot(means, rows, color=look.colour, marker=look.marker, linestyle="", label=label)
     axes.errorbar(means, rows, xerr=bars(estimates), color=look.colour, elinewidth=1.2, capsize=2, fmt="none")
+    mark_points(axes, list(zip(means, rows, strict=True))[: len(marks)], marks)
 
 
 def bars(estimates: Sequence[MeanEstimate]) -> list[list[float]]:

@@ -120,6 +120,8 @@ def turns(record: Record) -> list[dict[str, Any]]:
             continue
         owner = turn["summary"] if concerns_summary(usage) else turn
         owner["usage"] = {name: usage.get(name) for name in ("reply", "overrun", "provider")}
+        if "spent" in usage:
+            turn["spent"] = usage["spent"]
     for choice in record.choices:
         contents[choice["turn"]]["choice"] = {"action": choice["action"], "fallback": choice["fallback"]}
     for number, reply in (record.sent_replies | record.replies).items():

@@ -106,7 +106,9 @@ function renderContext() {
       : `The reply was allowed ${plural(view.max_tokens, "token")}.`;
   const [cap, used] = [episode.budget.episode_tokens ?? null, episode.facts[turn].spent];
   const spent = cap === null ? "" : ` Spent after this turn: ${number(used)} of ${number(cap)} tokens.`;
-  $("allowed").textContent = allowed + spent;
+  const money = episode.turns[turn].spent;
+  const cost = money === undefined ? "" : ` Costs so far: ${number(money, 6)} of ${number(episode.budget.episode_cost, 6)}.`;
+  $("allowed").textContent = allowed + spent + cost;
   renderWhy();
   renderPrompt();
 }

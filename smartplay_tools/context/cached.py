@@ -1,0 +1,250 @@
+"""What a provider's cache sees of requests: sequences of units, the prefixes that they share, and what it finds again.
+
+Equal units have the same number. The units of a request are the tools as one, then each message. Inside the first unit
+that differs nothing is common: a head to which the manual is added counts as new from there on. Priming belongs to no
+unit, since no request shares it. `docs/context-cost.md` is the definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from fractions import Fraction
+from functools import cached_property
+from itertools import compress, count
+from math import inf
+from operator import is_not
+from typing import Any, Literal, NamedTuple, get_args
+
+from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.context.turns import Form
+from smartplay_tools.providers.caches import CacheRule
+from smartplay_tools.transcript.hashing import canonical_json, tools_bytes
+from smartplay_tools.types import Purpose, ToolSpec
+from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of
+
+Place = Literal["stable", "end"]
+"""Where a player marks a prompt: at the end of what is unchanged since the prompt before, or at its own end."""
+
+PLACES: tuple[Place, ...] = get_args(Place)
+
+
+class Unit(NamedTuple):
+    """The tools of a request, or one of its messages; equal ones are the same object."""
+
+    number: int
+    tokens: int
+    blocks: int
+    """Content blocks: a text, a call, a result and the reasoning of a reply are one each."""
+    is_system: bool
+    """Whether it is the tools or a system message."""
+
+
+class Units(dict[Form, Unit]):
+    """The units of requests by the forms of their messages; equal ones are numbered and counted once."""
+
+    def __init__(self, counter: TokenCounter) -> None:
+        super().__init__()
+        self._counter = counter
+        self._known: dict[Hashable, Unit] = {}
+
+    def __missing__(self, form: Form) -> Unit:
+        unit = self[form] = self.of(form.message)
+        return unit
+
+    def of(self, message: Message) -> Unit:
+        """Return the unit of a message."""
+        key = _written(message)
+        if (unit := self._known.get(key)) is None:
+            tokens, is_system = self._counter.message(message), message["role"] in ("system", "developer")
+            unit = self._known[key] = Unit(len(self._known), tokens, _blocks_of(message), is_system)
+        return unit
+
+    def tools(self, tools: Sequence[ToolSpec]) -> Unit:
+        """Return the unit of a request's tools."""
+        key = tools_bytes(tools)
+        if (unit := self._known.get(key)) is None:
+            unit = self._known[key] = Unit(len(self._known), self._counter.tools(tools), 0, is_system=True)
+        return unit
+
+
+class Prefixes:
+    """The prefixes of requests that end with a unit, each with a number; equal ones have the same.
+
+    They form a tree: each prefix extends another by one unit. The empty prefix is 0. A prefix has the number after that
+    of the one it extends, unless that one was extended by another unit before.
+    """
+
+    def __init__(self, ratio: Fraction | None = None, *, by_purpose: bool = False) -> None:
+        """`ratio` is that of the provider's tokens to ours.
+
+        With `by_purpose`, requests with different purposes have only their tools and system messages in common.
+        """
+        self.paths: list[list[int]] = []
+        """For each request its prefixes, by their length in units."""
+        self.shared: list[int] = []
+        """For each request, how many of its units an earlier one begins with."""
+        self.shared_with_reply: list[int] = []
+        """For each request, how many of its units an earlier one, or one with its reply, begins with."""
+        self.answers: list[int] = []
+        """For each request the prefix that is itself with its reply."""
+        self._ratio, self._by_purpose = ratio, by_purpose
+        self._tagged: dict[tuple[Unit, Purpose], Unit] = {}
+        self._before = [0]
+        """Each prefix without its last unit."""
+        self._units: list[Unit] = [Unit(-1, 0, 0, is_system=False)]
+        """The last unit of each prefix."""
+        self._branches: dict[tuple[int, int], int] = {}
+        """The prefixes whose number is not the next, by the one before and the last unit."""
+        self._replies: set[int] = set()
+        """The prefixes that end with a reply, and with which no request begins."""
+        self.blocks = [0]
+        """The content blocks of each prefix; tools are none."""
+        self._tokens = [0]
+
+    def add(self, units: Sequence[Unit], same: int, purpose: Purpose = "play") -> None:
+        """Add the next request, whose first units are the `same` as those of the one before."""
+        if self._by_purpose:
+            system = next((at for at, unit in enumerate(units) if not unit.is_system), len(units))
+            own = [self._told_apart(unit, purpose) for unit in units[system:]]
+            units, same = [*units[:system], *own], min(same, system)
+        path = self.paths[-1][: same + 1] if self.paths else [0]
+        for unit in units[same:]:
+            if (prefix := self._after(path[-1], unit)) is None:
+                break
+            path.append(prefix)
+        shared = len(path) - 1
+        self.shared_with_reply.append(shared)
+        self.shared.append(shared - (path[shared] in self._replies))  # nothing follows a reply that was not shown again
+        self._replies.discard(path[shared])
+        path += self._grown(path[shared], units[shared:])
+        self.paths.append(path)
+
+    def add_reply(self, answer: Unit, purpose: Purpose = "play") -> None:
+        """Add the reply to the latest request."""
+        if self._by_purpose:
+            answer = self._told_apart(answer, purpose)
+        path = self.paths[-1]
+        if (prefix := self._after(path[-1], answer)) is None:
+            [prefix] = self._grown(path[-1], [answer])
+            self._replies.add(prefix)
+        self.answers.append(prefix)
+
+    def _told_apart(self, unit: Unit, purpose: Purpose) -> Unit:
+        return self._tagged.setdefault((unit, purpose), unit._replace(number=-1 - len(self._tagged)))
+
+    def _after(self, prefix: int, unit: Unit) -> int | None:
+        """The prefix that is this one and a unit, if there is one."""
+        following = prefix + 1
+        if following < len(self._units) and self._before[following] == prefix and self._units[following] is unit:
+            return following
+        return self._branches.get((prefix, unit.number))
+
+    def _grown(self, prefix: int, units: Sequence[Unit]) -> Sequence[int]:
+        """Number the prefixes that extend one by each of these units in turn."""
+        first = len(self._units)
+        if units and first != prefix + 1:
+            self._branches[prefix, units[0].number] = first
+        new = range(first, first + len(units))
+        self._before += (prefix, *new)[: len(units)]
+        self._units += units
+        for unit, before in zip(units, (prefix, *new), strict=False):
+            self._tokens.append(self._tokens[before] + unit.tokens)
+            self.blocks.append(self.blocks[before] + unit.blocks)
+        return new
+
+    @cached_property
+    def tokens(self) -> list[int]:
+        """The tokens of each prefix, the provider's if there is a ratio, once all requests have been added."""
+        if (ratio := self._ratio) is None:
+            return self._tokens
+        return [each * ratio.numerator // ratio.denominator for each in self._tokens]
+
+
+class MarkedPrefixes:
+    """The prefixes that requests have stored at their marks, where a cache stores nothing else."""
+
+    def __init__(self, prefixes: Prefixes, rule: CacheRule, life: float = inf) -> None:
+        self._prefixes, self._life, self._with_replies = prefixes, life, rule.replies
+        self._lookback = inf if rule.lookback is None else rule.lookback
+        self._used: dict[int, float] = {}
+        """The stored prefixes by their numbers, with the time of their last use."""
+
+    def find(self, at: int, marks: Sequence[int], now: float = 0.0) -> int:
+        """Return the length in units of the longest that a request finds, and store it up to its marks.
+
+        A stored prefix is looked for at each mark, from the last one on, and at most `lookback` blocks before it.
+        """
+        path, shared = self._prefixes.paths[at], self._prefixes.shared_with_reply[at]
+        blocks, used, longest = self._prefixes.blocks, self._used, 0
+        for mark in reversed(marks):
+            farthest = blocks[path[mark]] - self._lookback
+            for length in range(min(mark, shared), longest, -1):
+                prefix = path[length]
+                if blocks[prefix] < farthest:
+                    break
+                if prefix in used and now - used[prefix] <= self._life:
+                    longest = length
+                    break
+        for length in (longest, *marks):
+            used[path[length]] = now
+        return longest
+
+    def store_reply(self, at: int, now: float = 0.0) -> None:
+        """Store a request with its reply, if the rule does so."""
+        if self._with_replies:
+            self._used[self._prefixes.answers[at]] = now
+
+
+def marked(units: Sequence[Unit], stable: int, most: int, places: Sequence[Place]) -> Sequence[int]:
+    """Return the numbers of units after which a request is marked; of the marks the last ones count."""
+    end = len(units)
+    wanted = [stable] if "stable" in places and 0 < stable < end else []
+    if "end" in places or ("stable" in places and stable == end):
+        wanted.append(end)
+    return wanted[-most:] if most else []
+
+
+def whole_blocks(length: int, rule: CacheRule) -> int:
+    """Return a length rounded down to blocks; one below the minimum is 0."""
+    whole = length - length % rule.block
+    return whole if whole >= rule.minimum else 0
+
+
+def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:
+    """Return where a player with these options marks its prompts for a cache."""
+    match player_options.get("cache", True):
+        case "stable":
+            return ("stable",)
+        case False:
+            return ()
+    return PLACES
+
+
+def units_in_common(first: Sequence[Unit], second: Sequence[Unit]) -> int:
+    """Return how many units at the beginning are the same."""
+    length = min(len(first), len(second))
+    if first[:length] == second[:length]:
+        return length
+    return next(compress(count(), map(is_not, first, second)))
+
+
+def same_and_stable(units: Sequence[Unit], before: Sequence[Unit]) -> tuple[int, int]:
+    """Return how many units are the same as in the request before, and how many end with its last unchanged message."""
+    same = units_in_common(units, before)
+    # Messages after the tools are stable even if the tools change.
+    stable = same or 1 + units_in_common(units[1:], before[1:])
+    return same, stable if stable > 1 else 0
+
+
+def _written(message: Message) -> Hashable:
+    """Return a key that is equal if the canonical JSON of messages is; for most results it needs no JSON."""
+    if message["role"] == "tool" and len(message) == 3 and isinstance(message["content"], str):
+        return message["content"], message["tool_call_id"]
+    return canonical_json(message)
+
+
+def _blocks_of(message: Message) -> int:
+    """Return how many content blocks a message is: a text, a call, a result and its reasoning are one each."""
+    if message["role"] != "assistant":
+        return 1
+    return max(1, bool(text_of(message)) + len(calls_of(message)) + bool(reasoning_of(message)))
