@@ -3,12 +3,14 @@
 It has no memory and no skill beyond reading, so what a window, a summary, notes or files keep decides its score. It
 plays games that say which actions follow from what was seen (`ReadableGame`). Asked for a summary, it answers
 with the observations that the question shows, one a line, as `Step 3: TEXT`, the newest last, and as many of the newest
-as the cap holds. Where there are notes or files, it keeps the same lines there.
+as the cap holds. Where there are notes or files, it keeps the same lines there. Told to keep less, it loses lines at
+random whenever it writes a summary, as a model would.
 """
 
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
 from smartplay_tools.conversation.base import BaseConversation
@@ -27,8 +29,15 @@ class ReaderPlayer:
     name = "reader"
     observations = ("text", "both")
 
-    def __init__(self, *, seed: int = 0) -> None:
-        self._seed = seed
+    def __init__(self, *, seed: int = 0, keeps: float = 1.0) -> None:
+        """`keeps` is the probability with which a line stays whenever a summary is written.
+
+        The draws are those of the seed, the step and how many times its line was summarized, so all that ask lose alike.
+        """
+        if not 0 <= keeps <= 1:
+            raise InvalidArgumentError(f"keeps is a probability, from 0 to 1, not {keeps!r}.")
+        self._seed, self._keeps = seed, keeps
+        self._summarized: Counter[int] = Counter()
         self._steps: dict[str, int] = {}
         """The step of every observation that has been the newest one: a question need not show the newest turns."""
         self._conversation: BaseConversation | None = None
@@ -55,7 +64,8 @@ class ReaderPlayer:
             self._steps[reading.observations[-1]] = steps
         seen = visible(reading, steps, self._steps)
         if prompt.purpose != "play":
-            return Reply({"role": "assistant", "content": self._lines(seen, summary_cap(reading), prompt.max_tokens)})
+            kept = {step: text for step, text in seen.items() if self._stays(step)}
+            return Reply({"role": "assistant", "content": self._lines(kept, summary_cap(reading), prompt.max_tokens)})
         if not seen:
             return Reply(call("observe"))
         actions = self._game.right_actions(seen, reading.actions) or reading.actions
@@ -63,6 +73,10 @@ class ReaderPlayer:
         if not prompt.tools:
             return Reply({"role": "assistant", "content": action})
         return Reply(self._with_notes(call("act", action=action), reading, seen))
+
+    def _stays(self, step: int) -> bool:
+        self._summarized[step] += 1
+        return random.Random(f"keeps {self._seed} {step} {self._summarized[step]}").random() < self._keeps
 
     def _with_notes(self, message: Message, reading: Reading, seen: dict[int, str]) -> Message:
         if (cap := notes_cap(reading)) is not None:
