@@ -27,11 +27,7 @@ DEFAULT_CONTEXT = 8192
 """Tokens of a prompt and its reply, or the model's own limit where that is smaller."""
 
 MOST_THREADS = 4
-<<<<<<< HEAD
-"""By default no more threads than this compute, and a processor stays free, because they spin while they wait."""
-=======
 """By default no more threads than this compute."""
->>>>>>> models
 
 MOST_SLOTS = 64
 
@@ -94,11 +90,7 @@ class Loading:
     def start(self) -> Any:
         """Load the model and return llama.cpp's server."""
         file = self.check()
-<<<<<<< HEAD
-        tokens, threads = self.tokens(file), self.threads or max(1, min(MOST_THREADS, (os.cpu_count() or 1) - 1))
-=======
         tokens, threads = self.tokens(file), self.threads or idle_threads()
->>>>>>> models
         params = xllamacpp.CommonParams()
         params.model.path = str(file.path)
         params.n_ctx, params.n_parallel = self.slots * tokens, self.slots

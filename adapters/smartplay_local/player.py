@@ -118,11 +118,7 @@ class LocalPlayer(OpenAIPlayer):
         format: how tools and calls are written, one of `FORMATS`: "template" is the model's own chat template, whose
             calls llama.cpp reads; in the others they are text in the messages. By default a trial decides (`tried`).
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
-<<<<<<< HEAD
-        threads: how many threads compute; by default one less than there are processors, from one to four.
-=======
         threads: how many threads compute; by default as many as processors are idle, at most four.
->>>>>>> models
         slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
         timeout: seconds that a reply may take, the time included for which it waits for a slot.
