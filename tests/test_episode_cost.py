@@ -122,6 +122,11 @@ def test_a_rule_that_says_no_price_is_refused_in_a_sentence(line: str, error: st
         sp.Budget(episode_cost=1, cost_rule=line)
 
 
+def test_a_host_that_sends_its_own_prompts_cannot_keep_a_budget_in_money() -> None:
+    with pytest.raises(sp.InvalidArgumentError, match="leaves to the host"):
+        sp.Episode(CARDS, seed=1, context="host", budget=sp.Budget(episode_cost=1_000))
+
+
 def test_a_list_of_rules_in_a_sweep_keeps_the_numbers_of_each() -> None:
     assert names("none, ours:read=0.25,output=5,openai-5-5") == ["none", "ours:read=0.25,output=5", "openai-5-5"]
 
