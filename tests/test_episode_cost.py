@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import random
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.cli.options import names
+from smartplay_tools.evaluation.analysis.details import details
+from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.records import replay
 from tests import cache_judge, fuzz, scripts
@@ -68,7 +71,7 @@ def check_episode(seed: int) -> str:
         {**sent, "max_tokens": now["max_tokens"]} for sent, now in zip(free.sent, played.sent, strict=False)
     ]
     usages = [event for event in played.events if event["event"] == "usage"]
-    spent, least = Fraction(), drawn.reply_tokens or 1
+    spent, least = Fraction(), drawn.reply_tokens or 40
     for at, (sent, cost) in enumerate(zip(played.sent, costs(played, len(played.sent)), strict=True)):
         left = Fraction(repr(cap)) - spent - cost
         tokens = sum(event["prompt"] + event["reply"] for event in usages[:at])
@@ -125,6 +128,17 @@ def test_a_rule_that_says_no_price_is_refused_in_a_sentence(line: str, error: st
 def test_a_host_that_sends_its_own_prompts_cannot_keep_a_budget_in_money() -> None:
     with pytest.raises(sp.InvalidArgumentError, match="leaves to the host"):
         sp.Episode(CARDS, seed=1, context="host", budget=sp.Budget(episode_cost=1_000))
+
+
+def test_the_tables_of_a_run_say_what_was_spent(tmp_path: Path) -> None:
+    budgets = [sp.Budget(history=None, episode_cost=cap, cost_rule="openai-5-5") for cap in (8_000, None)]
+    run = sp.evaluate([CARDS], ["rule"], budgets=budgets, trials=2, out=tmp_path / "run", executor="inline")
+    poor, rich = summarize(run.rows).cells
+    assert all(row.get("spent_cost", 0) <= 8_000 for row in run.rows)
+    assert poor.spent_cost.mean > 6_500
+    assert poor.end_reasons == {"episode_cost": 2}
+    assert rich.spent_cost is None
+    assert "spent" in next(table.headings[-1] for table in details(run.summary()) if "took" in table.title)
 
 
 def test_a_list_of_rules_in_a_sweep_keeps_the_numbers_of_each() -> None:

@@ -57,6 +57,7 @@ FIGURES: Mapping[str, Measure] = {
     "normalized_score": normalized_score,
     "tokens": tokens,
     "cost": cost,
+    "spent_cost": lambda row: row.get("spent_cost"),
 }
 """What is estimated for every cell."""
 
@@ -122,6 +123,8 @@ class CellSummary:
     """Tokens of an episode, prompts and replies."""
     episode_cost: MeanEstimate | None
     """USD of an episode; None if the price of one is not known."""
+    spent_cost: MeanEstimate | None
+    """What an episode cost by the `cost_rule` of its budget; None unless that caps its cost."""
     deviations: Mapping[str, Any]
     """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     unplayed: int
@@ -263,6 +266,7 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         cost=None if None in costs else math.fsum(costs),
         episode_tokens=estimates["tokens"],
         episode_cost=None if None in costs else estimates["cost"],
+        spent_cost=estimates.get("spent_cost"),
         tokens=_tokens(rows),
     )
 
