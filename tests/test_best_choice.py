@@ -14,7 +14,7 @@ from smartplay_tools.evaluation.analysis.remembering import BEST, remembering_ta
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records import Record
-from smartplay_tools.records.best_choice import Asked, BestChoice, World, best_choice
+from smartplay_tools.records.best_choices import Asked, BestChoice, World, best_choice
 from smartplay_tools.records.contents import OBSERVATION
 from smartplay_tools.records.remembered import answers, remembered
 from smartplay_tools.testing import check_strategy
