@@ -23,7 +23,7 @@ from smartplay_tools.episode.config import RULES, SCORING, Rules
 from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.best_choice import best_choice
+from smartplay_tools.records.best_choices import best_choice
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.events import Amount, Count, RecordedResult
