@@ -24,7 +24,7 @@ from smartplay_tools.players.attempts import (
     unreadable,
 )
 from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
-from smartplay_tools.players.usage import read_usage, with_end, written_usage
+from smartplay_tools.players.usage import read_usage, with_end, with_management, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedItems
@@ -85,7 +85,7 @@ class Responses(Interface):
             message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
             raise UnreadableAnswerError(str(error), usage) from error
-        return Reply(message, with_end(usage, reason, *_parts(output)))
+        return Reply(message, with_management(with_end(usage, reason, *_parts(output)), sent, output))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events; some servers leave out of it what they have streamed."""
