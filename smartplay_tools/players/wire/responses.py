@@ -42,6 +42,21 @@ ROLES = ("system", "developer", "user", "assistant")
 ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
 """The last events of a stream; some servers have the last one."""
 
+UNSET: Mapping[str, Any] = {
+    **dict.fromkeys(
+        ("completed_at", "max_output_tokens", "max_tool_calls", "previous_response_id", "prompt_cache_key")
+    ),
+    **dict.fromkeys(("reasoning", "safety_identifier")),
+    **dict.fromkeys(("temperature", "top_p"), 1.0),
+    **dict.fromkeys(("frequency_penalty", "presence_penalty"), 0.0),
+    "background": False,
+    "service_tier": "default",
+    "text": {"format": {"type": "text"}},
+    "top_logprobs": 0,
+    "truncation": "disabled",
+}
+"""Fields that every response has by the specification of Open Responses, as they are where nothing was set."""
+
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
 
@@ -138,12 +153,11 @@ class Responses(Interface):
             "model": model,
             "output": output,
             "parallel_tool_calls": True,
-            "temperature": None,
             "tool_choice": "auto",
             "tools": [],
-            "top_p": None,
             "store": False,
             "usage": written_usage(usage, "responses"),
+            **UNSET,
         }
 
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:
