@@ -74,6 +74,11 @@ def has_reported_tokens(row: Row) -> bool:
     return provider is not None and Usage(**provider).has_tokens
 
 
+def is_managed(row: Row) -> bool:
+    """Return whether a provider managed the context of an episode, so that its record has not what the model saw."""
+    return bool((row["tokens"]["provider"] or {}).get("managed"))
+
+
 EARLY_ENDS = frozenset(
     {
         *("prompt_tokens", "episode_tokens", "episode_cost", "tool_calls"),
@@ -267,6 +272,13 @@ def warnings(row: Row, first_reply: FirstReply = unread) -> list[str]:
         )
     if cut := (tokens["provider"] or {}).get("cut", 0):
         sentences.append(f"{cut} of {row['turns']} replies were cut at their length (finish_reason); {MORE_TOKENS}.")
+    if is_managed(row):
+        told = Usage(**tokens["provider"])
+        sentences.append(
+            f"{told.managed} of {row['turns']} prompts were left to the provider's context management, which reports "
+            f"{told.edits} edits and {told.cleared:,} cleared tokens: the record has not what the model saw, and no "
+            "count is exact."
+        )
     for name, words in UNUSUAL_ENDS.items():
         if count := (tokens["provider"] or {}).get(name, 0):
             sentences.append(f"{count} of {row['turns']} replies were {words}.")
