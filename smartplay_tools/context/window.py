@@ -128,7 +128,7 @@ class ContextWindow(NumberedMessages):
 
         `oldest` is the oldest observation that is not too old.
         """
-        key = manual, oldest > 0
+        key = manual, self._aged_task is not None and oldest > 0
         if key not in self._heads:
             messages = list(self._plain_head)
             if self._aged_task is not None and oldest > 0:
