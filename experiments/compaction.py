@@ -403,7 +403,8 @@ def dots(cells: Cells) -> Figure:
     """Draw the score of every way, a panel for each game with cards; questions may have 4,000 tokens."""
     stages = [stage for stage in STAGES if stage.player == READER]
     drawn, axes = panels(len(stages), columns=len(stages), size=(2.9, 5.2))
-    names = [way.name for way in reversed(WAYS) if way.name != "recall"]
+    played = set.intersection(*({way for way, _ in lines_of(cells, stage.cap)} for stage in stages))
+    names = [way.name for way in reversed(WAYS) if way.name != "recall" and way.name in played]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):
         gains = 0
@@ -419,7 +420,7 @@ def dots(cells: Cells) -> Figure:
             gains += name not in CONTROLS and less is not None and verdict(less) == "more"
             counts.add(each.episodes)
         title = f"{stage.name}, cap {stage.cap:,}\n{gains} of {len(set(names) - set(CONTROLS))} keep more"
-        panel.set(title=title, xlabel="score", xlim=(-1.1, 1.1), yticks=range(len(names)))
+        panel.set(title=title, xlabel="score", xlim=(-1.1, 1.1), xticks=(-1, 0, 1), yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
     legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn

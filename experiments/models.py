@@ -310,13 +310,6 @@ def _facts(rows: Sequence[Row]) -> tuple[str, ...]:
     return f"{_mean(rows, score):.2f}", f"{_mean(rows, reward):+.2f}", f"{_mean(rows, steps):.1f}"
 
 
-def ways_table(cells: Cells) -> str:
-    """The same for every way, at the games that were played in all of them; the first row is there to compare with."""
-    places = ((QWEN, HANDS), (TAUGHT, HANDS), (TAUGHT, BANDIT))
-    lines = [[way, *(_score(cells.get(("fresh", *place, way), [])) for place in places)] for way in (DROPPING, *QUICK)]
-    return markdown_table(["way", *(f"{player}, {GAMES[game]}" for player, game in places)], lines)
-
-
 def _score(rows: Sequence[Row]) -> str:
     """The mean score, and the number of worlds."""
     return f"{score_of(rows)} ({len(rows)})" if rows else ""
@@ -419,7 +412,6 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     cells = cells_of(rows)
     return {
         "models": scores_table(cells, MODELS, ASKED),
-        "models-ways": ways_table(cells),
         "models-points": points_table(cells),
         "models-baselines": baselines_table(cells),
         "models-best": best_table(cells),
