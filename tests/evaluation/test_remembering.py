@@ -170,6 +170,16 @@ class Blind(Asked):
         return [*history[:1], {{"role": "user", "content": SAID}}]
 
 
+class Quoting:
+    persistent = False
+
+    def compact(self, history, room):
+        if len(history) < 9:
+            return history
+        text = (yield [*history, {{"role": "user", "content": "What matters?"}}])["content"]
+        return [history[0], {{"role": "user", "content": text}}, *history[-2:]]
+
+
 class Wrong:
     def compact(self, history, room):
         return history if len(history) < 9 else None
@@ -203,14 +213,14 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
 
 
 def test_play_says_what_a_compactor_did_and_the_score_where_it_has_failed(tmp_path):
-    (tmp_path / "kept.py").write_text(KEPT + SHORT, encoding="utf-8")
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
 
     def printed(name: str) -> str:
         strategy = f"{tmp_path}/kept.py:{name}"
-        options = ("--player", "reader", "--prompt-tokens", 600, "--strategy", strategy)
+        options = ("--player", "reader", "--prompt-tokens", 1_600, "--strategy", strategy)
         return command.run("play", "Lockers6-v0", *options)[1]
 
-    assert "rewritings" in (asked := printed("Short"))
+    assert "rewritings" in (asked := printed("Quoting"))
     assert "questions" in asked
     assert "strategy_error" in (wrong := printed("Wrong"))
     assert "the episode failed" not in wrong
