@@ -59,6 +59,9 @@ def print_turn(console: Console, conversation: BaseConversation) -> None:
 
 def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:
     """Print a result as a small table; `cost` is in US dollars, None if it is not known."""
+    # A command that prints no result imports no statistics.
+    from smartplay_tools.evaluation.analysis.remembering import work_in_words
+
     normalized = "" if result.normalized_score is None else f" ({result.normalized_score:.0%} of the human score)"
     mistakes = {
         "illegal actions": result.illegal_actions,
@@ -71,13 +74,15 @@ def print_result(console: Console, result: EpisodeResult, cost: float | None = N
     stable = f"{tokens.prefix / tokens.prompt:.0%}" if tokens.prompt else "none"
     table = Table(show_header=False, title=result.game, title_justify="left")
     # The score at the moment of a player's failure is not a score of the game.
-    failed = result.end_reason in FAILED
+    failed = result.end_reason in FAILED and result.end_reason != "strategy_error"
     table.add_row("score", "none: the episode failed" if failed else f"{result.score:g}{normalized}")
     table.add_row("end", result.end_reason + (f": {result.error}" if result.error else ""))
     table.add_row("steps", f"{result.steps} in {result.turns} turns")
     table.add_row("tokens", f"{tokens.prompt:,} in prompts ({stable} prefix-stable), {tokens.reply:,} in replies")
     if cost is not None:
         table.add_row("cost", f"${cost:.4f}")
+    if did := work_in_words(result.model_dump() | {"budget": {"strategy": "strategy" in result.deviations}}):
+        table.add_row("compactor", did)
     table.add_row("mistakes", ", ".join(f"{count} {name}" for name, count in mistakes.items() if count) or "none")
     for at, (name, values) in enumerate(result.deviations.items()):
         deviation = f"{name} {_value(values['played'])} (paper: {_value(values['paper'])})"

@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Awaitable, Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from functools import partial
 from itertools import takewhile
@@ -190,8 +190,9 @@ class Compacting:
         """Return what came back, as far as it fits, and record both."""
         window, history, head = self._window, self._history, self._window.head_tokens
         cap = window.budget.prompt_tokens
-        messages: list[Any] | None = on_record(pieces)
-        messages = None if messages == on_record(history.pieces) else messages
+        messages: list[Any] | None = None
+        if pieces != history.pieces and (messages := on_record(pieces)) == on_record(history.pieces):
+            messages = None
         lead = list(takewhile(lambda form: form.message["role"] != "assistant", history.walk(pieces)))
         length, total = sum(map(length_of, pieces)), head + self._task(lead) + sum(map(self._size, pieces))
         is_over = cap is not None and total > cap
@@ -223,27 +224,39 @@ class Compacting:
         The oldest turns leave first, the newest never; then the messages before the first reply. None if even that
         does not fit.
         """
-        before, kept, tokens = self._task(lead) + self._tokens(lead), 0, 0
-        for messages, size in self._beginnings(pieces):
-            if kept and before + size > room:
-                break
-            kept, tokens = messages, size
+        kept, tokens = self._longest(pieces, room - self._task(lead) - self._tokens(lead))
         for lost in range(len(lead) + bool(kept)):
             if (needs := self._task(lead[lost:]) + self._tokens(lead[lost:]) + tokens) <= room:
                 return lost, kept, needs
         return None
 
-    def _beginnings(self, pieces: Sequence[Piece]) -> Iterator[tuple[int, int]]:
-        """Yield the replies that a prompt can begin with, newest first: the messages from there on, their tokens."""
-        passed, tokens, starts = 0, 0, self._window.starts
+    def _longest(self, pieces: Sequence[Piece], room: int) -> tuple[int, int]:
+        """Return how many messages the longest end has that a reply begins and that fits, and its tokens.
+
+        If none fits, it is the shortest.
+        """
+        kept = size = passed = tokens = 0
+        starts = self._window.starts
+
         for piece in reversed(pieces):
             if isinstance(piece, range):
                 first, stop = (bisect_left(starts, number) for number in (piece.start, piece.stop))
-                for start in reversed(starts[first:stop]):
-                    yield passed + piece.stop - start, tokens + self._size(range(start, piece.stop))
+                fits = partial(self._fits, stop=piece.stop, room=room - tokens)
+                begin = bisect_left(starts, x=True, lo=first, hi=stop, key=fits)
+                if first < stop and (begin < stop or not kept):
+                    end = range(starts[min(begin, stop - 1)], piece.stop)
+                    kept, size = passed + len(end), tokens + self._window.tokens(end)
+                if begin > first:
+                    break
             passed, tokens = passed + length_of(piece), tokens + self._size(piece)
             if isinstance(piece, Form) and piece.message["role"] == "assistant":
-                yield passed, tokens
+                if kept and tokens > room:
+                    break
+                kept, size = passed, tokens
+        return kept, size
+
+    def _fits(self, start: int, *, stop: int, room: int) -> bool:
+        return self._window.tokens(range(start, stop)) <= room
 
     def _task(self, lead: Sequence[Form]) -> int:
         """The tokens of the task, where it stands between these messages and the turns; 0 where it does not.

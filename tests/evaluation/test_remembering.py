@@ -9,11 +9,13 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.headline import TERMS
 from smartplay_tools.evaluation.analysis.remembering import ANSWERS, WORK, remembering_tables
+from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.games import with_action_list
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import Record, replay
 from smartplay_tools.records.contents import PLACES, stands_in
 from smartplay_tools.records.remembered import answers, remembered
+from tests.evaluation import command
 
 STEPS = 8
 
@@ -168,6 +170,21 @@ class Blind(Asked):
         return [*history[:1], {{"role": "user", "content": SAID}}]
 
 
+class Quoting:
+    persistent = False
+
+    def compact(self, history, room):
+        if len(history) < 9:
+            return history
+        text = (yield [*history, {{"role": "user", "content": "What matters?"}}])["content"]
+        return [history[0], {{"role": "user", "content": text}}, *history[-2:]]
+
+
+class Wrong:
+    def compact(self, history, room):
+        return history if len(history) < 9 else None
+
+
 class Idle:
     def compact(self, history, room):
         return history
@@ -190,6 +207,23 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
     assert [column.heading for column in table.columns][1:] == [*WORK]
     assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["wrote without asking", "never acts"]
     assert "-" not in [line[1] for line in table.rows[1:]]
+    report = write_report([tmp_path / "run"], tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "What the compactor did in an episode" in report
+    assert "never acts" in report
+
+
+def test_play_says_what_a_compactor_did_and_the_score_where_it_has_failed(tmp_path):
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+
+    def printed(name: str) -> str:
+        strategy = f"{tmp_path}/kept.py:{name}"
+        options = ("--player", "reader", "--prompt-tokens", 1_600, "--strategy", strategy)
+        return command.run("play", "Lockers6-v0", *options)[1]
+
+    assert "rewritings" in (asked := printed("Quoting"))
+    assert "questions" in asked
+    assert "strategy_error" in (wrong := printed("Wrong"))
+    assert "the episode failed" not in wrong
 
 
 @pytest.mark.parametrize(

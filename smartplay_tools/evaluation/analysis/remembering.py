@@ -72,6 +72,26 @@ BESIDE_PLAY: Mapping[str, Measure] = {
 }
 
 
+def work_in_words(row: Row) -> str:
+    """Return what a compactor did in an episode, in a line; empty if it did nothing and nothing was too long."""
+    if not has_compactor(row):
+        return ""
+    done = {name: measure(row) or 0 for name, measure in WORK.items()}
+    told = [f"{IN_WORDS[name]} {count:,.0f}" for name, count in done.items() if count]
+    return ", ".join(filter(None, [*told, compactor_note([row])]))
+
+
+IN_WORDS = {
+    "rewrites": "rewritings",
+    "too long": "prompts too long",
+    "blind": "without the newest observation",
+    "sent": "questions",
+    "refused": "questions refused",
+    "tokens": "tokens of questions and replies",
+    "own words": "tokens of its own texts in prompts",
+}
+
+
 def best_of(name: str) -> Measure:
     """Return the measure of one of the scores of `records.best_choices`."""
     return lambda row: row["best"][name] if row.get("best") else None

@@ -23,6 +23,7 @@ from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tab
 from smartplay_tools.evaluation.analysis.details import deviations_table
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table
+from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
@@ -331,12 +332,13 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 
 
 def _tables(page: _RunPage) -> Iterator[TextTable]:
-    """The tables below the results: the cost of windows, in score and in money, and the differences from the paper."""
+    """The tables below the results: what windows cost and keep, in score and money, and what the paper did not do."""
     if len(page.summary.cells) > 1:
         comparisons = compare_windows(page.rows)
         if any(not comparison.is_reference for comparison in comparisons):
             yield windows_table(comparisons)
     yield from page.costs
+    yield from remembering_tables(page.rows)
     if page.summary.cells:
         yield deviations_table(page.summary.cells)
 
