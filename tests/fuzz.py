@@ -60,7 +60,7 @@ def strategy(chance: random.Random) -> dict[str, Any]:
         "beyond_history": chance.choice(["drop", "mask"]),
         **added(chance),
         "summary_tokens": chance.choice([None, 1, 6, 30]),
-        "own_words": chance.choice([None, None, 0, 1, 2, 5]),
+        "own_words": chance.choice([None, None, 0, 1, 2, 5, "never"]),
         "first_turns": chance.choice([None, None, 1, 2, 4]),
     }
 

@@ -103,6 +103,8 @@ class Judge:
         return 0 if self.history is None else self.moved(self.newest(k), self.history)
 
     def _words_from(self, k: int) -> int:
+        if self.words_kept == "never":
+            return self.newest(k) + 1
         return 0 if self.words_kept is None else self.moved(self.newest(k), self.words_kept)
 
     def _pictures_from(self, k: int) -> int:

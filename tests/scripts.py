@@ -238,7 +238,7 @@ strategies = st.fixed_dictionaries(
         "beyond_history": st.sampled_from(["drop", "mask"]),
         "notes_tokens": st.sampled_from([None, 2, 12, 40]),
         "summary_tokens": st.sampled_from([None, 1, 6, 30]),
-        "own_words": st.sampled_from([None, None, 0, 1, 3]),
+        "own_words": st.sampled_from([None, None, 0, 1, 3, "never"]),
         "first_turns": st.sampled_from([None, None, 1, 3]),
         "recall_tokens": st.sampled_from([None, None, 3, 15, 40, 120]),
         "beyond_result": st.sampled_from(["cut", "offload"]),

@@ -181,7 +181,7 @@ def read_budget(**fields: Any) -> Budget:
     except ValidationError as error:
         first = error.errors()[0]
         option = "--" + str(first["loc"][0]).replace("_", "-")
-        words = [word for word in ("game", "auto", "none") if f"{word}" in _words(str(first["loc"][0]))]
+        words = [word for word in ("game", "auto", "none", "never") if f"{word}" in _words(str(first["loc"][0]))]
         what = "it is a whole number such as 2,000" if first["type"].startswith("int_") else first["msg"]
         others = f", or one of the words {', '.join(words)}" if len(words) > 1 else "".join(f", or {w}" for w in words)
         raise InvalidArgumentError(f"{option} {first['input']}: {what}{others}.") from None

@@ -145,11 +145,11 @@ class ContextWindow:
     # Messages and their levels.
 
     def add(self, turn: Turn) -> None:
-        """Add a complete turn, nothing of which has aged."""
+        """Add a complete turn; nothing of it has aged, unless the words of no reply are shown."""
         if turn.reply_tokens is not None:
             turn.whole[0].is_counted(self.counter, turn.reply_tokens)
         self.turns.append(turn)
-        self.now += turn.whole
+        self.now += turn.seen(0, trimmed_before=self.trimmed_before)
         self.starts.append(len(self.now))
         self.use_head(turn.manual)
 

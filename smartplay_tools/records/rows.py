@@ -23,6 +23,7 @@ from smartplay_tools.episode.config import RULES, SCORING, Rules
 from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.best_choice import best_choice
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.events import Amount, Count, RecordedResult
@@ -40,8 +41,9 @@ COPIED = ("player", "player_options", *RULES, "options", "tokenizer", *FILES, "p
 """The fields of a row that come from the first event of the record."""
 
 
-OPTIONAL = ("scoring", "memory")
-"""The fields of a row about what its game declares: what scores can be (`Scoring`), and the shares of `remembered`."""
+OPTIONAL = ("scoring", "memory", "best")
+"""The fields of a row about what its game declares: what scores can be (`Scoring`), the shares of `remembered`, and the
+scores of `best_choice`."""
 
 COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost")
 """The fields of a row that are counted from the record's events; `Record` has their meanings."""
@@ -58,9 +60,12 @@ def row_of(record: Record, trial: int) -> Row:
     facts = record.facts
     copied = {name: facts[name] for name in COPIED if name not in _UNSAID or facts[name] != _UNSAID[name]}
     counted = {name: getattr(record, name) for name in COUNTED}
-    shares = remembered(record)
-    memory = {} if shares is None else {"memory": shares}
-    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **memory}
+    declared: Row = {}
+    if (shares := remembered(record)) is not None:
+        declared["memory"] = shares
+        if (best := best_choice(record.config)) is not None:
+            declared["best"] = vars(best)
+    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **declared}
 
 
 def has_reported_tokens(row: Row) -> bool:
@@ -68,9 +73,6 @@ def has_reported_tokens(row: Row) -> bool:
     provider = row["tokens"]["provider"]
     return provider is not None and Usage(**provider).has_tokens
 
-
-GAME_ENDS = ("terminated", "rollout")
-"""The game's own ends; every other one is early: a cap, a stall, an error, a host or a person has caused it."""
 
 EARLY_ENDS = frozenset(
     {
@@ -154,6 +156,7 @@ class _Row(RecordedResult):
     strategy_sha256: str | None = None
     scoring: Scoring | None = None
     memory: dict[str, tuple[int, int]] | None = None
+    best: dict[str, float] | None = None
     prompts: str
     budget: ResolvedBudget
     asked: RecordedBudget

@@ -189,8 +189,9 @@ class Budget(Recorded):
     """Cap on the agent's notes, which stay visible when older turns leave; None: there is no tool `take_notes`."""
     summary_tokens: Annotated[Cap | None, Keeps(_cap_or_none("summaries"))] = None
     """Cap on the summary that the agent is asked for when turns leave the window; None: it is not asked."""
-    own_words: Annotated[Count | None, Keeps(_number("own words", "own words all"))] = None
-    """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone."""
+    own_words: Annotated[Count | Literal["never"] | None, Keeps(_number("own words", "own words all"))] = None
+    """Past steps whose replies keep their words and reasoning; replies of older turns have their calls alone. "never":
+    so has the newest one."""
     first_turns: Annotated[Cap | None, Keeps(_number("first turns", "no anchors"))] = None
     """The number of first turns that stay visible when later ones leave, as far as they fit; None: none of them."""
     recall_tokens: Annotated[Cap | None, Keeps(_cap_or_none("recalls"))] = None

@@ -200,6 +200,9 @@ EndReason = Literal[
 means that it is spent; `host` is a limit of the framework that drove the agent, or of the model's server, which refuses
 a prompt (`EpisodeResult.detail` names it)."""
 
+GAME_ENDS: tuple[EndReason, ...] = ("terminated", "rollout")
+"""The game's own ends; every other one is early: a cap, a stall, an error, a host or a person has caused it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:

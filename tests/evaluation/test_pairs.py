@@ -57,6 +57,7 @@ def test_measures_of_an_episode():
         "tokens": 420,
         "prefix_share": 0.25,
         "cost": 0.25,
+        "way_to_best": None,
     }
 
 

@@ -124,6 +124,16 @@ def test_words_of_the_model_keep_what_has_left_the_view(told):
     assert replay(events).identical
 
 
+def test_a_budget_closes_the_channel_of_the_models_own_words(told):
+    """Without it, a player that says everything again in each reply needs no window."""
+    events = played(told, LOOK, *(saying(SAID, action) for action in RIGHT), history=0, own_words="never")
+    assert {answer.place for answer in answers(Record(events)) if answer.places} == {"nowhere"}
+    assert replay(events).identical
+    arguments = [{**saying(SAID, action), **call("act", action=action, why=SAID)} for action in RIGHT]
+    refused = played(told, LOOK, *arguments, history=0, own_words="never")
+    assert Record(refused).result.steps == 0
+
+
 def test_a_summary_and_a_memory_are_told_apart(told, tmp_path):
     (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
     for name, place in (("Asked", "summary"), ("Written", "memory")):

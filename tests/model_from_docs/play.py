@@ -98,7 +98,7 @@ def random_budget(rng: random.Random, head: int, form: str) -> dict[str, Any]:
         ("beyond_history", ("mask",)),
         ("notes_tokens", (1, 5, 12, 40)),
         ("summary_tokens", (1, 5, 20, 60)),
-        ("own_words", (0, 1, 2, 5)),
+        ("own_words", (0, 1, 2, 5, "never")),
         ("first_turns", (1, 2, 3, 8)),
         ("recall_tokens", (1, 8, 30, 60, 200)),
         ("beyond_result", ("offload",)),

@@ -64,7 +64,8 @@ class Window:
         shows = [item.shows for turn in turns for item in turn.items if item.shows is not None]
         t = max(shows, default=0)
         shown = sum(item.picture is not None for turn in turns for item in turn.items)
-        self.oldest, self.words = self._boundary(t, budget.history), self._boundary(t, budget.own_words)
+        self.oldest = self._boundary(t, budget.history)
+        self.words = t + 1 if budget.own_words == "never" else self._boundary(t, budget.own_words)
         self.pictures = self._boundary(shown - 1, budget.newest_pictures and budget.newest_pictures - 1)
         o = max((i for i, turn in enumerate(turns) if any(item.shows == t for item in turn.items)), default=newest)
         notes = [i for i, turn in enumerate(turns) if turn.notes is not None]

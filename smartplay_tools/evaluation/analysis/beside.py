@@ -13,15 +13,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.rows import GAME_ENDS, Row
+from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.result import GAME_ENDS
 
 EARLY = "\N{DOUBLE DAGGER}"
 """The mark of cells with episodes that ended before their game did."""
 
 STEPS = "steps: of an episode, mean; a score that only grows is compared with their number in view"
 POINTS = "points: what the game has paid, as its player was told; mean"
+WAY = "to best: the share of the way from dropping the oldest turns to the best choice of whole turns under the cap"
 LEAST = "beyond the paper's settings, each counts as the least that the missing steps allow"
 
 

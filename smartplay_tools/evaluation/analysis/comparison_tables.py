@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from smartplay_tools.evaluation.analysis.beside import (
     EARLY,
     POINTS,
+    WAY,
     Beside,
     column_notes,
     early_notes,
@@ -50,8 +51,10 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     judged = comparison.is_judged
     last = Column("verdict", words=True) if judged else Column("tokens")
     beside = list(_beside(comparison).values())
-    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", "+-", "W/T/L"), last)
+    way = ["to best"] if _has_best(comparison) else []
+    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", *way, "+-", "W/T/L"), last)
     notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes(beside, points=False)]
+    notes += [WAY] if way else []
     notes += [*_notes(comparison), *early_notes(beside)]
     tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
     if shows_points(beside):
@@ -105,20 +108,36 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
     beside = _beside(comparison)
     has_steps = shows_steps(list(beside.values()))
 
-    def line(side: Side, pairs: str, mean: float, *others: str) -> tuple[str, ...]:
+    has_best = _has_best(comparison)
+
+    def line(side: Side, pairs: str, means: Mapping[str, MeanEstimate], *others: str) -> tuple[str, ...]:
         steps = (f"{beside[game, side].steps:,.1f}",) if has_steps else ()
-        return f"  {_named(game, side, names, beside)}", pairs, *steps, fixed(mean, points), *others
+        way = (with_interval(means.get("way_to_best"), 2),) if has_best else ()
+        return (
+            f"  {_named(game, side, names, beside)}",
+            pairs,
+            *steps,
+            fixed(means["score"].mean, points),
+            *way,
+            *others,
+        )
 
     for side, means in references:
         last = "" if comparison.is_judged else _tokens(means)
-        yield line(side, NOTHING, means["score"].mean, "reference", "", last)
+        yield line(side, NOTHING, means, "reference", "", last)
         for each in pairings:
             if each.reference == side:
                 told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
                 difference = with_interval(each.differences.get("score"), points, sign="+")
                 shown = "identical" if each.is_identical else difference, f"{each.wins}/{each.ties}/{each.losses}", told
-                name, *own = line(each.side, f"{each.pairs}", each.means["score"].mean, *shown)
+                name, *own = line(each.side, f"{each.pairs}", each.means, *shown)
                 yield f"  {name}", *own
+
+
+def _has_best(comparison: Comparison) -> bool:
+    """Whether a best choice of whole turns is known of any side."""
+    means = [*(each.means for each in comparison.pairings), *(means for *_, means in comparison.references)]
+    return any("way_to_best" in each for each in means)
 
 
 def _verdict(verdict: Verdict | None) -> str:

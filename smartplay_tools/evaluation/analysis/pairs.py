@@ -88,6 +88,20 @@ def steps(row: Row) -> float:
     return float(row["steps"])
 
 
+def way_to(best: str) -> Measure:
+    """Return the measure of the share of the way from dropping to a best choice of `records.best_choice`.
+
+    An episode has none where its game does not tell, or where the best choice wins nothing.
+    """
+
+    def share(row: Row) -> float | None:
+        scores = row.get("best")
+        gain = scores[best] - scores["dropping"] if scores else 0
+        return (mean_score(row) - scores["dropping"]) / gain if scores and gain > 1e-9 else None
+
+    return share
+
+
 MEASURES: Mapping[str, Measure] = {
     "score": score,
     "normalized_score": normalized_score,
@@ -96,6 +110,7 @@ MEASURES: Mapping[str, Measure] = {
     "tokens": tokens,
     "prefix_share": prefix_share,
     "cost": cost,
+    "way_to_best": way_to("with_return"),
 }
 """The measures by which cells are compared."""
 

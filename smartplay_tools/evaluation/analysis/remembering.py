@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.numbers import interval_notes, with_interval
-from smartplay_tools.evaluation.analysis.pairs import Measure, sample
+from smartplay_tools.evaluation.analysis.pairs import Measure, sample, score, way_to
 from smartplay_tools.records.contents import NOWHERE, PLACES
 from smartplay_tools.records.remembered import EVICTIONS, IN_PLACE, LOOKED, RULED, SEEN, UNRULED, UNSEEN
 from smartplay_tools.records.rows import Row
@@ -72,6 +72,22 @@ BESIDE_PLAY: Mapping[str, Measure] = {
 }
 
 
+def best_of(name: str) -> Measure:
+    """Return the measure of one of the scores of `records.best_choice`."""
+    return lambda row: row["best"][name] if row.get("best") else None
+
+
+BEST: Mapping[str, Measure] = {
+    "dropping": best_of("dropping"),
+    "score": score,
+    "no return": best_of("without_return"),
+    "at most": best_of("at_most"),
+    "return": best_of("with_return"),
+    "to no return": way_to("at_most"),
+    "to best": way_to("with_return"),
+}
+"""The scores of the world's best choices of whole turns beside those that were played."""
+
 WORK: Mapping[str, Measure] = {
     "rewrites": lambda row: row.get("rewrites", 0),
     "too long": lambda row: row.get("over_prompts", 0),
@@ -110,6 +126,9 @@ def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
         yield _table("what was in view, in percent", declaring, ANSWERS, SHARE)
         yield _table("where what was needed stood, in percent", declaring, STOOD, SHARE)
         yield _table("right answers by evictions survived, in percent", declaring, SURVIVED, SHARE)
+    bounded = [(cell, members) for cell, members in groups if any(row.get("best") for row in members)]
+    if bounded:
+        yield _table("how far from the best choice of whole turns", bounded, BEST, None, decimals=2)
     compacting = [(cell, members) for cell, members in groups if any(map(has_compactor, members))]
     if compacting:
         notes = {id(members): compactor_note(members) for _, members in compacting}
@@ -127,6 +146,8 @@ def _table(
     measures: Mapping[str, Measure],
     bounds: Bounds | None,
     notes: Mapping[int, str] | None = None,
+    *,
+    decimals: int = 0,
 ) -> TextTable:
     """`notes` end the names of groups, by the ids of their rows."""
     named = zip(labels([cell for cell, _ in groups]), groups, strict=True)
@@ -134,7 +155,7 @@ def _table(
     for label, (cell, members) in named:
         samples = [sample(members, measure, bounds) for measure in measures.values()]
         own = [mean_estimate(each.values, each.bounds) if each.values else None for each in samples]
-        shown = [with_interval(each, 0, factor=100 if bounds else 1) for each in own]
+        shown = [with_interval(each, decimals, factor=100 if bounds else 1) for each in own]
         note = (notes or {}).get(id(members), "")
         lines.append((cell.game, ("  " + ", ".join(filter(None, [cell.player, label, note])), *shown)))
         estimates += own

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
-from smartplay_tools.evaluation.analysis.beside import EARLY, column_notes, early_notes, shows_points, shows_steps
+from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
@@ -55,6 +55,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     differences = [c.differences.get("score") if single else c.together for c in comparisons]
     compared = sum(c.p is not None for c in comparisons)
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
+    has_best = any("way_to_best" in c.means for c in comparisons)
     beside = [c.beside for c in comparisons]
     has_steps = shows_steps(beside)
 
@@ -68,6 +69,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             *([] if single else [("p", lambda c: _p_value(c.p))]),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
+            *([("to best", lambda c: with_interval(c.means.get("way_to_best"), 2))] if has_best else []),
             *([("USD", lambda c: dollars(c.means["cost"].mean) if "cost" in c.means else NOTHING)] if priced else []),
             ("", lambda c: _marks(c, priced=priced)),
         )
@@ -81,6 +83,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
         *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
         *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
+        *([WAY] if has_best else []),
         *([CUT_NOTE] if any(map(is_cut, comparisons)) else []),
         *column_notes(beside, points=False),
         *early_notes(beside),
