@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -55,6 +56,8 @@ from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games.specs import lockers_setting
+from smartplay_tools.records import Record
+from smartplay_tools.records.best_choice import best_choice
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
 from smartplay_tools.types.groups import grouped
@@ -107,7 +110,7 @@ class Way:
 
     name: str
     strategy: str = ""
-    """A compactor, with the cap's share of its options."""
+    """A compactor, with its options."""
     asks: bool = False
     fields: Mapping[str, Any] = field(default_factory=dict)
     """Of the budget, for a strategy of this library."""
@@ -116,7 +119,7 @@ class Way:
         """Return the budget with this cap on questions."""
         fields = {"history": None, "prompt_tokens": CAP, "reply_tokens": 2 * CAP // 5, **self.fields}
         if self.strategy:
-            fields["strategy"] = self.strategy.format(tokens=4 * CAP // 15, trigger=4 * CAP // 5)
+            fields["strategy"] = self.strategy
         return sp.Budget(**fields, **({"question_tokens": longest} if longest > CAP else {}))
 
 
@@ -135,14 +138,14 @@ WAYS = (
     Way("Inspect, summary", "inspect-summary", asks=True),
     Way("Pydantic AI, summary", "pydantic-ai-summary", asks=True),
     Way("Agent Framework, summary", "agent-framework-summary", asks=True),
-    Way("LlamaIndex, summary", "llama-index-summary:tokens={tokens}", asks=True),
+    Way("LlamaIndex, summary", f"llama-index-summary:tokens={4 * CAP // 15}", asks=True),
     Way("Google ADK, summary", _in_file("adk_summary:Summary"), asks=True),
     Way("OpenHands, summary", _in_file("openhands_summary:Summary"), asks=True),
     Way("Haystack, summary", _in_file("haystack_compaction:Summary"), asks=True),
     Way("AG2, summary", _in_file("ag2_compact:Summary"), asks=True),
     Way("Agno, compression", _in_file("agno_compression:Compression"), asks=True),
-    Way("Anthropic, compaction", "compact_20260112:trigger={trigger}", asks=True),
-    Way("OpenAI, compaction", "compaction:compact_threshold={trigger}", asks=True),
+    Way("Anthropic, compaction", f"compact_20260112:trigger={4 * CAP // 5}", asks=True),
+    Way("OpenAI, compaction", f"compaction:compact_threshold={4 * CAP // 5}", asks=True),
     Way("LangChain, clearing", "langchain-clear"),
     Way("LangChain, trimming", _in_file("langchain_trim:Trim")),
     Way("Inspect, clearing", "inspect-edit"),
@@ -155,19 +158,21 @@ WAYS = (
     Way("AutoGen, token limit", _in_file("autogen_contexts:TokenLimited")),
     Way("AG2, newest", _in_file("ag2_compact:Newest")),
     Way("Headroom", _in_file("headroom_compress:Compression")),
-    Way("Anthropic, clearing", "clear_tool_uses_20250919:trigger={trigger}"),
+    Way("Anthropic, clearing", f"clear_tool_uses_20250919:trigger={4 * CAP // 5}"),
     Way("memory, BM25", "memory-bm25"),
     Way("memory, WordLlama", "memory-wordllama"),
 )
 """The first is what the others are compared with; the first three are of this library."""
 DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:3])
+BEST = {"best choice": "without_return", "best choice, with return": "with_return"}
+"""Rows of the best choice of whole turns, and the fields of `records.best_choice` that they show."""
 
 
 def play(out: Path, seed: int, trials: int, ways: Sequence[Way] = WAYS, stages: Sequence[Stage] = ()) -> Iterator[Row]:
     """Play the stages in every way that this environment has the packages for; yield all rows of the folder."""
-    here = [way for way in ways if _is_installed(way)]
+    here = [way for way in ways if not way.strategy or _is_here(way.name, partial(load_strategy, way.strategy))]
     for stage in stages or (*STAGES, *CURVE):
-        for way in here:
+        for way in here if _is_here(stage.name, sp.GAMES[stage.game].load) else ():
             if stage in STAGES or way.asks or "summary_tokens" in way.fields:
                 _play(out, seed, trials, stage, way)
     yield from rows_of(out, ways)
@@ -191,15 +196,21 @@ def rows_of(out: Path, ways: Iterable[Way] = WAYS) -> Iterator[Row]:
             for longest in (CAP, LONGER):
                 folder = RunFolder(_folder(out, stage, way, longest))
                 for row in folder.rows() if folder.path.exists() else ():
-                    yield {**row, "stage": stage.name, "way": way.name, "questions_up_to": longest}
+                    facts = {"stage": stage.name, "way": way.name, "questions_up_to": longest, "best": None}
+                    if way.name == DROPPING and (
+                        best := best_choice(Record.head(folder.transcript(row["key"])).config)
+                    ):
+                        facts["best"] = asdict(best)
+                    yield {**row, **facts}
 
 
-def _is_installed(way: Way) -> bool:
+def _is_here(name: str, load: Callable[[], object]) -> bool:
     try:
-        return not way.strategy or bool(load_strategy(way.strategy))
+        load()
     except (MissingExtraError, InvalidArgumentError) as error:
-        print(f"{way.name} is left to another environment: {error}", flush=True)
+        print(f"{name} is left to another environment: {error}", flush=True)
         return False
+    return True
 
 
 def _folder(out: Path, stage: Stage, way: Way, longest: int) -> Path:
@@ -266,8 +277,16 @@ Cells = Mapping[tuple[str, int, str], list[Row]]
 
 
 def cells_of(rows: Iterable[Row]) -> Cells:
-    """Group the rows of a folder."""
-    return grouped(rows, lambda row: (row["stage"], row["questions_up_to"], row["way"]))
+    """Group the rows of a folder; the best choices are those of the worlds."""
+    cells = grouped(rows, lambda row: (row["stage"], row["questions_up_to"], row["way"]))
+    for stage in STAGES:
+        known = [row for row in cells.get((stage.name, CAP, DROPPING), ()) if row.get("best")]
+        cells |= {
+            (stage.name, CAP, name): [row | {"score": row["best"][its]} for row in known]
+            for name, its in BEST.items()
+            if known
+        }
+    return cells
 
 
 def rows_in(cells: Cells, stage: str, way: str, longest: int) -> list[Row]:
@@ -278,7 +297,7 @@ def rows_in(cells: Cells, stage: str, way: str, longest: int) -> list[Row]:
 def names_in(cells: Cells) -> list[str]:
     """Return the ways that were played, in the order of `WAYS`; a way of somebody else comes last."""
     played = {way for _, _, way in cells}
-    known = [way.name for way in WAYS if way.name in played]
+    known = [way for way in (*CONTROLS, *BEST, *(way.name for way in WAYS[3:])) if way in played]
     return [*known, *sorted(played - {*known})]
 
 
@@ -291,8 +310,9 @@ def less(
 
 
 def acts(way: str, rows: Iterable[Row]) -> bool:
-    """Whether a way is of this library, or rewrote or asked anything in these episodes."""
-    return way in CONTROLS or any(row.get("rewrites") or row.get("questions") for row in rows)
+    """Whether a way is of this library, or rewrote, asked or ended anything in these episodes."""
+    did = (row.get("rewrites") or row.get("questions") or row["end_reason"] == "strategy_error" for row in rows)
+    return way in (*CONTROLS, *BEST) or any(did)
 
 
 def scores_table(cells: Cells, longest: int) -> str:
@@ -325,7 +345,7 @@ def work_table(cells: Cells) -> str:
     lines = []
     for way in names_in(cells):
         rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
-        if way not in CONTROLS and acts(way, rows):
+        if way not in (*CONTROLS, *BEST) and acts(way, rows):
             means = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
             shown = (f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)
             lines.append([way, *shown, f"{sum(bool(ends_of([row])) for row in rows)} of {len(rows)}"])
@@ -341,9 +361,16 @@ def curves(cells: Cells) -> dict[str, list[list[Row]]]:
 
 def curve_table(cells: Cells) -> str:
     """The score of those that ask against what each summary keeps, by the summaries of an episode."""
-    lines = sorted((fmean(row["questions"] for row in own[0]), way, own) for way, own in curves(cells).items())
-    shown = ([way, f"{asked:.1f}", *(interval(mean_score(rows)) for rows in own)] for asked, way, own in lines)
+    lines = sorted((fmean(_asked(row) for row in own[0]), way, own) for way, own in curves(cells).items())
+    shown = (
+        [way, f"{asked:.1f}", *(interval(mean_score(rows)) if rows else "" for rows in own)]
+        for asked, way, own in lines
+    )
     return markdown_table(["strategy", "questions", "keeps 1", *(f"{stage.keeps}" for stage in CURVE)], shown)
+
+
+def _asked(row: Row) -> int:
+    return int(row.get("questions") or row.get("summaries") or 0)
 
 
 def claims_table(cells: Cells) -> str:
@@ -375,7 +402,7 @@ def dots(cells: Cells) -> Figure:
         for row, name in enumerate(names):
             if rows := cells.get((stage.name, CAP, name)):
                 each = mean_score(rows)
-                look = 0 if name in CONTROLS else 1 if name in {way.name for way in WAYS} else 2
+                look = 0 if name in (*CONTROLS, *BEST) else 1 if name in {way.name for way in WAYS} else 2
                 whose = ("of this library", "of others, and memories", "yours")[look]
                 marks.append(EARLY * bool(ends_of(rows)))
                 draw_dots(panel, [each], [row], Series.number(look), whose, marks[-1:])
@@ -424,7 +451,7 @@ EXPERIMENT = Experiment("compaction", tables, figures)
 def play_alone(way: Way, out: Path, trials: int = TRIALS) -> list[Row]:
     """Play a way in the published worlds; print the tables with it, and the row to send; return all rows."""
     played = [{**row, "way": way.name} for row in play(out, SEED, trials, [way], STAGES)]
-    rows = [*EXPERIMENT.rows(), *played]
+    rows = [*(row for row in EXPERIMENT.rows() if row["way"] != way.name), *played]
     for name, written in tables(rows).items():
         print(f"{name}\n\n{written}\n", flush=True)
     for name, drawn in figures(rows).items():
