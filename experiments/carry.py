@@ -13,7 +13,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table
+from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, verdict
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -27,10 +27,10 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     spread,
 )
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, difference_sample, pairs, sample
+from smartplay_tools.evaluation.analysis.pairs import difference_sample, pairs, sample, score
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import mean_estimates
+from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimates
 from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
@@ -62,8 +62,14 @@ def main() -> None:
     EXPERIMENT.conclude(rows, publishes=asked.publish)
 
 
-def table(rows: Sequence[Row]) -> str:
-    """What carrying adds to the score at every game, in Markdown; the unit is the chain; intervals hold together."""
+Pairs = list[tuple[Row, Row]]
+
+
+def compared(rows: Sequence[Row]) -> list[tuple[PlayedCell, Pairs, MeanEstimate]]:
+    """Return, for every cell that carries, its later trials beside those without, and the difference of their scores.
+
+    The unit is the chain, and the intervals hold together.
+    """
     cells = by_cell(rows)
     without = {(cell.game, cell.player): members for cell, members in cells if cell.rules["carry"] is None}
     carrying = [(cell, members) for cell, members in cells if cell.rules["carry"] is not None]
@@ -71,11 +77,15 @@ def table(rows: Sequence[Row]) -> str:
     paired = [
         pairs(members, without[cell.game, cell.player]) for (cell, _), members in zip(carrying, later, strict=True)
     ]
-    measure = MEASURES["score"]
-    differences = mean_estimates([difference_sample(each, measure) for each in paired], bonferroni(len(paired)))
+    differences = mean_estimates([difference_sample(each, score) for each in paired], bonferroni(len(paired)))
+    return [(cell, *each) for (cell, _), *each in zip(carrying, paired, differences, strict=True)]
+
+
+def table(rows: Sequence[Row]) -> str:
+    """What carrying adds to the score at every game, in Markdown."""
     lines = []
-    for (cell, _), own, difference in zip(carrying, paired, differences, strict=True):
-        means = mean_estimates([sample(side, measure) for side in ([b for _, b in own], [a for a, _ in own])])
+    for cell, own, difference in compared(rows):
+        means = mean_estimates([sample(side, score) for side in ([b for _, b in own], [a for a, _ in own])])
         shown = [f"{mean.mean:.2f}" for mean in means]
         less = interval(difference, "+") + in_steps([b for _, b in own])
         lines.append((f"`{cell.game}`", cell.player, str(difference.episodes), *shown, less))
@@ -100,14 +110,20 @@ def score_against_trial(rows: Sequence[Row]) -> Figure:
     games = grouped(cells, lambda group: group[0].game)
     drawn, axes = panels(len(games), columns=3)
     counts: list[int] = []
+    verdicts = grouped(compared(rows), lambda each: each[0].game)
     for panel, (game, own) in zip(axes, games.items(), strict=True):
         for index, (cell, members) in enumerate(own):
             places = sorted(grouped(members, lambda row: row["trial"] % length).items())
-            estimates = mean_estimates([sample(each, MEASURES["score"]) for _, each in places])
+            estimates = mean_estimates([sample(each, score) for _, each in places])
             counts += [estimate.episodes for estimate in estimates]
             at = [place + 1 + spread(index, len(own)) for place, _ in places]
             draw_estimates(panel, at, estimates, Series.number(index), _name(cell))
-        panel.set(title=game.removesuffix("-v0"), xlabel="trial of the chain", ylabel="score (points)")
+        said = ", ".join(f"{cell.player} {verdict(difference)}" for cell, _, difference in verdicts[game])
+        panel.set(
+            title=f"{game.removesuffix('-v0')}\ncarried notes: {said}",
+            xlabel="trial of the chain",
+            ylabel="score (points)",
+        )
         panel.set_xticks(range(1, length + 1))
     legend_below(drawn, columns=2, note=sample_note(counts))
     return drawn

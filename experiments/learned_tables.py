@@ -11,8 +11,8 @@ from pathlib import Path
 from statistics import fmean, variance
 from typing import TYPE_CHECKING, Any
 
-from learned_cells import BANDIT, CAPS, GAME, LINES, SEEDS, SMALL, WAYS, Cell
-from page_tables import HERE, Experiment, in_steps, markdown_table
+from learned_cells import BANDIT, CAPS, GAME, LINES, SEEDS, SMALL, TEACHERS, WAYS, Cell
+from page_tables import HERE, Experiment, in_steps, markdown_table, verdict
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.style import Series, figure, panels
@@ -189,7 +189,8 @@ def _trainings(played: Played, wanted: Iterable[Compared]) -> str:
             for values, mark in zip(each, early, strict=True)
         ]
         shown += ["" for _ in SEEDS[len(each) :]]
-        lines.append((_name(cell), _name(other), *shown, _any_seed(each)))
+        any_seed = _any_seed(each)
+        lines.append((_name(cell), _name(other), *shown, "" if any_seed is None else _interval(any_seed, "+")))
     return markdown_table(("this", "less this", *(f"seed {seed}" for seed in SEEDS), "any seed"), lines)
 
 
@@ -211,7 +212,7 @@ def _paired(played: Played, pair: Compared) -> list[float] | None:
     return [this - other for this, other in zip(*map(played.scores, pair), strict=True)]
 
 
-def _any_seed(each: Sequence[Sequence[float] | None]) -> str:
+def _any_seed(each: Sequence[Sequence[float] | None]) -> MeanEstimate | None:
     """The mean over trainings, and an interval for further trainings and worlds alike.
 
     Both were drawn: the variances of the trainings' means and of the worlds' means are added, each divided by its
@@ -220,12 +221,12 @@ def _any_seed(each: Sequence[Sequence[float] | None]) -> str:
     """
     seeds = [values for values in each if values is not None]
     if len(seeds) < len(SEEDS):
-        return ""
+        return None
     of_seeds, of_worlds = [fmean(values) for values in seeds], [fmean(values) for values in zip(*seeds, strict=True)]
     spread = math.sqrt(variance(of_seeds) / len(of_seeds) + variance(of_worlds) / len(of_worlds))
     half = t_quantile((1 - CONFIDENCE) / 2, len(of_seeds) - 1) * spread
     mean = fmean(of_seeds)
-    return f"{mean:+.1f} [{mean - half:+.1f}, {mean + half:+.1f}]"
+    return MeanEstimate(mean, mean - half, mean + half, len(of_seeds))
 
 
 def _differences(played: Played, wanted: Sequence[Compared]) -> str:
@@ -259,7 +260,7 @@ def curves(played: Played) -> Figure:
     drawn, [axes] = panels(1)
     groups: dict[str, list[str]] = {}
     for player in sorted((cell.player for cell in played.rows if cell == Cell(cell.player, None)), key=_order):
-        groups.setdefault(re.sub(r"-\d", "", player), []).append(player)
+        groups.setdefault(player if player in TEACHERS else re.sub(r"-\d", "", player), []).append(player)
     for number, (name, players) in enumerate(groups.items()):
         look = Series.number(number)
         means = [fmean(fmean(played.scores(Cell(player, cap))) for player in players) for cap in CAPS]
@@ -271,6 +272,10 @@ def curves(played: Played) -> Figure:
     axes.set_xticks(range(len(CAPS)), ["none" if cap is None else f"{cap:,}" for cap in CAPS])
     axes.set_xlabel("cap on prompts, in budget tokens")
     axes.set_ylabel("mean score, of 50")
+    pairs = {cap: (Cell("full-{}", cap), Cell("full-{}", None)) for cap in CAPS[:-1]}
+    lost = {cap: _any_seed([_paired(played, _of_seed(pair, seed)) for seed in SEEDS]) for cap, pair in pairs.items()}
+    shown = ", ".join(f"{cap:,}" for cap, each in lost.items() if each is not None and verdict(each) == "less")
+    axes.set_title(f"Trained on full context: a loss is shown under {shown or 'no cap'}")
     axes.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.07))  # above the line of `random`
     return drawn
 

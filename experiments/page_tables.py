@@ -155,18 +155,6 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]]) -> st
     return "\n".join(map(table_row, [headings, ["---"] * len(headings), *rows]))
 
 
-def deciding(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
-    """Return a table without its columns of differences that all pairs of all lines leave equal; rows keep them."""
-    kept = [at for at, column in enumerate(zip(*lines, strict=True)) if not _is_equal(column)]
-    return [headings[at] for at in kept], [[line[at] for at in kept] for line in lines]
-
-
-def _is_equal(column: Sequence[str]) -> bool:
-    """Whether every difference in a column, below the score that is its reference, is of equal pairs."""
-    told = [cell for cell in column[1:] if cell]
-    return bool(told) and all(cell.startswith(("equal in all", "identical", "never acts")) for cell in told)
-
-
 @dataclass(frozen=True)
 class Line:
     """A cell in a table: its comparison with the reference of its family, and its rows."""

@@ -79,6 +79,11 @@ def points(rows: Sequence[Row], game: str, along: str) -> Points:
     )
 
 
+def enough(own: Points) -> int:
+    """Return the place from which a game is solved."""
+    return own[max(at for at, (_, estimate, _) in enumerate(own) if estimate.mean < SOLVED) + 1][0]
+
+
 def table(rows: Sequence[Row]) -> str:
     """The last history and cap under which each game is not solved, and the first from which it is."""
     lines = []
@@ -87,7 +92,7 @@ def table(rows: Sequence[Row]) -> str:
         line = [name, f"{needed}"]
         for along in ("history", "prompt_tokens"):
             own = points(rows, game, along)
-            first = max(at for at, (_, estimate, _) in enumerate(own) if estimate.mean < SOLVED) + 1
+            first = [place for place, *_ in own].index(enough(own))
             line += [f"{place:,}: {interval(estimate)}{early}" for place, estimate, early in own[first - 1 : first + 1]]
         lines.append(line)
     last, first = "the last that fails", "the first that suffices"
@@ -103,6 +108,7 @@ def ruler(rows: Sequence[Row]) -> Figure:
     for panel, along, label in zip(
         axes, ("history", "prompt_tokens"), ("past steps shown", "cap on prompts (tokens)"), strict=True
     ):
+        first = [enough(points(rows, game, along)) for game in GAMES]
         for index, (game, name) in enumerate(GAMES.items()):
             places, estimates, early = zip(*points(rows, game, along), strict=True)
             draw_estimates(panel, places, estimates, Series.number(index), name)
@@ -111,7 +117,12 @@ def ruler(rows: Sequence[Row]) -> Figure:
             )
             counts |= {estimate.episodes for estimate in estimates}
             marks += early
-        panel.set(xlabel=label, ylabel="score", ylim=(-1.05, 1.05))
+        panel.set(
+            title=f"Played rightly from {', '.join(map('{:,}'.format, first))} on",
+            xlabel=label,
+            ylabel="score",
+            ylim=(-1.05, 1.05),
+        )
     axes[1].set_xscale("log")
     axes[1].set_xticks(ticks := (250, 500, 1000, 2000, 3500), [f"{tick:,}" for tick in ticks])
     axes[1].minorticks_off()

@@ -57,7 +57,7 @@ def made(*experiments):
 
 def test_tables_in_the_pages_are_those_of_the_published_rows(experiments):
     """Of the experiments with the fewest rows."""
-    few = ("cap-audit", "degrees", "models", "money", "ruler")
+    few = ("cap-audit", "degrees", "models", "money", "ruler", "window-for-a-budget")
     for name, table in made(*(experiments[name] for name in few)).items():
         assert published(name) == table.splitlines(), name
 
@@ -88,6 +88,21 @@ def test_published_records_of_models_replay_without_the_model(tmp_path, experime
         replayed = sp.replay(record)
         assert replayed.identical, record
         assert replayed.result.score == scores[(*record.relative_to(tmp_path).parts[:4], int(record.stem))]
+
+
+def test_what_a_budget_buys_is_what_an_episode_under_it_plays():
+    """The experiment cuts whole episodes where their budget would have ended them."""
+    script = importlib.import_module("window_for_a_budget")
+    seed, played = script.FIRST + 3, [*script.CELLS[:1], *script.CELLS[3:]]
+    for row in script.EXPERIMENT.rows():
+        if row["seed"] != seed or (row["game"], row["player"]) not in played or row["cap"] not in (600, None):
+            continue
+        for rule in ("none", "openai-5-5", "anthropic-512", "deepseek-4"):
+            budget = script.budget(row["cap"], episode_cost=script.COST, cost_rule=rule)
+            with sp.Episode(row["game"], seed=seed, budget=budget) as episode:
+                result = sp.play(episode, sp.get_player(row["player"], seed=seed))
+            assert result.reward == row["bought"][rule]
+            assert result.spent_cost <= script.COST
 
 
 def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path):

@@ -15,7 +15,8 @@ from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
 from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.episode.config import RULES, Rules
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, read_run_file
-from smartplay_tools.records import sent_prompts
+from smartplay_tools.records import Record, sent_prompts
+from smartplay_tools.records.remembered import remembered
 from smartplay_tools.types.messages import text_of
 
 HANOI, CRAFTER, ROCK = "Hanoi3Disk-v0", "Crafter-v0", "RockPaperScissorBasic-v0"
@@ -25,6 +26,8 @@ OWN = {
     "protocol": "paper",
     "observation": "both",
     "budget_line": "on",
+    "first_observation": "prompt",
+    "offered_tools": "useful",
     "carry": "notes",
 }
 """A value of every rule that a run can have; `chain` is a number that belongs to `carry`, `wording` names a file."""
@@ -77,6 +80,70 @@ def test_what_is_no_rule_is_refused():
         sp.evaluate([HANOI], out="nowhere", colour="red")
     with pytest.raises(sp.InvalidArgumentError, match="`play` takes it"):
         sp.Episode(HANOI, seed=1, protocol="paper")
+
+
+BOTH = {"first_observation": "prompt", "offered_tools": "useful"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "shown"),
+    [({"history": 2}, 3), ({"history": 2, "beyond_history": "mask"}, 3), ({"history": 0}, 1), ({"history": None}, 7)],
+    ids=str,
+)
+def test_the_first_observation_is_in_the_task_as_long_as_history_lets_it(fields, shown, tmp_path):
+    record, tokens = tmp_path / "one.jsonl", []
+    with sp.Episode(HANOI, seed=1, manual="pinned", budget=sp.Budget(**fields), transcript=record, **BOTH) as episode:
+        first, counter = episode.game.observation, episode.counter
+        result = sp.play(episode, sp.get_player("rule"), on_turn=lambda at: tokens.append(at.view.tokens))
+    assert (result.completed, result.steps, result.turns) == (True, 7, 7), "no call looks first"
+    sent = list(sent_prompts(sp.read_transcript(record)))
+    assert [first in text_of(each.prompt.messages[1]) for each in sent] == [at < shown for at in range(7)]
+    assert all(each.sha256 == each.recorded_sha256 for each in sent)
+    assert tokens == [counter.prompt(each.prompt.messages, each.prompt.tools) for each in sent]
+    assert result.deviations["first_observation"] == {"paper": "call", "played": "prompt"}
+    assert sp.replay(record).identical
+
+
+@pytest.mark.parametrize(
+    ("rules", "names"),
+    [
+        ({"manual": "pinned"}, ["observe", "act"]),
+        ({"manual": "none"}, ["observe", "act"]),
+        ({"manual": "pinned", "first_observation": "prompt"}, ["act"]),
+        ({"first_observation": "prompt"}, ["act", "read_manual"]),
+        ({}, ["observe", "act", "read_manual"]),
+    ],
+    ids=str,
+)
+def test_no_tool_is_offered_that_can_say_nothing_new(rules, names):
+    with sp.Episode(ROCK, seed=1, offered_tools="useful", **rules) as episode:
+        assert [tool.name for tool in episode.tools] == names
+        told = text_of(episode.head[0])
+        for name in ("observe", "act", "read_manual"):
+            assert (f"`{name}`" in told) == (name in names)
+            assert episode.call(name, {"action": "Rock"} if name == "act" else {}).is_error == (name not in names)
+
+
+def test_what_was_needed_of_the_first_observation_is_seen_in_the_task(tmp_path):
+    record = tmp_path / "one.jsonl"
+    with sp.Episode("Lockers6-v0", seed=1, manual="pinned", transcript=record, **BOTH) as episode:
+        assert sp.play(episode, sp.get_player("reader")).score == 6
+    shares = remembered(Record.read(record))
+    assert (shares["in view: observation"], shares.get("out of view")) == ([6, 6], None)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"protocol": "paper"}, "first_observation is a rule of prompts with tools"),
+        ({"observation": "both"}, "is in words; leave observation"),
+        ({"budgets": sp.Budget(strategy="pydantic-ai-newest", history=3)}, "the task does not age"),
+    ],
+    ids=str,
+)
+def test_a_first_prompt_that_cannot_be_is_refused(given, message):
+    with pytest.raises(sp.InvalidArgumentError, match=message):
+        sp.evaluate([CRAFTER], ["random"], out="nowhere", trials=1, first_observation="prompt", **given)
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,13 @@ edit of these two, `compact_20260112` above all, goes upstream as it came.
 
 from __future__ import annotations
 
-import json
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError
 from smartplay_tools.context.strategies.provider_edits import CLEARED, ClearToolUses
-from smartplay_tools.types.arguments import object_in
 
-__all__ = ["BETA", "applied", "reported"]
+__all__ = ["BETA", "applied"]
 
 FIELD = "context_management"
 BETA = "context-management-2025-06-27"
@@ -141,26 +139,3 @@ def _blocks(message: Any) -> list[Mapping[str, Any]]:
     if isinstance(content, str):
         return [] if message.get("role") == "assistant" else [{"type": "text"}]
     return [block for block in content if isinstance(block, Mapping)] if isinstance(content, list) else []
-
-
-async def reported(pieces: AsyncIterator[bytes], reports: list[Json], *, is_stream: bool) -> AsyncIterator[bytes]:
-    """Yield an answer that says which edits were applied: in its object, or in the event `message_delta`."""
-    kept = b""
-    async for piece in pieces:
-        kept += piece
-        if is_stream:
-            *lines, kept = kept.split(b"\n")
-            for line in lines:
-                yield _with_reports(line, reports, "message_delta", b"data: ") + b"\n"
-    if kept:
-        yield _with_reports(kept, reports, "message")
-
-
-def _with_reports(text: bytes, reports: list[Json], kind: str, prefix: bytes = b"") -> bytes:
-    value = object_in(text.removeprefix(b"data:")) if kind.encode() in text else None
-    if value is None or value.get("type") != kind:
-        return text
-    theirs = value.get(FIELD)
-    others = theirs.get("applied_edits") if isinstance(theirs, Mapping) else None
-    value[FIELD] = {"applied_edits": [*reports, *(others if isinstance(others, list) else ())]}
-    return prefix + json.dumps(value).encode()

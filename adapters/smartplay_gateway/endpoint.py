@@ -16,7 +16,6 @@ import json
 import uuid
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import extra_named
@@ -31,7 +30,20 @@ with extra_named("An endpoint", "serve"):
     from starlette.routing import Route
     from starlette.types import ASGIApp, Receive, Scope, Send
 
-from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, SmartPlayError, Usage
+from smartplay_gateway.compaction import NoSummaryError, is_managed, managed
+from smartplay_gateway.surfaces import COMPACT, RESPONSES as RESPONSES_SURFACE, Surface
+from smartplay_tools import (
+    AsyncPlayer,
+    ContextManager,
+    InvalidArgumentError,
+    Message,
+    Player,
+    Prompt,
+    PromptOverflowError,
+    Reply,
+    SmartPlayError,
+    Usage,
+)
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import ModelCallError, server_error
@@ -92,14 +104,19 @@ async def read_request(request: Request, read: Callable[[dict[str, Any]], T], *,
         body = object_in(sent)
         if body is None:
             raise RequestError(400, "The body of a request is a JSON object.")
-        try:
-            return read(body)
-        except RecursionError:
-            raise RequestError(400, "The body is nested too deeply.") from None
-        except SmartPlayError as error:
-            raise RequestError(400, str(error)) from error
+        return checked(read, body)
 
     return read_body() if len(sent) <= at_once else await asyncio.to_thread(read_body)
+
+
+def checked(read: Callable[[dict[str, Any]], T], body: dict[str, Any]) -> T:
+    """Return what a function makes of a body; `RequestError` if it refuses it."""
+    try:
+        return read(body)
+    except RecursionError:
+        raise RequestError(400, "The body is nested too deeply.") from None
+    except SmartPlayError as error:
+        raise RequestError(400, str(error)) from error
 
 
 WRONG_KEY = RequestError(
@@ -265,6 +282,7 @@ def endpoint_app(
 
     routes = [
         *(Route(interface.path, endpoint.handler(interface), methods=["POST"]) for interface in (CHAT, RESPONSES)),
+        Route(f"{RESPONSES.path}/compact", endpoint.compact, methods=["POST"]),
         Route("/v1/models", endpoint.list_models),
         Route("/v1/models/{name:path}", endpoint.show_model),
     ]
@@ -289,16 +307,58 @@ class _Endpoint:
         self._players = {player.name: player for player in players}
         self._limits = limits
         self._counter = TokenCounter()
+        self._manager = ContextManager(limits.context_tokens)
 
     def handler(self, interface: Interface) -> Any:
         """Return the function that answers an interface's requests."""
 
+        def read(body: dict[str, Any]) -> tuple[dict[str, Any], _CompletionRequest | None]:
+            is_plain = interface is not RESPONSES or not is_managed(body, RESPONSES_SURFACE)
+            return body, self._read(interface, body) if is_plain else None
+
         async def handle(request: Request) -> Response:
             self._limits.check_rate()
-            asked = await read_request(request, partial(self._read, interface))
-            return await respond(request, interface, self._answer(interface, asked), asked.body)
+            body, asked = await read_request(request, read)
+            answering = self._managed(body, RESPONSES_SURFACE) if asked is None else self._answer(interface, asked)
+            return await respond(request, interface, answering, body)
 
         return handle
+
+    async def compact(self, request: Request) -> Response:
+        """Answer POST /v1/responses/compact."""
+        self._limits.check_rate()
+        body = await read_request(request, dict)
+        return await respond(request, RESPONSES, self._managed(body, COMPACT), {})
+
+    async def _managed(self, body: dict[str, Any], surface: Surface) -> dict[str, Any]:
+        """The answer to a request with `context_management`, or with what a compaction has left."""
+        try:
+            made = await managed(body, surface, "", self._manager, self._ask_here)
+        except (PromptOverflowError, InvalidArgumentError) as error:
+            told = surface.refusal(error)["error"]
+            raise RequestError(400, told["message"], param=told["param"], code=told["code"]) from error
+        except NoSummaryError as error:
+            raise RequestError(500, str(error), code="no_summary") from error
+        if made.answer is not None:
+            return made.answer
+        if is_managed(made.body, RESPONSES_SURFACE) or surface is COMPACT:
+            problem = "A provider's own compaction item cannot be read here; send the items that it stands for."
+            raise RequestError(400, problem, param="input", code="invalid_encrypted_content")
+        answer = await self._answer(RESPONSES, await asyncio.to_thread(checked, self._read_response, made.body))
+        return answer if made.report is None else made.report.whole(answer)
+
+    async def _ask_here(self, body: dict[str, Any]) -> dict[str, Any]:
+        """The player's answer to a request that the endpoint makes itself."""
+        try:
+            asked = await asyncio.to_thread(checked, self._read_response, body)
+        except RequestError as error:
+            if error.code != "context_length_exceeded":
+                raise
+            raise PromptOverflowError(str(error)) from error
+        return await self._answer(RESPONSES, asked)
+
+    def _read_response(self, body: dict[str, Any]) -> _CompletionRequest:
+        return self._read(RESPONSES, body)
 
     async def _answer(self, interface: Interface, asked: _CompletionRequest) -> dict[str, Any]:
         reply = await _ask(asked.player, asked.prompt)

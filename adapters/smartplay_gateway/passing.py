@@ -32,7 +32,9 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.edits import applied, reported
+from smartplay_gateway.answers import Report
+from smartplay_gateway.compaction import NoSummaryError, managed
+from smartplay_gateway.surfaces import CHAT, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
@@ -49,80 +51,11 @@ OF_A_CONNECTION = {"connection", "content-length", "host", "keep-alive", "proxy-
 OF_A_CONNECTION |= {"proxy-connection", "te", "trailer", "transfer-encoding", "upgrade"}
 """Headers that concern one connection, which are not passed on."""
 
-STORED = ("previous_response_id", "conversation", "prompt")
-"""Fields of a request to Responses that stand for what the provider keeps."""
-
 Told = Callable[[str, FittedPrompt], None]
 """Is told the path of a request and its prompt."""
 
 Counted = Callable[[int], None]
 """Is told the tokens of a prompt that an answer has reported; called in a thread."""
-
-
-@dataclass(frozen=True)
-class Surface:
-    """An interface whose prompts are fitted."""
-
-    form: Any
-    """The name of the form of its messages."""
-    messages: str
-    """The field with the messages."""
-    system: str | None
-    """The field with instructions beside them."""
-
-    def fitted(self, body: Mapping[str, Any], manager: ContextManager) -> FittedPrompt | None:
-        """Return the prompt of a request; None if it has none that could be read, which its provider will say."""
-        given = body.get(self.messages)
-        if isinstance(given, str):
-            given = [{"role": "user", "content": given}]
-        tools = body.get("tools") or []
-        if not isinstance(given, list) or not isinstance(tools, list):
-            return None
-        for name in STORED if self.form == "responses" else ():
-            if body.get(name) is not None:
-                raise InvalidArgumentError(
-                    f"With `{name}` the provider adds what it keeps, which cannot be counted; leave it out."
-                )
-        return manager.fit(given, **self._beside(body))
-
-    def edited(self, body: dict[str, Any], betas: str, manager: ContextManager) -> tuple[dict[str, Any], Any]:
-        """Return a request after its context editing, and what was cleared; None if there is none to do here."""
-        if self.form != "anthropic" or not isinstance(body.get(self.messages), list):
-            return body, None
-        return applied(body, betas, lambda messages: manager.count(messages, **self._beside(body)))
-
-    def _beside(self, body: Mapping[str, Any]) -> dict[str, Any]:
-        """What of a request counts beside its messages."""
-        system = body.get(self.system) if self.system else None
-        beside = {"tools": body.get("tools") or [], "system": system, "output_schema": self._schema(body)}
-        return {**beside, "form": self.form}
-
-    def _schema(self, body: Mapping[str, Any]) -> Any:
-        """The schema of the answer's format, wherever the interface has it."""
-        if self.form == "responses":
-            text = body.get("text")
-            wanted = text.get("format") if isinstance(text, Mapping) else None
-        else:
-            wanted = body.get("response_format", body.get("output_format"))
-        return wanted.get("json_schema", wanted.get("schema")) if isinstance(wanted, Mapping) else None
-
-    def refusal(self, error: Exception) -> Mapping[str, Any]:
-        """Return the body of a refusal in the provider's form."""
-        is_long = isinstance(error, PromptOverflowError)
-        if self.form == "anthropic":
-            words = f"prompt is too long: {error}" if is_long else str(error)
-            return {"type": "error", "error": {"type": "invalid_request_error", "message": words}}
-        code = "context_length_exceeded" if is_long else "invalid_prompt"
-        kind = "invalid_request_error"
-        return {"error": {"message": str(error), "type": kind, "param": self.messages, "code": code}}
-
-
-SURFACES: Mapping[str, Surface] = {
-    "/chat/completions": Surface("chat", "messages", None),
-    "/responses": Surface("responses", "input", "instructions"),
-    "/messages": Surface("anthropic", "messages", "system"),
-}
-"""The interfaces by the end of their paths."""
 
 
 def passing_app(
@@ -143,26 +76,19 @@ def passing_app(
     async def pass_on(request: Request) -> Response:
         content = await request.body()
         surface = surface_of(request.url.path) if request.method == "POST" else None
-        counted: Counted | None = None
-        reports: list[dict[str, Any]] | None = None
-        if surface is not None and (body := object_in(content)) is not None:
-            try:
-                betas = ",".join(request.headers.getlist("anthropic-beta"))
-                edited, reports = await asyncio.to_thread(surface.edited, body, betas, manager)
-                prompt = await asyncio.to_thread(surface.fitted, edited, manager)
-            except (PromptOverflowError, InvalidArgumentError) as error:
-                return _json(surface.refusal(error), 400)
-            except TranscriptError as error:
-                return _json(surface.refusal(error), 500)
-            if prompt is not None:
-                if told is not None:
-                    told(request.url.path, prompt)
-                if prompt.recorded_as is not None:
-                    counted = partial(_record_count, manager, prompt)
-                given = body[surface.messages]
-                if reports is not None or (not isinstance(given, str) and prompt.messages != given):
-                    content = json.dumps({**edited, surface.messages: prompt.messages}).encode()
-        return await _answer(client, request, _target(base, request), content, surface, counted, reports)
+        body, form = None if surface is None else object_in(content), surface or CHAT
+        try:
+            if surface is None or body is None:
+                return await _passed(await _sent(client, request, _target(base, request), content), surface)
+            return await _managed(_Exchange(client, request, base, surface, manager, told), body, content)
+        except (PromptOverflowError, InvalidArgumentError) as error:
+            return _json(form.refusal(error), 400)
+        except NoSummaryError as error:
+            return _json(form.refusal(error), 500, {"x-should-retry": "false"})
+        except TranscriptError as error:
+            return _json(form.refusal(error), 500)
+        except _UnansweredError as error:
+            return error.response
 
     async def admit(request: Request) -> Response | None:
         return None
@@ -205,11 +131,6 @@ class ContextEndpoint(Server):
         self.base_url = f"{self.url}/v1"
 
 
-def surface_of(path: str) -> Surface | None:
-    """Return the interface that a path belongs to; None for any other path."""
-    return next((surface for end, surface in SURFACES.items() if path.endswith(end)), None)
-
-
 def checked_address(upstream: str) -> str:
     """Return the base URL of an upstream; one that is none is an `InvalidArgumentError`."""
     parts = urlsplit(upstream)
@@ -236,46 +157,118 @@ def _record_count(manager: ContextManager, prompt: FittedPrompt, tokens: int) ->
         warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
 
 
-async def _answer(
-    client: httpx2.AsyncClient,
-    request: Request,
-    target: str,
-    content: bytes,
-    surface: Surface | None,
-    counted: Counted | None,
-    reports: list[dict[str, Any]] | None = None,
-) -> Response:
-    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed.
+class _UnansweredError(Exception):
+    """The upstream has not answered as asked; what it has said is the client's answer."""
 
-    With `reports` it says which edits were applied, if it is an answer at all.
-    """
+    def __init__(self, response: Response) -> None:
+        super().__init__(response.status_code)
+        self.response = response
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """A request of a client whose prompt is read, and what it takes to send it on."""
+
+    client: httpx2.AsyncClient
+    request: Request
+    base: str
+    surface: Surface
+    manager: ContextManager
+    told: Told | None
+
+    async def fitted(self, body: Json) -> tuple[FittedPrompt | None, Counted | None]:
+        """Return the prompt of a body, and who is told what an answer reports for it."""
+        prompt = await asyncio.to_thread(self.surface.fitted, body, self.manager)
+        if prompt is not None and self.told is not None:
+            self.told(self.request.url.path, prompt)
+        recorded = prompt is not None and prompt.recorded_as is not None
+        return prompt, partial(_record_count, self.manager, prompt) if prompt is not None and recorded else None
+
+    async def ask(self, body: Json) -> Json:
+        """Return the upstream's whole answer to a request that the endpoint makes itself."""
+        prompt, counted = await self.fitted(body)
+        messages = body[self.surface.messages] if prompt is None else prompt.messages
+        content = json.dumps({**body, self.surface.messages: messages}).encode()
+        target = _target(self.base, self.request).replace("/responses/compact", "/responses")
+        answer = await _sent(self.client, self.request, target, content, is_read=True)
+        passed = await _passed(answer, self.surface, counted, is_read=True)
+        read = b"".join([piece async for piece in passed.body_iterator if isinstance(piece, bytes)])
+        value = object_in(read)
+        if answer.status_code != 200 or value is None:
+            headers = {"content-type": answer.headers.get("content-type", "")}
+            raise _UnansweredError(Response(read, answer.status_code if answer.status_code != 200 else 502, headers))
+        return value
+
+
+async def _managed(exchange: _Exchange, body: Json, content: bytes) -> Response:
+    """The answer to a request whose prompt is read."""
+    surface, request = exchange.surface, exchange.request
+    betas = ",".join(request.headers.getlist("anthropic-beta"))
+    made = await managed(body, surface, betas, exchange.manager, exchange.ask)
+    if made.answer is not None and made.report is not None:
+        if not body.get("stream"):
+            return _json(made.answer, 200)
+        events = [f"event: {each['type']}\ndata: {json.dumps(each)}\n\n" for each in made.report.stream(made.answer)]
+        return Response("".join(events), media_type="text/event-stream")
+    prompt, counted = await exchange.fitted(made.body)
+    given = made.body.get(surface.messages)
+    is_other = prompt is not None and not isinstance(given, str) and prompt.messages != given
+    if made.body is not body or is_other:
+        messages = given if prompt is None or isinstance(given, str) else prompt.messages
+        content = json.dumps({**made.body, surface.messages: messages}).encode()
+    is_read = made.report is not None
+    answer = await _sent(exchange.client, request, _target(exchange.base, request), content, is_read=is_read)
+    return await _passed(answer, surface, counted, made.report, is_read=is_read)
+
+
+async def _sent(
+    client: httpx2.AsyncClient, request: Request, target: str, content: bytes, *, is_read: bool = False
+) -> httpx2.Response:
+    """The upstream's answer to a client's request with this content; one that `is_read` comes as it can be read."""
     headers = [(name, value) for name, value in request.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
-    if reports is not None:
+    if is_read:
         headers = [(name, value) for name, value in headers if name.lower() != b"accept-encoding"]
     sent = client.build_request(request.method, target, headers=headers, content=content or None)
     try:
-        answer = await client.send(sent, stream=True)
+        return await client.send(sent, stream=True)
     except httpx2.TransportError as error:
         where = urlsplit(target).netloc.rpartition("@")[2]  # without a password
         problem = f"The upstream {where} does not answer: {type(error).__name__} {error}".rstrip()
-        form = surface or SURFACES["/chat/completions"]
-        return _json(form.refusal(InvalidArgumentError(problem)), 502)
+        form = surface_of(request.url.path) or CHAT
+        raise _UnansweredError(_json(form.refusal(InvalidArgumentError(problem)), 502)) from None
 
+
+async def _passed(
+    answer: httpx2.Response,
+    surface: Surface | None,
+    counted: Counted | None = None,
+    report: Report | None = None,
+    *,
+    is_read: bool = False,
+) -> StreamingResponse:
+    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed.
+
+    With a report it says what was done to its prompt, if it is an answer at all.
+    """
     told: Mapping[str, str] = answer.headers
     incoming: AsyncIterator[bytes] = answer.aiter_raw()
     left_out = OF_A_CONNECTION
-    if reports is not None:
+    if is_read:
         told, left_out = {"content-type": told.get("content-type", "")}, OF_A_CONNECTION | {"content-encoding"}
-        is_stream = told["content-type"].startswith("text/event-stream")
-        incoming = reported(answer.aiter_bytes(), reports, is_stream=is_stream)
+        incoming = answer.aiter_bytes()
     reader = PromptTokens(surface.form, told) if surface is not None and counted is not None else None
 
+    async def taken() -> AsyncIterator[bytes]:
+        async for piece in incoming:
+            yield piece
+            if reader is not None:
+                reader.take(piece)
+
     async def pieces() -> AsyncIterator[bytes]:
+        is_stream = told["content-type"].startswith("text/event-stream") if is_read else False
         try:
-            async for piece in incoming:
+            async for piece in taken() if report is None else report.passed(taken(), is_stream=is_stream):
                 yield piece
-                if reader is not None:
-                    reader.take(piece)
         finally:
             if reader is not None and counted is not None:
                 # In a thread, and not awaited: the end of the answer does not wait for a disk.
@@ -293,5 +286,5 @@ def _tell(reader: PromptTokens, counted: Counted) -> None:
         counted(tokens)
 
 
-def _json(body: Mapping[str, Any], status: int) -> Response:
-    return Response(json.dumps(body), status, media_type="application/json")
+def _json(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | None = None) -> Response:
+    return Response(json.dumps(body), status, headers, media_type="application/json")

@@ -98,9 +98,7 @@ class WindowModel(ModelAPI):
             output_schema=None if schema is None else schema.model_dump(mode="json", exclude_none=True),
             form="chat",
         )
-        shown = as_given(prompt, input)
-        if self.api.collapse_user_messages():
-            shown = joined_users(shown)
+        shown = joined(as_given(prompt, input), self.api)
         made = await self.api.generate(shown, tools, tool_choice, config)
         output = made[0] if isinstance(made, tuple) else made
         usage = read_usage(output.usage) if isinstance(output, ModelOutput) else None
@@ -167,16 +165,24 @@ def _reply(chat: Mapping[str, Any]) -> ChatMessageAssistant:
     return ChatMessageAssistant(content=chat["content"], tool_calls=calls or None)
 
 
-def joined_users(messages: Sequence[ChatMessage]) -> list[ChatMessage]:
-    """Return messages with each user's next to another's joined, as providers want it for which Inspect does so."""
-    joined: list[ChatMessage] = []
+def joined(messages: Sequence[ChatMessage], api: ModelAPI) -> list[ChatMessage]:
+    """Return messages with those next to each other of one kind joined, for an API for which Inspect does so."""
+    joins = {
+        "user": api.collapse_user_messages(),
+        "assistant": api.collapse_assistant_messages(),
+        "system": api.collapse_system_messages(),
+    }
+    shown: list[ChatMessage] = []
     for message in messages:
-        last = joined[-1] if joined else None
-        if isinstance(last, ChatMessageUser) and isinstance(message, ChatMessageUser):
-            joined[-1] = last.model_copy(update={"content": [*_parts(last), *_parts(message)]})
-        else:
-            joined.append(message)
-    return joined
+        last = shown[-1] if shown else None
+        if last is None or last.role != message.role or not joins.get(message.role):
+            shown.append(message)
+            continue
+        changed: dict[str, Any] = {"content": [*_parts(last), *_parts(message)]}
+        if isinstance(last, ChatMessageAssistant) and isinstance(message, ChatMessageAssistant):
+            changed["tool_calls"] = message.tool_calls  # a call of the earlier one would have its result between them
+        shown[-1] = last.model_copy(update=changed)
+    return shown
 
 
 def _parts(message: ChatMessage) -> list[Content]:

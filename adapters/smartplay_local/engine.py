@@ -27,7 +27,7 @@ DEFAULT_CONTEXT = 8192
 """Tokens of a prompt and its reply, or the model's own limit where that is smaller."""
 
 MOST_THREADS = 4
-"""By default no more threads than this compute, and no more than there are processors."""
+"""By default no more threads than this compute, and a processor stays free, because they spin while they wait."""
 
 MOST_SLOTS = 64
 
@@ -90,7 +90,7 @@ class Loading:
     def start(self) -> Any:
         """Load the model and return llama.cpp's server."""
         file = self.check()
-        tokens, threads = self.tokens(file), self.threads or min(MOST_THREADS, os.cpu_count() or 1)
+        tokens, threads = self.tokens(file), self.threads or max(1, min(MOST_THREADS, (os.cpu_count() or 1) - 1))
         params = xllamacpp.CommonParams()
         params.model.path = str(file.path)
         params.n_ctx, params.n_parallel = self.slots * tokens, self.slots
@@ -133,15 +133,6 @@ class LocalServer:
         except urllib.error.HTTPError as error:
             answer = error.read().decode("utf-8", "replace")
             raise ValueError(answer.partition('"message":"')[2][:200] or answer[:200]) from error
-
-    def calls(self, messages: Sequence[Mapping[str, Any]], tools: Sequence[Mapping[str, Any]]) -> bool:
-        """Return whether the most likely reply to a chat that asks for a call is one that the engine reads."""
-        body = {"messages": messages, "tools": tools, "tool_choice": "required", "temperature": 0, "max_tokens": 40}
-        try:
-            message = self.ask("/v1/chat/completions", body)["choices"][0]["message"]
-        except urllib.error.HTTPError:
-            return False
-        return bool(message.get("tool_calls"))
 
     def ask(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
         """Send a request to the engine, past the environment's proxies, and return the answer."""

@@ -37,6 +37,8 @@ from smartplay_tools.types.quantities import megabytes
 if TYPE_CHECKING:
     import tokenizers
 
+    from smartplay_local.text import Format
+
 
 FOLDER = "SMARTPLAY_MODELS"
 """The environment variable that names the folder of models; by default it is in the user's cache folder."""
@@ -57,6 +59,9 @@ class KnownModel:
     """What it is, and its licence."""
     adapter: str | None = None
     """The file of this package that holds its LoRA adapter, which is loaded beside the model; None without one."""
+
+    format: Format | None = None
+    """How it was taught to write calls; None if it was not taught, so that a trial decides."""
 
     @property
     def adapter_path(self) -> Path | None:
@@ -94,6 +99,7 @@ _TAUGHT = replace(
     name="smollm2-135m-player",
     about="the same, taught two games by an adapter",
     adapter="smollm2-135m-player.gguf",
+    format="text",
 )
 
 KNOWN_MODELS = {model.name: model for model in (_UNTAUGHT, _TAUGHT)}

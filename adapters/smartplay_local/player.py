@@ -8,14 +8,19 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from smartplay_local.engine import Loading, LocalServer, shared_server, shared_slots, xllamacpp
-from smartplay_local.model_files import find_adapter, find_model, name_of, read_gguf, sha256_of_file
-from smartplay_local.text import as_text, bounded, call_in, grammar_of, sample
-from smartplay_tools import Budget, Episode, InvalidArgumentError, Prompt, Reply, play
+from smartplay_local.model_files import KNOWN_MODELS, find_adapter, find_model, name_of, read_gguf, sha256_of_file
+from smartplay_local.text import FORMATS, Format, argument_of, as_text, bounded, call_in, grammar_of, sample
+from smartplay_tools import Budget, Conversation, Episode, InvalidArgumentError, Prompt, Reply, play
 from smartplay_tools.errors import extra_named
-from smartplay_tools.types.messages import calls_of
+from smartplay_tools.games import lockers_setting
+from smartplay_tools.players.attempts import ModelCallError
+from smartplay_tools.players.reader import ReaderPlayer
+from smartplay_tools.terminal import say
+from smartplay_tools.types.arguments import value_in
+from smartplay_tools.types.messages import calls_of, text_of
 
 with extra_named("smartplay_local", "local"):
     import openai
@@ -24,25 +29,74 @@ with extra_named("smartplay_local", "local"):
 UNUSED = "http://127.0.0.1:9/v1"
 """A base URL at which nothing answers: the server's port is known once it runs."""
 
-Format = Literal["template", "text"]
-
-FORMATS: tuple[Format, ...] = ("template", "text")
-
 MOST_TOKENS = 2_000
 """Cap on a reply in a model's own template where the budget has none: words before a call have no other end."""
 
+TOLD, QUESTIONS = 8, 4
+"""How many things a model is told in the trial, and of how many of them it is asked."""
+
+TRIAL_TOKENS = 80
+"""Cap on a reply in the trial."""
+
+PASSES = 0.75
+"""The share of the trial's questions that a model has to answer for a format to be one in which it can play."""
+
 
 @functools.cache
-def chosen_format(how: Loading) -> Format:
-    """Return the format for a model: its template, if that has tools and the model calls one of them in a trial.
+def tried(how: Loading) -> tuple[Format, str]:
+    """Return the format for a model, and what a trial has shown of the formats.
 
-    llama.cpp binds a call to its schema, but lets the model write words before it, and some models write their calls
-    as words in another form than their template's. The trial is a first prompt, without a call that could be repeated.
+    The trial is a game of lockers, with all that was told in view. The first format in which enough questions are
+    answered is chosen; if none is, that with the most right answers, then with the most legal ones.
     """
-    if not read_gguf(how.model).knows_tools:
-        return "text"
-    messages, tools = sample(with_tools=True)
-    return "template" if shared_server(how).calls(messages[:2], tools) else "text"
+    shown: dict[Format, tuple[int, int]] = {}
+    for form in FORMATS:
+        if form == "template" and not read_gguf(how.model).knows_tools:
+            continue
+        shown[form] = _trial(how, form)
+        if shown[form][0] >= PASSES * QUESTIONS:
+            break
+    best = max(shown, key=shown.__getitem__)
+    told = ", ".join(f"{form} {right}" for form, (right, _) in shown.items())
+    words = f"right answers of {QUESTIONS} in a trial: {told}"
+    say(f"{how.model.name} plays in the format {best} ({words}); --player-option format=NAME fixes one.", err=True)
+    return best, words
+
+
+def _trial(how: Loading, form: Format) -> tuple[int, int]:
+    """How many questions a model answers right in a format, and how many with a legal action.
+
+    While it is told things, the right calls are made for it; its answers are its own, and stay in its view.
+    """
+    beside = None if how.adapter is None else str(how.adapter)
+    settings = {name: getattr(how, name) for name in ("context", "threads", "slots")}
+    player = LocalPlayer(str(how.model), adapter=beside, format=form, retries=0, **settings)
+    rules: Any = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
+    budget = Budget(history=None, reply_tokens=TRIAL_TOKENS, tool_calls=TOLD + QUESTIONS, stalled_turns=None)
+    right, legal = 0, 0
+    with player, Episode(lockers_setting("LockersTrial-v0", facts=TOLD), seed=0, budget=budget, **rules) as episode:
+        conversation, reader = Conversation(episode), ReaderPlayer()
+        reader.attach(conversation)
+        while (prompt := conversation.prompt()) is not None:
+            reply = reader.reply(prompt)
+            if episode.stats.steps >= TOLD:
+                wanted = _action(reply)
+                try:
+                    reply = player.reply(prompt)
+                except ModelCallError:  # the engine cannot read what the model writes in its template
+                    break
+                right, legal = right + (_action(reply) == wanted), legal + (_action(reply) in episode.game.actions)
+                if _action(reply) not in episode.game.actions:
+                    break
+            conversation.receive(reply)
+    return right, legal
+
+
+def _action(reply: Reply) -> str | None:
+    """The action that a reply plays by its first call; None without one."""
+    calls = calls_of(reply.message)
+    values = value_in(calls[0]["function"]["arguments"]) if calls else None
+    return values.get("action") if isinstance(values, dict) else None
 
 
 class LocalPlayer(OpenAIPlayer):
@@ -53,11 +107,10 @@ class LocalPlayer(OpenAIPlayer):
     Arguments:
         model: a known model's name, or the path of a GGUF file; by default the one of `smartplay-tools model get`.
         adapter: the path of a LoRA adapter in GGUF, loaded instead of the model's default adapter.
-        format: "template" sends tools in the model's own chat template, and llama.cpp reads the calls; "text" writes
-            them into the messages. By default "template" where the file's template has tools and the model calls one
-            when it is tried.
+        format: how tools and calls are written, one of `FORMATS`: "template" is the model's own chat template, whose
+            calls llama.cpp reads; in the others they are text in the messages. By default a trial decides (`tried`).
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
-        threads: how many threads compute; by default as many as there are processors, at most four.
+        threads: how many threads compute; by default one less than there are processors, from one to four.
         slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
         timeout: seconds that a reply may take, the time included for which it waits for a slot.
@@ -90,28 +143,32 @@ class LocalPlayer(OpenAIPlayer):
         self.loading = Loading(find_model(model), beside, context, threads, slots)
         """How the model is loaded."""
         file = self.loading.check()
-        if format not in (None, *FORMATS):
+        if format is not None and format not in FORMATS:
             raise InvalidArgumentError(f"format must be one of {', '.join(FORMATS)}, not {format!r}.")
         if format == "template" and not file.knows_tools:
             raise InvalidArgumentError(
                 f"The chat template of {file.path.name} has no tools; leave format out, or text."
             )
-        self._format = format
+        known = KNOWN_MODELS.get(model)
+        self._format = format or (known.format if known is not None and adapter is None else None)
         own = {"temperature": temperature, "seed": seed % 2**32, "cache_prompt": True, **(parameters or {})}
         super().__init__(name_of(model), base_url=UNUSED, seed=seed, timeout=timeout, parameters=own, **options)
         self._numbers = itertools.count()
+        self._argument_of: dict[str, str | None] = {}
+        """The one argument of each tool that was in a prompt; None for a tool without one."""
 
     @property
     def format(self) -> Format:
-        """How the model is sent tools; where its file does not decide it, the model is loaded and tried."""
-        return self._format or chosen_format(self.loading)
+        """How calls are written; where neither the user nor the known model says it, the model is loaded and tried."""
+        return self._format or tried(self.loading)[0]
 
     @property
     def versions(self) -> Mapping[str, str]:
         """What decides the replies beside the prompt, for records: the engine, the format, and the digests of files."""
         files = {"model": self.loading.model, "adapter": self.loading.adapter}
         digests = {name: f"sha256:{sha256_of_file(path)}" for name, path in files.items() if path is not None}
-        return {"xllamacpp": xllamacpp.__version__, "format": self.format, **digests}
+        chosen = {} if self._format else {"trial": tried(self.loading)[1]}
+        return {"xllamacpp": xllamacpp.__version__, "format": self.format, **chosen, **digests}
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the body of the request; where the model plays, its reply is bound to the schemas of the tools."""
@@ -120,9 +177,11 @@ class LocalPlayer(OpenAIPlayer):
             body = super().request(replace(prompt, tools=tuple(map(bounded, prompt.tools))))
             body |= {"tool_choice": "required", self._limit_field: MOST_TOKENS, **body} if may_call else {}
         else:
-            body = super().request(replace(prompt, shared=as_text(prompt.messages, prompt.tools), tools=()))
+            self._argument_of |= {tool.name: argument_of(tool) for tool in prompt.tools}
+            written = as_text(prompt.messages, prompt.tools, self.format)
+            body = super().request(replace(prompt, shared=written, tools=()))
             body.pop("tool_choice", None)
-            body |= {"grammar": grammar_of(prompt.tools)} if may_call else {}
+            body |= {"grammar": grammar_of(prompt.tools, self.format)} if may_call else {}
         if self.loading.slots > 1 and prompt.cache_key:
             body["id_slot"] = shared_slots(self.loading).slot_of(prompt.cache_key)
         return body
@@ -164,9 +223,9 @@ class LocalPlayer(OpenAIPlayer):
         """Return a reply with its calls, numbered: the engine draws their ids, and some templates show them."""
         message = reply.message
         if "grammar" in request:
-            function = call_in(str(message.get("content") or ""))
+            words, function = call_in(text_of(message), self._argument_of, self.format)
             made: Any = [] if function is None else [{"type": "function", "function": function}]
-            message = {"role": "assistant", "content": None} if made else message
+            message = {"role": "assistant", "content": words or None} if made else message
         else:
             made = calls_of(message)
         if not made:
@@ -182,7 +241,7 @@ def measure(model: str | Path, *, tokens: int = 32, turns: int = 12) -> dict[str
     tokens with `slack` 0.5; the seconds are the mean over the first turns.
     """
     began = time.perf_counter()
-    with LocalPlayer(str(model)) as player:
+    with LocalPlayer(str(model), format="text") as player:
         server = player.load()
         loaded = time.perf_counter() - began
         body = {"prompt": "The quick brown fox jumps over the lazy dog. " * 20, "ignore_eos": True}

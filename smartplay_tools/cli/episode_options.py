@@ -78,6 +78,8 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "protocol": (_option(str, "tools, or paper: free text, two questions a step."), "tools"),
     "observation": (_option(str, "text, picture or both."), "text"),
     "budget_line": (_option(str, "on: the last line of each result says what is left of the budget; or off."), "off"),
+    "first_observation": (_option(str, "call: by a call of observe; prompt: the task ends with it."), "call"),
+    "offered_tools": (_option(str, "all, or useful: without tools that can say nothing new."), "all"),
     "carry": (_option(str | None, "What a trial takes over from the one before it: notes or memory."), None),
     "chain": (_option(int | None, "Trials of a chain, with --carry; all of a cell if not given."), None),
     "wording": (_prompts(), None),

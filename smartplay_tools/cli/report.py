@@ -61,9 +61,9 @@ def report(
 
 def share(
     record: Annotated[Path, typer.Argument(metavar="EPISODE", help="The record of an episode.", show_default=False)],
-    out: Annotated[
-        Path, typer.Option(help="The .html, .png or .gif file to write; an existing one is replaced.")
-    ] = Path("share.html"),
+    out: Annotated[Path, typer.Option(help="The HTML file to write; an existing one is replaced.")] = Path(
+        "share.html"
+    ),
     turns: Annotated[
         str | None, typer.Option(metavar="FIRST-LAST", help="The turns that the page plays; all if not given.")
     ] = None,
@@ -73,23 +73,15 @@ def share(
 ) -> None:
     """Write one episode, or some turns of it, as one small HTML page without lists, to send or to embed.
 
-    A name that ends in .png makes a card of the last of the turns, one that ends in .gif an animation of them.
-
     Example: smartplay-tools share episode.jsonl --turns 20-40 --out lost.html
     """
-    from smartplay_tools.evaluation.pages.cards import write_card, write_gif
     from smartplay_tools.evaluation.pages.report.page import write_excerpt
 
-    if out.suffix not in (".html", ".png", ".gif"):
-        raise InvalidArgumentError(f"The name of what is shared ends in .html, .png or .gif, unlike {out}.")
+    if out.suffix != ".html":
+        raise InvalidArgumentError(f"The name of what is shared ends in .html, unlike {out}.")
     options.import_games(game)
     span = None if turns is None else _range(turns)
-    if out.suffix == ".html":
-        path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
-    elif out.suffix == ".gif":
-        path = write_gif(record, out, turns=span)
-    else:
-        path = write_card(record, out, turn=None if span is None else span[1])
+    path = write_excerpt(record, out, turns=span, title=title, plugins=plugins)
     size = path.stat().st_size / 1e3
     say(f"{path} ({size:.0f} kB): open it in a browser, send it, or embed it.")
 

@@ -55,13 +55,16 @@ class ContextWindow:
         strategies: Strategies | None = None,
         *,
         lead: Sequence[Message] = (),
+        aged_task: Message | None = None,
     ) -> None:
         """`strategies` are the episode's own; by default they are made from the budget, with the newest words.
 
         `lead` are messages after the head that are not in every prompt, but numbered as those of turns are.
+        `aged_task` takes the task's place in the head once the first observation, with which that ends, is too old.
         """
         self.budget, self.counter = budget, counter
         self.strategies = strategies or Strategies(budget, counter, Wording.of(VERSION))
+        self._aged_task = aged_task
         self.turns: list[Turn] = []
         """Every turn that was appended."""
         self.now: list[Form] = list(map(Form, lead))
@@ -129,18 +132,25 @@ class ContextWindow:
         With `begins` so does the view before the first turn, which was not sent yet.
         """
         self.tools, self.tools_tokens = tuple(tools), self.counter.tools(tools)
-        self._plain_head, self._heads = list(head), dict[str | None, tuple[list[Form], int]]()
+        self._plain_head, self._heads = list(head), dict[tuple[str | None, bool], tuple[list[Form], int]]()
         if begins and not self.turns:
             self.use_head(None)
             self._playing = self._played(Selection([range(0)]))
 
-    def use_head(self, manual: str | None) -> None:
-        """Begin prompts with the head, which shows the manual once it has been read."""
-        if manual not in self._heads:
-            messages = self._plain_head if manual is None else with_manual(self._plain_head, manual)
+    def use_head(self, manual: str | None, oldest: int = 0) -> None:
+        """Begin prompts with the head, which shows the manual once it has been read.
+
+        `oldest` is the oldest observation that is not too old.
+        """
+        key = manual, oldest > 0
+        if key not in self._heads:
+            messages = list(self._plain_head)
+            if self._aged_task is not None and oldest > 0:
+                messages[1] = self._aged_task
+            messages = messages if manual is None else with_manual(messages, manual)
             tokens = self.counter.messages(messages) + self.tools_tokens + PRIMING
-            self._heads = {manual: (list(map(Form, messages)), tokens)}
-        self.head, self.head_tokens = self._heads[manual]
+            self._heads = {key: (list(map(Form, messages)), tokens)}
+        self.head, self.head_tokens = self._heads[key]
 
     # Messages and their levels.
 
@@ -151,7 +161,7 @@ class ContextWindow:
         self.turns.append(turn)
         self.now += turn.seen(0, trimmed_before=self.trimmed_before)
         self.starts.append(len(self.now))
-        self.use_head(turn.manual)
+        self.use_head(turn.manual, self.oldest)
 
     def age(self, oldest: int, trimmed_before: int = 0, elided: int = 0) -> None:
         """Give every message the level that these ages mean."""
@@ -278,6 +288,7 @@ class ContextWindow:
         if strategies.eliding is not None:
             elided = strategies.eliding.elided(turn.first_picture + len(turn.pictured), self.elided)
         self.age(oldest, trimmed, elided)
+        self.use_head(turn.manual, oldest)
         self._pin(turn)
         if self._rule is None:
             self._move(before)

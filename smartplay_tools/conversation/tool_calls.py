@@ -59,12 +59,15 @@ class ToolConversation(BaseConversation):
         """The tokens of the prompt that the latest reply answers; None if it answers none."""
         self._results: dict[int, ToolResult] = {}
         self._edits: dict[int, str] = {}
-        facts = {"compacts": True} if strategies.compacts else {}
+        facts: dict[str, Any] = {"compacts": True} if strategies.compacts else {}
+        aged_task = episode.ledger.session.aged_task
+        if aged_task is not None:
+            facts["aged_task"] = text_of(aged_task)
         super().__init__(episode, player=player, head=whole_head, tools=tools, **facts)
         # A compactor may also rewrite what stands between the system message and the first reply.
         always = 1 if strategies.compacts else len(whole_head)
         given = tools, episode.budget, episode.counter, strategies
-        self._window = ContextWindow(whole_head[:always], *given, lead=whole_head[always:])
+        self._window = ContextWindow(whole_head[:always], *given, lead=whole_head[always:], aged_task=aged_task)
         if isinstance(strategies.custom, Strategy):
             from smartplay_tools.context.choosing import choosing
 

@@ -13,7 +13,7 @@ from smartplay_tools.context.tokens.counter import TokenCounter, picture_counter
 from smartplay_tools.context.tokens.tokenizers import recorded_tokenizer, split_rule, with_pictures
 from smartplay_tools.episode.budgets import check_strategies
 from smartplay_tools.episode.carried import check_carry
-from smartplay_tools.episode.config import RULES, CellConfig, Rules, Setting, read_rules
+from smartplay_tools.episode.config import RULES, USUAL_RULES, CellConfig, Rules, Setting, read_rules
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.games.specs import get_spec
@@ -59,6 +59,7 @@ def cell_config(
         raise InvalidArgumentError(
             'budget_line="on" adds a line to the results of tools, and the paper\'s protocol has none; leave it "off".'
         )
+    check_first_prompt(Rules(**rules), budget)
     strategy = None if budget.strategy is None else load_strategy(budget.strategy)
     if strategy is not None and (reason := refused_with(strategy.make, budget)):
         raise InvalidArgumentError(reason)
@@ -88,6 +89,26 @@ def cell_config(
     except TypeError as error:
         raise InvalidArgumentError(f"Options are recorded, so they must be JSON ({error}).") from None
     return with_recorded_name(cell)
+
+
+def check_first_prompt(rules: Rules, budget: Budget) -> None:
+    """Raise an `InvalidArgumentError` if the first prompt cannot be what the rules ask for.
+
+    A compactor may rewrite the task, which then has no age.
+    """
+    unusual = [name for name in ("first_observation", "offered_tools") if getattr(rules, name) != USUAL_RULES[name]]
+    if unusual and (rules.protocol == "paper" or rules.context == "host"):
+        raise InvalidArgumentError(
+            f'{unusual[0]} is a rule of prompts with tools that this library makes; use protocol="tools" and '
+            'context="window".'
+        )
+    if rules.first_observation == "prompt" and rules.observation != "text":
+        raise InvalidArgumentError('first_observation="prompt" is in words; leave observation at "text".')
+    if rules.first_observation == "prompt" and budget.strategy is not None and budget.history is not None:
+        raise InvalidArgumentError(
+            f"Under the strategy {budget.strategy} the task does not age, so that the first observation would outlive "
+            "history; give history=None."
+        )
 
 
 def with_recorded_name(cell: CellConfig) -> CellConfig:

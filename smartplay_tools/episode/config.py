@@ -47,6 +47,8 @@ BatchPolicy = Literal["all", "first_act"]
 ContextOwner = Literal["window", "host"]
 ProtocolName = Literal["tools", "paper"]
 BudgetLine = Literal["off", "on"]
+FirstObservation = Literal["call", "prompt"]
+OfferedTools = Literal["all", "useful"]
 
 
 def _plain(value: Any) -> Any:
@@ -78,7 +80,10 @@ class Setting(BaseModel):
 class Rules(Recorded):
     """The rules of an episode: how calls are played and what a prompt contains, the same in every game."""
 
-    later: ClassVar[Mapping[str, Any]] = {"budget_line": "off", "carry": None, "chain": None, "wording": None}
+    later: ClassVar[Mapping[str, Any]] = {
+        "budget_line": "off", "first_observation": "call", "offered_tools": "all", "carry": None, "chain": None,
+        "wording": None,
+    }  # fmt: skip
 
     manual: ManualMode = "tool"
     """"tool": the agent may read it; "pinned": it is part of every prompt; "none": it is withheld."""
@@ -92,6 +97,10 @@ class Rules(Recorded):
     """What an observation is: "text"; "picture", one that the game makes of itself; "both"."""
     budget_line: BudgetLine = "off"
     """"on": the last line of each result says what is left of the budget; "off": results have no such line."""
+    first_observation: FirstObservation = "call"
+    """"call": a call of `observe` shows it; "prompt": the task ends with it until it is older than `history`."""
+    offered_tools: OfferedTools = "all"
+    """"all": the three tools, whatever they can say; "useful": those of them that can say something new."""
     carry: CarriedStore | None = None
     """What a trial of a run takes over from the one before it in its chain: "notes", "memory"; None: nothing."""
     chain: Cap | None = None

@@ -26,6 +26,7 @@ from smartplay_tools.games import values
 from smartplay_tools.games.game_registry import GameSpec
 from smartplay_tools.types import EndReason, ResolvedBudget
 from smartplay_tools.types.arguments import Arguments
+from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ class GameSession:
         budgets.check_strategies(asked, spec, context=context, observation=observation)
         check_carry(config, asked)
         self.strategies = Strategies(asked, counter, self.words)
-        self.tools = Tools(game, self.words, self.strategies.tools)
+        withheld = _withheld(config)
+        self.tools = Tools(game, self.words, self.strategies.tools, withheld=withheld)
         self.on_picture: Callable[[Picture], Picture] | None = None
         """Called with every picture before it is shown; returns the picture under its name in the record."""
         self.steps = self.tool_calls = 0
@@ -91,7 +93,17 @@ class GameSession:
         """The cap on the words of an observation: what its picture leaves of a result."""
         self.manual_text = self.cut(game.manual, self.budget.manual_tokens, truncation.cut_middle)
         self.manual_is_cut = self.manual_text != game.manual
-        self.head = prompts.head(self.words, self.manual_text if manual == "pinned" else None, context=context)
+        pinned = self.manual_text if manual == "pinned" else None
+        self.head = prompts.head(self.words, pinned, context=context, withheld=withheld)
+        self.aged_task: Message | None = None
+        """The task without the first observation, where the head has it at first; None where it never has it."""
+        self.cut_in_head = int(pinned is not None and self.manual_is_cut)
+        """How many of the texts in the head were cut."""
+        if config.first_observation == "prompt":
+            first = self.cut(game.observation, cap, truncation.cut_end)
+            self.cut_in_head += first != game.observation
+            self.aged_task = self.head[-1]
+            self.head = [self.head[0], *prompts.head(self.words, observation=first)[1:]]
         least, longest = 0, None
         if asked.prompt_tokens is not None and config.carry is not None:
             longest = longest_message(config.carry, self.budget, counter, self.words)
@@ -294,3 +306,15 @@ class GameSession:
         if cap is None or self.counter.text(text) <= cap:
             return text
         return cut(text, cap, self.counter.text, self.words.cut)
+
+
+def _withheld(config: CellConfig) -> frozenset[str]:
+    """The tools that are not offered, since they could say nothing new.
+
+    Every prompt of a window shows the current observation, unless a strategy of a user's decides that.
+    """
+    if config.offered_tools == "all":
+        return frozenset()
+    shows_all = config.first_observation == "prompt" and config.budget.strategy is None
+    useless = {"read_manual": config.manual != "tool", "observe": shows_all}
+    return frozenset(name for name, says_nothing in useless.items() if says_nothing)

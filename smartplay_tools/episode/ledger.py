@@ -81,13 +81,12 @@ class Ledger:
         self._begun = True
         update = {"player": self.config.player or player, "protocol": protocol}
         self.config = self.config.model_copy(update=update)
-        cut = self.config.manual == "pinned" and self.session.manual_is_cut
         start: Event = {
             "event": "start",
             "format": FORMAT,
             "config": self.config.to_json(),
             "budget": self.session.budget.model_dump(),
-            "cut_results": int(cut),
+            "cut_results": self.session.cut_in_head,
             "versions": self.versions(),
         }
         if self.names_pictures_by_pixels:
@@ -238,4 +237,5 @@ class Ledger:
     def _deviations(self) -> dict[str, Any]:
         configured = deviations(self.config, self.session.spec, self.session.budget, is_privileged=self.is_privileged)
         pictures = {"pictures": differs("none", "shown when asked for")} if self.has_shown_pictures else {}
-        return {**configured, **pictures}
+        form = self.player_versions.get("format")
+        return {**configured, **pictures, **({} if form is None else {"format": differs(None, form)})}

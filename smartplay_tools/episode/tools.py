@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
 
@@ -87,19 +87,27 @@ _actions_of = functools.lru_cache(64)(_Actions)
 class Tools:
     """The tools of one game: their specs, and `parse`, which reads a call.
 
-    `added` are the tools of the episode's strategies.
+    `added` are the tools of the episode's strategies, and `withheld` names those of the three that are not offered.
     """
 
-    def __init__(self, game: TextGame, words: Wording, added: Sequence[StrategyTool] = ()) -> None:
+    def __init__(
+        self,
+        game: TextGame,
+        words: Wording,
+        added: Sequence[StrategyTool] = (),
+        *,
+        withheld: Container[str] = (),
+    ) -> None:
         self.words = words
         """The words of what is said about them."""
         self._actions = _actions_of(tuple(game.actions), tuple(game.numbered_actions))
-        self.game_specs = (
+        three = (
             ToolSpec("observe", words("observe"), text_parameters()),
             ToolSpec("act", words("act", actions=self._actions.listed), text_parameters(action=words("act_action"))),
             ToolSpec("read_manual", words("read_manual"), text_parameters()),
         )
-        """The three tools of every agent."""
+        self.game_specs = tuple(spec for spec in three if spec.name not in withheld)
+        """The game's own tools: the three of every agent, without those that are withheld."""
         self.added = {tool.spec.name: tool for tool in added}
         """The tools of strategies, by name."""
         self.specs = (*self.game_specs, *(tool.spec for tool in added))
@@ -300,7 +308,13 @@ def tool_functions(episode: Callee) -> tuple[Callable[[], str], Callable[[str], 
     def read_manual() -> str:
         return episode.call("read_manual", {}).text
 
-    for function, tool in zip((observe, act, read_manual), episode.tools, strict=False):
+    described = {tool.name: tool for tool in episode.tools}
+    for function in (observe, act, read_manual):
+        if (tool := described.get(function.__name__)) is None:
+            raise InvalidArgumentError(
+                f"The functions are those of all three tools, and {function.__name__} is not offered; leave "
+                'offered_tools at "all".'
+            )
         function.__annotations__ = get_type_hints(function)  # types, not their names: what frameworks look at
         function.__doc__ = documentation(tool)
     return observe, act, read_manual

@@ -115,14 +115,22 @@ class Reading:
         """
         users = (m for m in self.prompt.shared if m["role"] == "user" and not is_carried(m))
         told = (text for message in users for _, text in STEP.findall(text_of(message)))
+        first = (text for message in self.prompt.shared for text in first_observation(message))
         answers = (s.text for s in self.seen if s.tool in ("act", "observe"))
         shown = (text for text in answers if text not in in_any_version("observation_left") and not is_error(text))
-        return (*told, *shown)
+        return (*told, *first, *shown)
 
     @cached_property
     def is_start(self) -> bool:
         """Whether no reply of the player is visible."""
         return not any(message["role"] == "assistant" for message in self.prompt.shared)
+
+
+def first_observation(message: Message) -> tuple[str, ...]:
+    """Return the observation with which a task ends, as a tuple of one; an empty one for every other message."""
+    tasks = (f"{task}\n\n" for task in in_any_version("task")) if message["role"] == "user" else ()
+    text = text_of(message)
+    return tuple(text.removeprefix(task) for task in tasks if text.startswith(task))[:1]
 
 
 def is_carried(message: Message) -> bool:

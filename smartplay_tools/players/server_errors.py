@@ -35,8 +35,6 @@ CODES = frozenset(["__type", "code", "error_code", "reason", "status", "status_c
 ECHOES = frozenset(["failed_generation", "flagged_input", "input"])
 """Names of what is not the server's own: words of the model and of the prompt, which may say anything."""
 
-"""The provider of rows that hold for every server, after all others: by their status or, without one, by their code."""
-
 HELD: Mapping[Whose, str] = {"model": "reply", "prompt": "tokens", "moment": "wait"}
 """What the field of a row holds."""
 

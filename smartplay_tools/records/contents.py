@@ -57,6 +57,7 @@ class Places:
         self._others = {text_of(item.message) for turn in turns for item in turn.items if item.position is None}
         asked = [event["turn"] for event in record.events if event["event"] in ("summary", "question")]
         self._asked_from = min(asked, default=len(turns) + 1)
+        self._tasks = {text_of(message) for head in record.heads if "aged_task" in head for message in head["messages"]}
         self._has_notes = record.budget.get("notes_tokens") is not None
         self._found: dict[tuple[str, str], bool] = {}
 
@@ -99,6 +100,8 @@ class Places:
                     yield MEMORY if name in KEEPING else written if name is None else OBSERVATION, text
                 case "assistant":
                     yield from self._reply(message, REPLY if at == replies[-1] else WORDS, written)
+                case _ if text in self._tasks:
+                    yield OBSERVATION, text
                 case _ if text not in self._others:
                     yield written, text
 

@@ -157,6 +157,8 @@ class Rebuilder:
         self._counter = shared_counter("approximate")  # what a prompt says does not depend on how it is counted
         self._strategies = Strategies(self._budget, self._counter, words)
         self._window: ContextWindow | None = None
+        self._oldest = 0
+        """The oldest observation that is not too old, whatever a prompt shows."""
         self._rewriting: Rewriting | None = None
         """With a compactor: what it has made of the messages."""
 
@@ -177,7 +179,9 @@ class Rebuilder:
                 return
             always = 1 if event.get("compacts") else len(event["messages"])
             head, lead = event["messages"][:always], event["messages"][always:]
-            self._window = ContextWindow(head, tools, self._budget, self._counter, self._strategies, lead=lead)
+            aged: Message | None = {"role": "user", "content": event["aged_task"]} if "aged_task" in event else None
+            given = self._budget, self._counter, self._strategies
+            self._window = ContextWindow(head, tools, *given, lead=lead, aged_task=aged)
             self._rewriting = Rewriting(self._window) if event.get("compacts") else None
         elif event["event"] == "rewrite" and self._rewriting is not None:
             self._add(event["turn"])
@@ -207,7 +211,7 @@ class Rebuilder:
         asked, window, form = purpose_of(view), self.window, self._strategies.summaries
         seen = view["turn"] - (asked == "summary")
         self._add(seen)
-        window.use_head(self._turns[seen - 1].manual if seen else None)
+        window.use_head(self._turns[seen - 1].manual if seen else None, self._oldest)
         chosen = selection_of(view, self._turns)
         window.age(chosen.oldest, chosen.trimmed_before, chosen.elided)
         if self._rewriting is not None:
@@ -227,6 +231,7 @@ class Rebuilder:
         """Add the turns up to before one."""
         for turn in self._turns[len(self.window.turns) : stop]:
             self.window.add(turn)
+            self._oldest = self._strategies.ageing.oldest(turn.step, self._budget.history, self._oldest)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from smartplay_tools.players.prompt_reading import first_observation
 from smartplay_tools.records.contents import NOWHERE, PLACES, Places
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
@@ -165,6 +166,8 @@ def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Visi
         found = (originals.get(message["tool_call_id"], (-1, None)) for message in results)
         pairs = zip(found, results, strict=True)
         steps = frozenset(step for (step, text), message in pairs if text == text_of(message))
+        if record.config.first_observation == "prompt" and any(map(first_observation, sent.prompt.messages)):
+            steps |= {0}
         evictions += not before <= steps
         before = steps
         for step in steps:

@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.cached import Unit
+from smartplay_tools.context.cached import Unit, same_and_stable
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, is_thread_record
 from smartplay_tools.records.requests import Request, RequestLog
@@ -72,17 +72,16 @@ def thread_requests(thread: RecordedThread) -> RequestLog:
     known: dict[Any, Unit] = {}
     prompts = [[*_units(prompt, known)] for prompt in thread.prompts]
     requests: list[Request] = []
-    before: Sequence[Unit] = ()
+    before: list[Unit] = []
     for at, (prompt, units) in enumerate(zip(thread.prompts, prompts, strict=True)):
-        same = _common(units, before)
-        stable = same or 1 + _common(units[1:], before[1:])
+        same, stable = same_and_stable(units, before)
         following = prompts[at + 1] if at + 1 < len(prompts) else []
         is_continued = len(following) > len(units) and following[: len(units)] == units
         answer = following[len(units)] if is_continued else Unit(-1 - at, 0, 1, is_system=False)
         ours = prompt.facts["tokens"]
         tokens = ours if ratio is None else ours * ratio.numerator // ratio.denominator
         tokens = tokens if prompt.reported is None else prompt.reported
-        requests.append(Request(units, same, stable if stable > 1 else 0, "play", tokens, 0, answer, 0.0, None))
+        requests.append(Request(units, same, stable, "play", tokens, 0, answer, 0.0, None))
         before = units
     return RequestLog(requests, ratio)
 
@@ -97,9 +96,3 @@ def _units(prompt: RecordedPrompt, known: dict[Any, Unit]) -> Iterator[Unit]:
     for number, tokens, message in parts:
         is_system = message.get("role") in ("system", "developer")
         yield known.setdefault((number, tokens), Unit(len(known), tokens, 1, is_system))
-
-
-def _common(one: Sequence[Unit], other: Sequence[Unit]) -> int:
-    """How many units at the beginning are the same."""
-    pairs = enumerate(zip(one, other, strict=False))
-    return next((at for at, (mine, theirs) in pairs if mine is not theirs), min(len(one), len(other)))

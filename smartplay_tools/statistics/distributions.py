@@ -1,6 +1,6 @@
 """The distributions from which intervals and tests follow, and the intervals of shares.
 
-Student's t, central and not, chi-squared and the binomial. The standard library has the normal distribution only, and
+Student's t, central and not, and the binomial. The standard library has the normal distribution only, and
 NumPy draws from the others without having their probabilities. SciPy has them all, but takes more than 100 MB, which
 the core does not need otherwise; tests compare these functions with it (`tests/evaluation/test_intervals.py`) and with
 statsmodels (`test_oracles.py`).
@@ -109,19 +109,6 @@ def _incomplete_beta(a: float, b: float, x: float) -> float:
         if abs(1 - above * below) < 1e-15:
             break
     return math.exp(logs) / a * (value - 1)
-
-
-def _incomplete_gamma(a: float, x: float) -> float:
-    """The regularised lower incomplete gamma function, by its series."""
-    if x <= 0:
-        return 0.0
-    term = total = 1 / a
-    k = a
-    while term > total * 1e-16:
-        k += 1
-        term *= x / k
-        total += term
-    return math.exp(a * math.log(x) - x - math.lgamma(a)) * total
 
 
 def wilson(successes: int, n: int, confidence: float) -> tuple[float, float]:

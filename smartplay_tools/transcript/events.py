@@ -96,6 +96,8 @@ class HeadEvent(TypedDict):
     """In the paper's protocol: the observation of the reset, cut to its cap."""
     since: NotRequired[Count]
     """Of a head that was changed: the first turn whose prompt has it. Absent in older records."""
+    aged_task: NotRequired[str]
+    """Where the task ends with the first observation: the task once that is too old."""
     compacts: NotRequired[bool]
     """With a compactor: true. The notes are then a part of the system message, and a manual that was read is not."""
     cut_results: NotRequired[int]

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import anthropic
-import openai
 import pytest
 from smartplay_gateway import ContextEndpoint
 
@@ -122,22 +121,6 @@ def test_the_cap_holds_after_the_edits(upstream: Upstream):
         answer = ask(endpoint, uses(60), [edit])
     assert tokens(upstream.body["messages"]) <= 400
     assert answer.context_management.applied_edits[0].cleared_tool_uses == 57
-
-
-def test_what_only_the_provider_can_do_goes_upstream_as_it_came(endpoint: ContextEndpoint, upstream: Upstream):
-    compact = {"type": "compact_20260112", "trigger": {"type": "input_tokens", "value": 50_000}}
-    assert ask(endpoint, uses(6), [compact], ["compact-2026-01-12"]).context_management is None
-    assert upstream.body["context_management"] == {"edits": [compact]}
-    clear = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 5}}
-    answer = ask(endpoint, uses(6), [clear, compact], [BETA, "compact-2026-01-12"])
-    assert upstream.body["context_management"] == {"edits": [compact]}
-    assert len(answer.context_management.applied_edits) == 1
-    item = {"type": "compaction", "encrypted_content": "gAAAA", "id": "c"}
-    client = openai.OpenAI(base_url=endpoint.base_url, api_key="k", max_retries=0)
-    entries: Any = [{"type": "compaction", "compact_threshold": 1_000}]
-    client.responses.create(model="m", input=[item, {"role": "user", "content": "On."}], context_management=entries)  # type: ignore[list-item]
-    assert upstream.body["input"][0] == item
-    assert upstream.body["context_management"] == entries
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,8 @@ class Upstream:
         self.requests: list[tuple[str, str, dict[str, str], bytes]] = []
         self.given: tuple[bytes, dict[str, str]] | None = None
         """An answer and its headers, in place of the usual ones."""
+        self.script: list[tuple[bytes, dict[str, str]]] = []
+        """Answers for the next requests, one each."""
         upstream = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -73,6 +75,7 @@ class Upstream:
             def do_POST(self) -> None:
                 body = self.rfile.read(int(self.headers.get("content-length", 0)))
                 upstream.requests.append((self.command, self.path, dict(self.headers.items()), body))
+                upstream.given = upstream.script.pop(0) if upstream.script else upstream.given
                 is_streamed = b'"stream":true' in body.replace(b" ", b"")
                 self.send_response(200 if self.path.startswith("/v1/") else 404)
                 self.send_header("X-Own", "kept")

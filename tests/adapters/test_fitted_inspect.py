@@ -27,6 +27,7 @@ from inspect_ai.model import (
     ModelOutput,
     ModelUsage,
     ResponseSchema,
+    StreamTextEvent,
     get_model,
 )
 from inspect_ai.tool import Tool, ToolCall, ToolCallError, ToolInfo, tool
@@ -247,3 +248,38 @@ async def test_prompts_of_random_conversations_have_no_fault():
     rows = await some("inspect", 0, 40, seed=6)
     assert not faults(rows), rows
     assert rows["of fewer messages"] > 20
+
+
+async def test_a_reply_is_streamed_as_the_model_streams_it():
+    from inspect_ai.model._stream import report_model_stream_delta, report_model_stream_start
+
+    async def answer(messages: list[ChatMessage], *_: Any) -> ModelOutput:
+        report_model_stream_start()
+        await report_model_stream_delta(StreamTextEvent(text=f"{len(messages)} messages."))
+        output = ModelOutput.from_content("mockllm/model", "Done.")
+        output.usage = ModelUsage(input_tokens=1, output_tokens=1, total_tokens=2)
+        return output
+
+    pieces: list[Any] = []
+
+    async def keep(event: Any) -> None:
+        pieces.append(event)
+
+    given = [ChatMessageUser(content="Well? " * 400) for _ in range(4)]
+    model = get_model("window/mockllm/model", custom_outputs=answer, memoize=False, prompt_tokens=CAP, head="system")
+    await model.generate([*given, ChatMessageUser(content="So?")], on_stream=keep)
+    assert [piece.text for piece in pieces] == ["2 messages."]
+
+
+async def test_messages_that_come_to_stand_together_are_joined_where_the_provider_wants_it(monkeypatch):
+    """A pinned unit and the run may have words of one role on both sides of what is left out."""
+    reader = Reader(0)
+    model = reader.model(prompt_tokens=160, first_turns=1, slack=0)
+    for role in ("user", "assistant", "system"):
+        monkeypatch.setattr(type(model.api.api), f"collapse_{role}_messages", lambda _: True)
+    reply = ChatMessageAssistant(content="First.")
+    given = [ChatMessageUser(content=TASK), reply, *[ChatMessageUser(content="So? " * 200), reply] * 4]
+    await model.generate([*given, ChatMessageUser(content="Well?")])
+    (sent,) = reader.sent
+    assert [message.role for message in sent] == ["user", "assistant", "user"]
+    assert [part.text for part in sent[1].content] == ["First.", "First."]

@@ -278,3 +278,18 @@ async def test_prompts_of_random_conversations_have_no_fault():
     rows = await some("langchain", 0, 40, seed=6)
     assert not faults(rows), rows
     assert rows["of fewer messages"] > 20
+
+
+def test_sub_agents_have_managers_of_their_own():
+    inner, outer, stored = Reader(sent=[], tools=[]), Reader(sent=[], tools=[], pages=1), list[BaseMessage]()
+
+    @tool("read")
+    def ask(page: int) -> str:
+        """Have a page read."""
+        stored.extend(agent(inner).invoke(TASK, {"recursion_limit": 1_000})["messages"])
+        return str(stored[-1].content)
+
+    middleware = ContextManagerMiddleware(sp.ContextManager(300))
+    state = create_agent(outer, [ask], middleware=[middleware]).invoke(TASK)
+    assert [message.content for message in state["messages"][1:]] == ["Next.", "Done.", "Done."]
+    check(inner, stored=stored)

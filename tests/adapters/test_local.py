@@ -14,6 +14,7 @@ from smartplay_gateway import LocalEndpoint
 from smartplay_local import LocalPlayer, LocalServer, measure
 from smartplay_local.engine import Loading, Slots, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
+from smartplay_local.player import tried
 from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_openai import chat_reply
 
@@ -47,7 +48,7 @@ def test_it_plays_a_short_episode_whose_calls_are_well_formed(tmp_path):
     record = tmp_path / "one.jsonl"
     budget = sp.Budget(prompt_tokens=900, tool_calls=6)
     with sp.Episode(GAME, seed=3, budget=budget, transcript=record) as episode:
-        result = sp.play(episode, get_player("local", threads=1))
+        result = sp.play(episode, get_player("local", threads=1, format="text"))
     assert (result.error, result.end_reason) == (None, "tool_calls")
     assert (result.malformed_calls, result.idle_replies) == (0, 0)
     provider = result.tokens.provider
@@ -56,7 +57,7 @@ def test_it_plays_a_short_episode_whose_calls_are_well_formed(tmp_path):
     assert provider.cached > 0, "the engine reads the beginning of a prompt once"
     start = sp.read_transcript(record)[0]
     assert start["config"]["player"] == "local:smollm2-135m"
-    assert start["versions"]["format"] == "text", "the model's own template has no tools"
+    assert start["versions"]["format"] == "text"
     assert start["versions"]["model"] == f"sha256:{MODEL.sha256}"
     assert result.versions.items() >= start["versions"].items()
     assert sp.replay(record).identical
@@ -98,9 +99,8 @@ def with_template(template: str, path: Path) -> Path:
 
 
 @needs_model
-def test_a_model_whose_template_has_tools_is_sent_them_there_if_it_calls_one_in_a_trial(tmp_path):
+def test_a_model_whose_template_has_tools_is_sent_them_there(tmp_path):
     path = with_template(TOOLS_TEMPLATE, tmp_path / "tools.gguf")
-    assert LocalPlayer(str(path), threads=1, context=1024).format == "text", "this one was never shown a tool"
     player = LocalPlayer(str(path), threads=1, context=1024, format="template")
     with sp.Episode(GAME, seed=3) as episode:
         body = player.request(sp.Conversation(episode).prompt())
@@ -177,7 +177,7 @@ def test_speed_is_measured():
         ({"context": 10_000}, "between 1 and 8,192"),
         ({"threads": 0}, "threads is at least 1"),
         ({"slots": 0}, "slots is between 1 and 64"),
-        ({"format": "hermes"}, "format must be one of template, text"),
+        ({"format": "hermes"}, "format must be one of template, text, call, bare, words, legal"),
         ({"format": "template"}, "has no tools; leave format out, or text"),
         ({"adapter": str(MODEL.path)}, "is not a LoRA adapter in GGUF"),
         ({"adapter": "nowhere.gguf"}, "There is no model file nowhere"),
@@ -233,10 +233,91 @@ def test_messages_become_text_that_any_template_can_write():
     assert messages[0]["content"] == "S", "the prompt itself is unchanged"
 
 
-def test_a_reply_that_was_cut_is_no_call():
-    assert call_in('{"name":"act","arguments":{"action":"Rock"}}') == {"name": "act", "arguments": '{"action": "Rock"}'}
-    assert call_in('{"name":"act","argum') is None
-    assert call_in("[1]") is None
+ARGUMENT_OF = {"observe": None, "act": "action", "take_notes": "notes"}
+
+
+@pytest.mark.parametrize(
+    ("form", "text", "words", "called"),
+    [
+        ("text", '{"name":"act","arguments":{"action":"Rock"}}', "", ("act", {"action": "Rock"})),
+        ("text", '{"name":"act","argum', '{"name":"act","argum', None),
+        ("text", "[1]", "[1]", None),
+        ("call", "act(Rock)", "", ("act", {"action": "Rock"})),
+        ("call", "observe()", "", ("observe", {})),
+        ("call", "take_notes(a (b) c)", "", ("take_notes", {"notes": "a (b) c"})),
+        ("call", "act(Ro", "act(Ro", None),
+        ("call", "leave(Rock)", "leave(Rock)", None),
+        ("words", "Paper beats it.\nact(Paper)", "Paper beats it.", ("act", {"action": "Paper"})),
+        ("bare", "Rock\n", "", ("act", {"action": "Rock"})),
+        ("legal", "", "", None),
+    ],
+)
+def test_a_call_is_read_in_every_format_and_a_reply_that_was_cut_is_none(form, text, words, called):
+    function = None if called is None else {"name": called[0], "arguments": json.dumps(called[1])}
+    assert call_in(text, ARGUMENT_OF, form) == (words, function)
+
+
+@pytest.mark.parametrize(
+    ("form", "told", "said"),
+    [
+        ("text", "- act: Play one action", '{"name": "act", "arguments": {"action": "Paper"}}'),
+        ("call", "one call and nothing else, such as act(Rock)", "act(Paper)"),
+        ("words", "next line with one call, such as act(Rock)", "It is time.\nact(Paper)"),
+        ("bare", "the name of one action and nothing else, such as Rock", "Paper"),
+        ("legal", "the name of one action and nothing else, such as Rock", "Paper"),
+    ],
+)
+def test_tools_and_earlier_calls_are_written_in_the_format(form, told, said):
+    with sp.Episode(GAME, seed=1) as episode:
+        tools = episode.tools
+    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": '{"action": "Paper"}'}}
+    words = "It is time." if form == "words" else None
+    written = as_text([MESSAGES[0], {"role": "assistant", "content": words, "tool_calls": [call]}], tools, form)
+    assert told in written[0]["content"]
+    assert ("observe" in written[0]["content"]) == (form not in ("bare", "legal")), "actions are played alone"
+    assert written[1]["content"] == said
+
+
+MESSAGES = [{"role": "system", "content": "Play."}]
+
+
+def test_a_format_that_has_no_form_for_a_tool_is_refused():
+    with sp.Episode(GAME, seed=1, budget=sp.Budget(notes_tokens=50)) as episode:
+        assert '"take_notes(" /' in grammar_of(episode.tools, "call")
+        with pytest.raises(sp.InvalidArgumentError, match="cannot call take_notes; choose call"):
+            grammar_of(episode.tools, "legal")
+    with (
+        sp.Episode(GAME, seed=1, budget=sp.Budget(memory_tokens=50)) as episode,
+        pytest.raises(sp.InvalidArgumentError, match="no form for the arguments of memory; choose text"),
+    ):
+        grammar_of(episode.tools, "call")
+
+
+@needs_model
+@pytest.mark.parametrize("form", ["call", "bare", "words", "legal"])
+def test_it_plays_in_a_format_that_is_fixed(form, tmp_path):
+    record, rules = (
+        tmp_path / "one.jsonl",
+        {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"},
+    )
+    budget = sp.Budget(history=None, tool_calls=3)
+    with sp.Episode(GAME, seed=3, budget=budget, transcript=record, **rules) as episode:
+        result = sp.play(episode, LocalPlayer(threads=1, format=form, temperature=1.0))
+    assert (result.error, result.malformed_calls, result.idle_replies) == (None, 0, 0)
+    assert result.steps + result.illegal_actions == 3
+    assert result.illegal_actions == 0 or form != "legal"
+    assert result.deviations["format"] == {"paper": None, "played": form}
+    assert "trial" not in result.versions
+    assert sp.replay(record).identical
+
+
+@needs_model
+def test_the_format_is_chosen_by_a_trial_that_is_said_and_recorded(capfd):
+    tried.cache_clear()
+    versions = LocalPlayer(threads=1).versions
+    assert versions["trial"].startswith("right answers of 4 in a trial: text ")
+    assert f"plays in the format {versions['format']} ({versions['trial']})" in capfd.readouterr().err
+    assert "trial" not in LocalPlayer("smollm2-135m-player").versions, "its format is the one that it was taught"
 
 
 def test_the_grammar_names_every_tool_and_bounds_its_texts():

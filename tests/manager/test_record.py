@@ -119,7 +119,7 @@ def test_bytes_in_a_field_that_nobody_reads_are_refused_by_position(tmp_path: Pa
 
 
 def test_a_record_that_was_closed_among_many_threads_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("smartplay_tools.manager.manager.RECORDS", 2)
+    monkeypatch.setattr("smartplay_tools.manager.threads.RECORDS", 2)
     window, messages = manager(600, record=tmp_path), steps(3)
     first = window.fit(messages[:4], thread="first")
     for thread in ("second", "third", "fourth"):

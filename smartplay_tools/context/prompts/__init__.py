@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -108,14 +108,32 @@ def _summary_request(sentences: Sequence[str]) -> re.Pattern[str]:
     return re.compile("|".join(r"\d+".join(parts) for parts in requests))
 
 
-def head(words: Wording, manual: str | None = None, *, context: Literal["window", "host"] = "window") -> list[Message]:
+def head(
+    words: Wording,
+    manual: str | None = None,
+    *,
+    context: Literal["window", "host"] = "window",
+    observation: str | None = None,
+    withheld: Iterable[str] = (),
+) -> list[Message]:
     """Return the first messages of every prompt: system and task; a manual ends the system message.
+
+    The first observation ends the task, where the rules put it there. The system message does not tell of tools that
+    are withheld.
 
     The system message mentions forgetting only with `context="window"`, where this library decides what the model sees.
     """
     paragraphs = [
-        words("system"),
+        _without(withheld, words("system")),
         *([words("window")] if context == "window" else []),
         *([] if manual is None else [manual]),
     ]
-    return [{"role": "system", "content": "\n\n".join(paragraphs)}, {"role": "user", "content": words("task")}]
+    task = [words("task"), *([] if observation is None else [observation])]
+    return [{"role": "system", "content": "\n\n".join(paragraphs)}, {"role": "user", "content": "\n\n".join(task)}]
+
+
+def _without(tools: Iterable[str], sentence: str) -> str:
+    """Return a sentence without the clauses that tell of some tools, each between two marks of punctuation."""
+    for name in sorted(tools):
+        sentence = re.sub(rf"[,;]\s[^,;.`]*`{name}`[^,;.]*", "", sentence)
+    return sentence

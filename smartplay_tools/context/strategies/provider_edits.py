@@ -16,7 +16,7 @@ from smartplay_tools.context.compaction import ContextOverflowError, GivenHistor
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.messages import Message, calls_of, text_of
 
-__all__ = ["CLEARED", "ClearToolUses", "Compact", "OpenAICompaction", "clear_tool_uses"]
+__all__ = ["CLEARED", "INSTRUCTIONS", "SUMMARY", "ClearToolUses", "Compact", "OpenAICompaction", "summary_in"]
 
 CLEARED = "[cleared]"
 """What stands in place of a result."""

@@ -22,7 +22,7 @@ from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, la
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
 from smartplay_tools.records.rows import Row, mean_score
 from smartplay_tools.statistics.distributions import Values, t_quantile
-from smartplay_tools.statistics.intervals import CONFIDENCE
+from smartplay_tools.statistics.intervals import CONFIDENCE, Bounds, mean_estimate
 from smartplay_tools.types.groups import grouped
 
 SEED = 20_240_417
@@ -135,8 +135,18 @@ def _passes(counts: Values, repeats: int) -> list[tuple[int, Share, Share]]:
     rows = []
     for k in sorted({1, 3, repeats} & set(range(1, repeats + 1))):
         at, every = (np.array([chance(int(c), repeats, k) for c in counts]) for chance in (pass_at, pass_all))
-        rows.append((k, by_worlds(at, _mean), by_worlds(every, _mean)))
+        rows.append((k, _chance(at), _chance(every)))
     return rows
+
+
+def _chance(worlds: Values) -> Share:
+    """The mean chance over worlds; where all of them are equal, the interval is what so many cannot exclude."""
+    if len(set(worlds.tolist())) > 1:
+        return by_worlds(worlds, _mean)
+    alike = mean_estimate(worlds.tolist(), Bounds(0, 1))
+    assert alike.low is not None
+    assert alike.high is not None
+    return alike.mean, alike.low, alike.high
 
 
 def _mean(values: Values) -> Values:

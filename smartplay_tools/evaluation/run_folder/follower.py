@@ -17,6 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -24,15 +25,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder, damaged_attempt, failure
-from smartplay_tools.evaluation.run_folder.time_left import (
-    CellWork,
-    Clock,
-    Growing,
-    TimeLeft,
-    most_replies,
-    rest_of_tokens,
-)
-from smartplay_tools.providers.model_names import is_model
+from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row, mean_score, read_row
@@ -233,15 +226,13 @@ class _Plan(NamedTuple):
     """The place of the cell of each planned episode, by key."""
     prices: Mapping[str, Price]
     caps: Mapping[str, Any]
-    most: Sequence[int] | None
-    """Replies of the longest episode of each cell; None if a game is not installed here."""
 
 
 class RunFollower:
     """Makes snapshots of a run, and reads only what was added to its folder since the one before.
 
-    The time left follows from the calls that are still expected, and from their pace since the first snapshot
-    (`time_left`); `clock` returns seconds.
+    The time left follows from the calls that are still expected and the caps of the run, at the rate since the first
+    snapshot (`time_left`); `clock` returns seconds.
     """
 
     def __init__(self, folder: RunFolder, clock: Clock = time.monotonic) -> None:
@@ -282,10 +273,7 @@ class RunFollower:
         if self._manifest is None or stamp is None or self._manifest[0] != stamp:
             manifest = self.folder.manifest()
             cell_of = {episode.key: episode.cell for episode in manifest.planned}
-            self._manifest = (
-                stamp,
-                _Plan(manifest.cells, cell_of, manifest.prices, manifest.caps, _most(manifest.cells)),
-            )
+            self._manifest = (stamp, _Plan(manifest.cells, cell_of, manifest.prices, manifest.caps))
         return self._manifest[1]
 
     def _read_rows(self) -> None:
@@ -384,36 +372,27 @@ class RunFollower:
         return Spending(results, sum((record.own_totals for record in playing), results + others))
 
     def _seconds_left(self, plan: _Plan, playing: Sequence[Record], spent: Spent) -> float | None:
-        if plan.most is None:
+        calls = self._expected_calls(plan, playing)
+        return self._time_left.look(
+            {
+                "calls": (spent.replies, None if calls is None else spent.replies + calls),
+                "tokens": (spent.tokens, plan.caps.get("tokens")),
+                "cost": (spent.cost, plan.caps.get("cost")),
+            }
+        )
+
+    def _expected_calls(self, plan: _Plan, playing: Sequence[Record]) -> float | None:
+        """The calls to come, if episodes last as long as the finished ones of their cell, or of any; None without."""
+        lengths: dict[int, list[int]] = defaultdict(list)
+        for key in self.results.keys() & plan.cell_of.keys():
+            lengths[plan.cell_of[key]].append(self.results[key].spent.replies)
+        if not lengths:
             return None
-        finished: dict[int, list[int]] = defaultdict(list)
-        running: dict[int, list[Growing]] = defaultdict(list)
-        calls = Counter[int]()
-        for key, result in self.results.items():
-            if key in plan.cell_of:
-                finished[plan.cell_of[key]].append(result.spent.replies)
-                calls[plan.cell_of[key]] += result.spent.replies + self._continued.get(key, Spent()).replies
-        for attempt in self._attempts.values():
-            calls[plan.cell_of.get(attempt.row["key"], -1)] += attempt.spent.replies
-        for record in playing:
-            if (at := plan.cell_of.get(record.key)) is not None and record.key not in self.results:
-                rest = rest_of_tokens(plan.cells[at], record.totals, record.peak_prompt_tokens)
-                running[at].append(Growing(record.totals.replies, rest))
-                calls[at] += record.own_totals.replies
-        planned = Counter(plan.cell_of.values())
-        cells = [
-            CellWork(
-                f"{cell.player} {cell.player_options}",
-                "models" if is_model(cell.player or "") else "others",
-                plan.most[at],
-                max(0, planned[at] - len(finished[at]) - len(running[at])),
-                finished[at],
-                running[at],
-                calls[at],
-            )
-            for at, cell in enumerate(plan.cells)
-        ]
-        return self._time_left.look(cells, spent, plan.caps)
+        every = fmean(length for own in lengths.values() for length in own)
+        played = {record.key: record.totals.replies for record in playing}
+        to_come = ((key, cell) for key, cell in plan.cell_of.items() if key not in self.results)
+        means = {cell: fmean(own) for cell, own in lengths.items()}
+        return sum(max(0.0, means.get(cell, every) - played.get(key, 0)) for key, cell in to_come)
 
     def _latest_error(self, plan: _Plan) -> str:
         if self._latest is None or self._latest not in self._attempts:
@@ -427,13 +406,6 @@ class RunFollower:
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is."""
     return RunFollower(folder).snapshot()
-
-
-def _most(cells: Sequence[CellConfig]) -> list[int] | None:
-    try:
-        return list(map(most_replies, cells))
-    except SmartPlayError:  # a game that is not installed here
-        return None
 
 
 def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:

@@ -36,7 +36,16 @@ from typing import Annotated, Any, Self, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from smartplay_tools.episode.config import RULES, BatchPolicy, BudgetLine, ManualMode, ProtocolName, read_rules
+from smartplay_tools.episode.config import (
+    RULES,
+    BatchPolicy,
+    BudgetLine,
+    FirstObservation,
+    ManualMode,
+    OfferedTools,
+    ProtocolName,
+    read_rules,
+)
 from smartplay_tools.errors import InvalidArgumentError, similar
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
@@ -105,6 +114,8 @@ class RunKeywords(TypedDict, total=False):
     protocol: ProtocolName
     observation: ObservationForm
     budget_line: BudgetLine
+    first_observation: FirstObservation
+    offered_tools: OfferedTools
     carry: CarriedStore | None
     chain: int | None
     wording: str | None

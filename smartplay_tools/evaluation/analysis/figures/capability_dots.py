@@ -35,15 +35,19 @@ def capability_dots(players: Mapping[str, Scores]) -> Figure:
         means = [score.mean for score in _profile({game: [model.normalized[game]] for game in settings})]
         label = f"the paper's {len(models)} models" if at == 0 else None
         axes.plot(means, places, color=style.GREY, marker="o", markersize=4, alpha=0.45, linestyle="", label=label)
+    found = []
     for index, (name, scores) in enumerate(players.items()):
         look, beside = style.Series.number(index), style.spread(index, len(players))
         profile = _profile({game: scores[game] for game in settings})
+        ends = [(each.low, each.high) for each in profile if each.low is not None and each.high is not None]
+        above, below = sum(low > 1 for low, _ in ends), sum(high < 1 for _, high in ends)
+        found.append(f"{name}: above the human in {above} of {len(profile)} capabilities, below in {below}")
         style.draw_dots(axes, profile, [place + beside for place in places], look, name)
     axes.axvline(1, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
     axes.set_yticks(places, CAPABILITIES)
     axes.invert_yaxis()
-    of = f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings"
-    axes.set(title=of, xlabel="score as a share of the human's")
+    title = f"Capability scores over {len(settings)} of the paper's {len(PAPER_SETTINGS)} settings"
+    axes.set(title="\n".join([*found[:2], title]), xlabel="score as a share of the human's")
     episodes = [sum(len(scores[game]) for game in settings) for scores in players.values()]
     notes = [style.sample_note(episodes), *style.mark_notes(players)]
     style.legend_below(drawn, note="; ".join(notes))

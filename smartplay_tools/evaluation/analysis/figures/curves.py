@@ -10,12 +10,15 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.analysis.beside import grows
 from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
+from smartplay_tools.evaluation.analysis.pairs import is_control
 from smartplay_tools.evaluation.analysis.window_tables import marks_of
-from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but
+from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but, width
 from smartplay_tools.types import Budget
 from smartplay_tools.types.groups import grouped
+from smartplay_tools.types.quantities import typeset
 from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
@@ -24,6 +27,28 @@ if TYPE_CHECKING:
 
 
 UNLIMITED = {"history": "all", "prompt_tokens": "no cap"}
+
+
+def finding(members: Sequence[WindowComparison]) -> str:
+    """Return what the narrowest window of a game is shown to score beside its reference, as the title of a panel.
+
+    Nothing is said where a score that only grows comes from different numbers of steps.
+    """
+    game = members[0].cell.game
+    compared = [c for c in members if "score" in c.differences and not is_control(c.cell.player)]
+    narrow = min(compared, key=lambda c: width(c.cell.budget), default=members[0])
+    played = {c.means["steps"].mean for c in members if c.cell in (narrow.cell, narrow.reference)}
+    if not compared or (grows(game) and len(played) > 1):
+        return visible(game)
+    less = narrow.together or narrow.differences["score"]
+    low, high = less.low or 0, less.high or 0
+    names = [window_name(cell).split(", ") for cell in (narrow.cell, narrow.reference)]
+    one, other = (", ".join(part for part in own if part not in names[1 - at]) for at, own in enumerate(names))
+    other = other or "without"
+    said = f"{one} against {other}: {'equal' if less.is_zero else 'undecided'}"
+    if low > 0 or high < 0:
+        said = f"{one} scores {abs(less.mean):,.3g} {'more' if low > 0 else 'less'} than {other}"
+    return f"{visible(game)}\n{typeset(said)}"
 
 
 @style.figure
@@ -62,7 +87,8 @@ def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
         positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
         style.draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
     scores.axhline(0, color=style.GREY, linewidth=1)
-    scores.set(title="What slack does to the score", ylabel=f"score less that at slack {amounts[0]:g} (points)")
+    found = "\n".join(map(finding, lines.values()))
+    scores.set(title=found, ylabel=f"score less that at slack {amounts[0]:g} (points)")
     shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
     shares.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
     for panel in (scores, shares):
@@ -81,7 +107,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
     games = grouped(shown, lambda c: c.cell.game)
     names = list(dict.fromkeys(series_name(c, shown) for c in shown))
     drawn, axes = style.panels(len(games))
-    for panel, (game, members) in zip(axes, games.items(), strict=True):
+    for panel, members in zip(axes, games.values(), strict=True):
         steps = sorted({c.cell.budget[field] for c in members}, key=_narrow_first)
         for index, name in enumerate(names):
             line = sorted((c for c in members if series_name(c, shown) == name), key=lambda c: _place(c, field, steps))
@@ -92,7 +118,7 @@ def _score_against(field: str, label: str, comparisons: Sequence[WindowCompariso
                 points = [(x, mean.mean) for x, mean in zip(positions, means, strict=True)]
                 style.mark_points(panel, points, map(marks_of, line))
         _draw_human(panel, members)
-        panel.set(title=visible(game), xlabel=label, ylabel="mean score (points)")
+        panel.set(title=finding(members), xlabel=label, ylabel="mean score (points)")
         panel.yaxis.set_major_formatter(lambda points, _: f"{points:,g}")
         panel.set_xticks(range(len(steps)), [UNLIMITED[field] if step is None else f"{step:,}" for step in steps])
         style.from_zero(panel, [low for c in members if (low := c.means["score"].low) is not None] or [0])

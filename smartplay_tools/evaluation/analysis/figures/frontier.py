@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures import style
+from smartplay_tools.evaluation.analysis.figures.curves import finding
 from smartplay_tools.evaluation.analysis.names import series_name, window_names
 from smartplay_tools.evaluation.analysis.window_tables import marks_of
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, width
@@ -48,11 +49,11 @@ def frontier(comparisons: Sequence[WindowComparison], *, price: Price = "tokens"
     games = grouped(priced, lambda c: c.cell.game)
     players = list(dict.fromkeys(series_name(c, priced) for c in priced))
     drawn, axes = style.panels(len(games), size=(5.4, 4.2))
-    for panel, (game, members) in zip(axes, games.items(), strict=True):
+    for panel, members in zip(axes, games.values(), strict=True):
         for index, player in enumerate(players):
             own = [c for c in members if series_name(c, priced) == player]
             _draw_player(panel, own, price, style.Series.number(index), player)
-        panel.set(title=visible(game), xlabel=LABELS[price], ylabel="mean score (points)")
+        panel.set(title=finding(members), xlabel=LABELS[price], ylabel="mean score (points)")
         _scale(panel, members, price)
         front = sorted(_point(c, price) for c in members if _on_front(c, price))
         panel.step(*zip(*front, strict=True), where="post", color=style.GREY, linewidth=1.2, zorder=2, label=FRONT)

@@ -1,0 +1,105 @@
+"""Surfaces: the interfaces whose prompts the endpoints read, fit and count, and how each words a refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
+
+__all__ = ["CHAT", "COMPACT", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
+
+Json = dict[str, Any]
+
+STORED = ("previous_response_id", "conversation", "prompt")
+"""Fields of a request to Responses that stand for what the provider keeps."""
+
+
+class RefusedError(InvalidArgumentError):
+    """A request that the provider would refuse, with the field that is wrong, or its own code of the error."""
+
+    def __init__(self, problem: str, *, param: str | None = None, code: str | None = None) -> None:
+        super().__init__(problem)
+        self.param, self.code = param, code
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An interface whose prompts are fitted."""
+
+    form: Any
+    """The name of the form of its messages."""
+    messages: str
+    """The field with the messages."""
+    system: str | None
+    """The field with instructions beside them."""
+
+    def conversation(self, body: Mapping[str, Any]) -> list[Any] | None:
+        """Return the messages of a request; None if it has none that could be read, which its provider will say."""
+        given = body.get(self.messages)
+        if isinstance(given, str):
+            given = [{"role": "user", "content": given}]
+        return given if isinstance(given, list) and isinstance(body.get("tools") or [], list) else None
+
+    def fitted(self, body: Mapping[str, Any], manager: ContextManager) -> FittedPrompt | None:
+        """Return the prompt of a request; None if it has no messages that could be read."""
+        if (given := self.conversation(body)) is None:
+            return None
+        for name in STORED if self.form == "responses" else ():
+            if body.get(name) is not None:
+                raise InvalidArgumentError(
+                    f"With `{name}` the provider adds what it keeps, which cannot be counted; leave it out."
+                )
+        return manager.fit(given, **self._beside(body))
+
+    def count(self, body: Mapping[str, Any], messages: Sequence[Any], manager: ContextManager) -> int:
+        """Return the tokens of a request's prompt with these messages in the place of its own, whole."""
+        return manager.count(messages, **self._beside(body))
+
+    def _beside(self, body: Mapping[str, Any]) -> Json:
+        """What of a request counts beside its messages."""
+        system = body.get(self.system) if self.system else None
+        beside = {"tools": body.get("tools") or [], "system": system, "output_schema": self._schema(body)}
+        return {**beside, "form": self.form}
+
+    def _schema(self, body: Mapping[str, Any]) -> Any:
+        """The schema of the answer's format, wherever the interface has it."""
+        if self.form == "responses":
+            text = body.get("text")
+            wanted = text.get("format") if isinstance(text, Mapping) else None
+        else:
+            wanted = body.get("response_format", body.get("output_format"))
+        return wanted.get("json_schema", wanted.get("schema")) if isinstance(wanted, Mapping) else None
+
+    def refusal(self, error: Exception) -> Mapping[str, Any]:
+        """Return the body of a refusal in the provider's form."""
+        is_long = isinstance(error, PromptOverflowError)
+        param, code = getattr(error, "param", None), getattr(error, "code", None)
+        if self.form == "anthropic":
+            words = f"prompt is too long: {error}" if is_long else str(error)
+            told: Json = {"type": "invalid_request_error", "message": words}
+            return {"type": "error", "error": told | ({"details": {"error_code": code}} if code else {})}
+        code = "context_length_exceeded" if is_long else code or "invalid_prompt"
+        kind = "invalid_request_error"
+        return {"error": {"message": str(error), "type": kind, "param": param or self.messages, "code": code}}
+
+
+CHAT = Surface("chat", "messages", None)
+RESPONSES = Surface("responses", "input", "instructions")
+COMPACT = Surface("responses", "input", "instructions")
+"""That of `/responses/compact`."""
+MESSAGES = Surface("anthropic", "messages", "system")
+
+BY_PATH: Mapping[str, Surface] = {
+    "/chat/completions": CHAT,
+    "/responses": RESPONSES,
+    "/responses/compact": COMPACT,
+    "/messages": MESSAGES,
+}
+"""The interfaces by the end of their paths."""
+
+
+def surface_of(path: str) -> Surface | None:
+    """Return the interface that a path belongs to; None for any other path."""
+    return next((surface for end, surface in BY_PATH.items() if path.endswith(end)), None)

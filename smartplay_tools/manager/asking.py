@@ -1,0 +1,186 @@
+"""Asking: who is asked what a prompt needs of a model, and how its answers become a part of the prompt."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import math
+from collections.abc import Awaitable, Callable, Generator, MutableMapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+from smartplay_tools.context.compaction import Compactor
+from smartplay_tools.context.strategies.choices import Strategy
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.manager.choice import Shown, TooLongError
+from smartplay_tools.manager.fitted import Draft, FittedPrompt
+from smartplay_tools.manager.memo import MemoFolder
+from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
+from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
+from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
+from smartplay_tools.types import ResolvedBudget
+
+__all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
+
+Ask = Callable[[list[dict[str, Any]], int], str | Awaitable[str]]
+"""Asks a model: returns its answer to chat messages of words alone, in at most so many tokens."""
+
+GivenStrategy = Summaries | Strategy | Compactor | type | Callable[..., Any] | str
+"""What a user may give as a strategy."""
+
+Memo = MutableMapping[str, str] | str | Path
+"""Where answers are kept: a mapping, or a folder."""
+
+Fitting = Generator[Question, str, FittedPrompt]
+"""Makes a prompt: yields the questions that it needs, is sent the answers, and returns it."""
+
+
+class Asking:
+    """The strategy of a manager, if it has one, and the function that asks a model for it."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        strategy: GivenStrategy | None = None,
+        ask: Ask | None = None,
+        *,
+        question_tokens: int | None = None,
+        memo: Memo | None = None,
+        on_error: Literal["raise", "drop"] = "raise",
+    ) -> None:
+        check_choice("on_error", on_error, ("raise", "drop"))
+        self._settings, self._ask, self._on_error = settings, ask, on_error
+        self.summaries: SummaryChain | None = None
+        self.strategy: StrategyRunner | None = None
+        self.recorded: dict[str, Any] = {}
+        """What a record has of the strategy."""
+        if isinstance(strategy, Summaries):
+            self.summaries = self._chain(strategy, memo)
+        elif strategy is not None:
+            self.strategy = self._runner(StrategyMaker(strategy), question_tokens, memo)
+        elif ask is not None or memo is not None:
+            raise InvalidArgumentError("Nobody asks without a strategy; give strategy=Summaries(tokens=...).")
+        if question_tokens is not None and (self.strategy is None or not self.strategy.compacts):
+            raise InvalidArgumentError(
+                "question_tokens is the cap on questions of a compactor; give one, or leave it out."
+            )
+
+    def _runner(self, make: StrategyMaker, question_tokens: int | None, memo: Memo | None) -> StrategyRunner:
+        """The runner of a strategy; an option that it decides itself is an `InvalidArgumentError`."""
+        settings, rules = self._settings, self._settings.rules
+        decided: dict[str, object] = {"beyond_history": rules.masks, "first_turns": rules.first_turns}
+        decided |= {
+            "newest_pictures": rules.newest_pictures,
+            "own_words": make.compacts and rules.own_words is not None,
+        }
+        for name, is_given in decided.items():
+            if is_given:
+                what = "rewrites messages" if make.compacts else "chooses the turns"
+                raise InvalidArgumentError(
+                    f"The strategy {make.name} {what} itself, so {name} has no meaning; leave it out."
+                )
+        check_numbers(question_tokens=question_tokens)
+        self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
+        budget = ResolvedBudget(
+            history=rules.history,
+            slack=rules.slack,
+            own_words=rules.own_words,
+            prompt_tokens=settings.prompt_tokens,
+            question_tokens=question_tokens or settings.prompt_tokens,
+        )
+        goes_on = self._on_error == "drop"
+        return StrategyRunner(make, budget, settings.counter, settings.messages, kept_in(memo), goes_on=goes_on)
+
+    def _chain(self, strategy: Summaries, memo: Memo | None) -> SummaryChain:
+        """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
+        check_numbers(**asdict(strategy))
+        rules, cap = self._settings.rules, self._settings.prompt_tokens
+        drops = rules.history is not None and not rules.masks
+        if not callable(self._ask):
+            raise InvalidArgumentError("Summaries are asked for; give ask, a function of messages and max_tokens.")
+        if cap is None and not drops:
+            raise InvalidArgumentError("Nothing ever leaves, so there is nothing to summarise; give prompt_tokens.")
+        if rules.slack == 0 or (drops and math.floor(rules.slack * (rules.history or 0)) < 1):
+            raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
+        self.recorded = {f"summary_{name}": number for name, number in asdict(strategy).items()}
+        return SummaryChain(strategy, cap, self._settings.counter, kept_in(memo))
+
+    def answered(self, fitting: Fitting) -> FittedPrompt:
+        """Ask what a prompt needs, and return it."""
+        made = _next(fitting, None)
+        while not isinstance(made, FittedPrompt):
+            answer: Any
+            ask = self._asked()
+            try:
+                answer = ask(*made)
+            except Exception as error:  # whatever a model's client raises
+                answer = error
+            made = _next(fitting, answer)
+        return made
+
+    async def aanswered(self, fitting: Fitting) -> FittedPrompt:
+        """Do what `answered` does. An asynchronous function is awaited; any other runs in a thread."""
+        made = _next(fitting, None)
+        while not isinstance(made, FittedPrompt):
+            answer: Any
+            ask = self._asked()
+            try:
+                is_async = inspect.iscoroutinefunction(ask)
+                answer = ask(*made) if is_async else await asyncio.to_thread(ask, made[0], made[1])
+                if inspect.isawaitable(answer):
+                    answer = await answer
+            except Exception as error:  # whatever a model's client raises
+                answer = error
+            made = _next(fitting, answer)
+        return made
+
+    def summary(self, draft: Draft) -> Generator[Question, str, tuple[Shown | None, str]]:
+        """Yield the questions of a summary; return it, and why there is none if nobody answered."""
+        covered = draft.covered
+        assert covered is not None
+        assert self.summaries is not None
+        try:
+            text = yield from self.summaries.text(covered)
+        except AskError as error:
+            if self._on_error == "raise":
+                raise error.reason from None
+            return None, f"{type(error.reason).__name__}: {error.reason}"
+        return (self.summaries.shown(text, covered.form) if text else None), ""
+
+    def with_choice(self, draft: Draft) -> Generator[Question, str, tuple[Draft, str]]:
+        """Yield the questions of the strategy; return the prompt that it makes, and why nobody answered."""
+        assert draft.asked is not None
+        assert self.strategy is not None
+        try:
+            chosen = yield from self.strategy.chosen(draft.asked)
+        except AskError as error:
+            raise error.reason from None
+        except TooLongError as error:
+            parts = {**draft.parts, "pinned": error.pins, "newest turn": error.newest}
+            raise PromptOverflowError.of(self._settings.prompt_tokens or 0, parts) from None
+        return draft.with_choice(chosen), chosen.failed
+
+    def _asked(self) -> Callable[..., Any]:
+        """The function that asks a model."""
+        if not callable(self._ask):
+            raise InvalidArgumentError("The strategy asks a model; give ask, a function of messages and max_tokens.")
+        return self._ask
+
+
+def _next(fitting: Fitting, answer: str | Exception | None) -> Question | FittedPrompt:
+    """Go on with an answer, or with what was raised in its place; return the next question, or the prompt."""
+    try:
+        if isinstance(answer, Exception):
+            return fitting.throw(answer)
+        return next(fitting) if answer is None else fitting.send(answer)
+    except StopIteration as end:
+        prompt: FittedPrompt = end.value
+        return prompt
+
+
+def kept_in(memo: Memo | None) -> MutableMapping[str, str]:
+    """Return where answers are kept."""
+    if memo is not None and not isinstance(memo, str | Path | MutableMapping):
+        raise InvalidArgumentError(f"A memo is a folder or a mutable mapping, not {type(memo).__name__}.")
+    return MemoFolder(memo) if isinstance(memo, str | Path) else {} if memo is None else memo
