@@ -392,21 +392,29 @@ def claims_table(cells: Cells) -> str:
     return markdown_table(["sentence", "game", "ways", "the least difference [95 %, all together]", "outcome"], lines)
 
 
+def _groups(names: Iterable[str]) -> list[tuple[str, list[str]]]:
+    ours, others = {*CONTROLS, *BEST}, {way.name for way in WAYS}
+    of = grouped(names, lambda name: 0 if name in ours else 1 if name in others else 2)
+    labels = ("of this library", "of others, and memories", "yours")
+    return [(labels[group], own) for group, own in sorted(of.items())]
+
+
 @figure
 def dots(cells: Cells) -> Figure:
-    """Draw the score of every way, a panel for each game, with the lower cap on questions."""
-    drawn, axes = panels(len(STAGES), columns=len(STAGES), size=(2.7, 6.6))
+    """Draw the score of every way in three games, with the lower cap on questions."""
+    stages = [STAGES[at] for at in (1, 2, 4)]
+    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 6.6))
     names = names_in(cells)[::-1]
     counts, marks = set(), [""]
-    for panel, stage in zip(axes, STAGES, strict=True):
-        for row, name in enumerate(names):
-            if rows := cells.get((stage.name, CAP, name)):
-                each = mean_score(rows)
-                look = 0 if name in (*CONTROLS, *BEST) else 1 if name in {way.name for way in WAYS} else 2
-                whose = ("of this library", "of others, and memories", "yours")[look]
-                marks.append(EARLY * bool(ends_of(rows)))
-                draw_dots(panel, [each], [row], Series.number(look), whose, marks[-1:])
-                counts.add(each.episodes)
+    for panel, stage in zip(axes, stages, strict=True):
+        for look, (whose, own) in enumerate(_groups(names)):
+            played = [(name, cells[stage.name, CAP, name]) for name in own if (stage.name, CAP, name) in cells]
+            means = [mean_score(rows) for _, rows in played]
+            early = [EARLY * bool(ends_of(rows)) for _, rows in played]
+            places = [names.index(name) for name, _ in played]
+            draw_dots(panel, means, places, Series.number(look), whose, early)
+            marks += early
+            counts |= {each.episodes for each in means}
         panel.set(title=stage.name, xlabel="score", yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
     legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
