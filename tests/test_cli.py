@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib.util import find_spec
 
 import pytest
@@ -118,6 +119,24 @@ def test_demo_plays_trims_and_verifies(tmp_path):
     assert "view --play any" in result.output
     if find_spec("jinja2") is not None:
         assert (tmp_path / "demo.html").exists()
+
+
+def test_the_demo_takes_a_player_with_options_and_says_how_long_it_takes(tmp_path, monkeypatch):
+    monkeypatch.setattr("smartplay_tools.cli.demo.PROGRESS_SECONDS", 0)
+    monkeypatch.setattr("smartplay_tools.cli.demo.GAMES", {HANOI: 600})
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slow.py").write_text(
+        "import smartplay_tools as sp\n"
+        "class Slow:\n"
+        "    name = 'slow'\n"
+        "    def __init__(self, *, of): self._of = sp.get_player(of)\n"
+        "    def reply(self, prompt): return self._of.reply(prompt)\n"
+    )
+    result = run("demo", "--out", tmp_path, "--player", "slow.py:Slow", "--player-option", "of=rule")
+    assert "played by slow" in result.output
+    assert re.search(r"\d+ turns in \d+ s; about 0 s left", result.output)
+    refused = run("demo", "--out", tmp_path, "--player-option", "of=rule")
+    assert "name one with --player" in refused.stderr
 
 
 @pytest.mark.parametrize("command", ["games", "manual", "schema", "play", "replay", "demo", "serve openai"])

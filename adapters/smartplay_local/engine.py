@@ -27,7 +27,7 @@ DEFAULT_CONTEXT = 8192
 """Tokens of a prompt and its reply, or the model's own limit where that is smaller."""
 
 MOST_THREADS = 4
-"""By default no more threads than this compute, and a processor stays free, because they spin while they wait."""
+"""By default no more threads than this compute."""
 
 MOST_SLOTS = 64
 
@@ -90,7 +90,7 @@ class Loading:
     def start(self) -> Any:
         """Load the model and return llama.cpp's server."""
         file = self.check()
-        tokens, threads = self.tokens(file), self.threads or max(1, min(MOST_THREADS, (os.cpu_count() or 1) - 1))
+        tokens, threads = self.tokens(file), self.threads or idle_threads()
         params = xllamacpp.CommonParams()
         params.model.path = str(file.path)
         params.n_ctx, params.n_parallel = self.slots * tokens, self.slots
@@ -111,6 +111,16 @@ class Loading:
                 f"llama.cpp could not load {file.path.name}{beside} ({error}): a file or its chat template may be "
                 f"damaged, or of a kind that xllamacpp {xllamacpp.__version__} does not know."
             ) from error
+
+
+def idle_threads() -> int:
+    """Return how many threads compute by default: as many as processors are idle, where the system says it.
+
+    Two threads on two busy processors wait for each other, and are slower than one.
+    """
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return max(1, min(MOST_THREADS, round(processors - load)))
 
 
 class LocalServer:

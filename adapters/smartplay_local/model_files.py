@@ -29,7 +29,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.types.quantities import megabytes
@@ -37,11 +37,12 @@ from smartplay_tools.types.quantities import megabytes
 if TYPE_CHECKING:
     import tokenizers
 
-    from smartplay_local.text import Format
-
 
 FOLDER = "SMARTPLAY_MODELS"
 """The environment variable that names the folder of models; by default it is in the user's cache folder."""
+
+Format = Literal["template", "text", "call", "bare", "words", "legal"]
+"""How a model can write its calls: see `smartplay_local.text.FORMATS`."""
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_local.engine import Loading, LocalServer, shared_server, shared_slots, xllamacpp
-from smartplay_local.model_files import KNOWN_MODELS, find_adapter, find_model, name_of, read_gguf, sha256_of_file
-from smartplay_local.text import FORMATS, Format, argument_of, as_text, bounded, call_in, grammar_of, sample
-from smartplay_tools import Budget, Conversation, Episode, InvalidArgumentError, Prompt, Reply, play
+from smartplay_local.model_files import (
+    KNOWN_MODELS,
+    Format,
+    find_adapter,
+    find_model,
+    name_of,
+    read_gguf,
+    sha256_of_file,
+)
+from smartplay_local.text import FORMATS, argument_of, as_text, bounded, call_in, grammar_of, sample
+from smartplay_tools import Budget, Conversation, Episode, InvalidArgumentError, Prompt, Reply, get_player, play
 from smartplay_tools.errors import extra_named
 from smartplay_tools.games import lockers_setting
-from smartplay_tools.players.attempts import ModelCallError
-from smartplay_tools.players.reader import ReaderPlayer
+from smartplay_tools.players import ModelCallError
 from smartplay_tools.terminal import say
 from smartplay_tools.types.arguments import value_in
 from smartplay_tools.types.messages import calls_of, text_of
@@ -75,7 +82,8 @@ def _trial(how: Loading, form: Format) -> tuple[int, int]:
     budget = Budget(history=None, reply_tokens=TRIAL_TOKENS, tool_calls=TOLD + QUESTIONS, stalled_turns=None)
     right, legal = 0, 0
     with player, Episode(lockers_setting("LockersTrial-v0", facts=TOLD), seed=0, budget=budget, **rules) as episode:
-        conversation, reader = Conversation(episode), ReaderPlayer()
+        conversation = Conversation(episode)
+        reader: Any = get_player("reader")
         reader.attach(conversation)
         while (prompt := conversation.prompt()) is not None:
             reply = reader.reply(prompt)
@@ -110,7 +118,7 @@ class LocalPlayer(OpenAIPlayer):
         format: how tools and calls are written, one of `FORMATS`: "template" is the model's own chat template, whose
             calls llama.cpp reads; in the others they are text in the messages. By default a trial decides (`tried`).
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
-        threads: how many threads compute; by default one less than there are processors, from one to four.
+        threads: how many threads compute; by default as many as processors are idle, at most four.
         slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
         timeout: seconds that a reply may take, the time included for which it waits for a slot.

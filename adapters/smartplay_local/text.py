@@ -11,14 +11,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from smartplay_local.engine import xllamacpp
+from smartplay_local.model_files import Format
 from smartplay_tools import InvalidArgumentError, Message, ToolSpec
 from smartplay_tools.types.arguments import object_in, value_in
 from smartplay_tools.types.messages import calls_of, text_of
-
-Format = Literal["template", "text", "call", "bare", "words", "legal"]
 
 FORMATS: Mapping[Format, str] = {
     "template": "",

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import importlib
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from smartplay_tools.cli import program
+from smartplay_tools.cli import options, program
 from smartplay_tools.cli.show import compact_table, print_turn
 from smartplay_tools.conversation import loop
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
+from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players.player_registry import get_player
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records.replays import replay
@@ -34,6 +36,9 @@ GAMES = {"BanditTwoArmedHighLowFixed-v0": 700, "RockPaperScissorBasic-v0": 800, 
 
 MODEL_SLACK = 0.5
 """With a player of your choice: a model does not have to read the whole prompt again in every turn."""
+
+PROGRESS_SECONDS = 10.0
+"""Between two lines that say how far a slow player is."""
 
 SHOWN_TURNS = 4
 """Turns of each game that are printed in full; the others would look the same."""
@@ -50,6 +55,7 @@ def demo(
             show_default=False,
         ),
     ] = None,
+    player_option: options.PlayerOptions = None,
 ) -> None:
     """Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.
 
@@ -60,17 +66,21 @@ def demo(
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
     tables, failures, watches = [], [], list[_Watch]()
-    with _players(console) if name is None else _only(name, seed) as players:
+    given = options.key_values(player_option, "--player-option")
+    if given and name is None:
+        raise InvalidArgumentError("--player-option is for a player of your choice; name one with --player.")
+    with _players(console) if name is None else _only(name, seed, given) as players:
         for player in players:
             table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
             table.title = f"played by {player.name}"
+            progress = _Progress(console)
             if player is not players[0]:
                 console.rule(f"the same games through {player.name}, a client and a local server", align="left")
             for game, cap in GAMES.items():
                 budget = Budget(prompt_tokens=cap, slack=0 if name is None else MODEL_SLACK)
                 if player is players[0]:
                     console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
-                watch = _Watch(console if player is players[0] else None)
+                watch = _Watch(console if player is players[0] else None, progress)
                 watches.append(watch)
                 path = _record(folder, game, player)
                 with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
@@ -146,23 +156,43 @@ def _players(console: Console) -> Iterator[list[Player]]:
 
 
 @contextmanager
-def _only(name: str, seed: int) -> Iterator[list[Player]]:
+def _only(name: str, seed: int, given: dict[str, Any]) -> Iterator[list[Player]]:
     """One player, by its name."""
-    player = get_player(name, seed=seed)
+    player = get_player(name, seed=seed, **given)
     if not isinstance(player, Player):
         raise InvalidArgumentError(f"The demo plays with a player that answers at once; {name} has to be awaited.")
     yield [player]
 
 
+class _Progress:
+    """Says now and then how far a slow player is, and about how long the steps that are left take."""
+
+    def __init__(self, console: Console) -> None:
+        self._console, self._began, self._turns = console, time.perf_counter(), 0
+        self._said = self._began
+        self._left = {game: get_spec(game).rollout for game in GAMES}
+
+    def note(self, conversation: BaseConversation) -> None:
+        """Count a turn."""
+        episode, now = conversation.episode, time.perf_counter()
+        self._turns += 1
+        self._left[episode.spec.id] = 0 if episode.done else episode.spec.rollout - episode.stats.steps
+        if now - self._said >= PROGRESS_SECONDS:
+            self._said, each = now, (now - self._began) / self._turns
+            left = f"about {each * sum(self._left.values()):,.0f} s left"
+            self._console.print(f"{self._turns} turns in {now - self._began:,.0f} s; {left}", style="dim")
+
+
 class _Watch:
     """Prints the first turns, if there is a console, and collects figures about the window over all turns."""
 
-    def __init__(self, console: Console | None) -> None:
-        self._console = console
+    def __init__(self, console: Console | None, progress: _Progress) -> None:
+        self._console, self._progress = console, progress
         self.largest = self.dropped = 0
 
     def __call__(self, conversation: BaseConversation) -> None:
         assert conversation.view is not None
+        self._progress.note(conversation)
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)
         number = conversation.episode.stats.turns - 1

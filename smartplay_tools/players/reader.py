@@ -32,7 +32,7 @@ class ReaderPlayer:
     def __init__(self, *, seed: int = 0, keeps: float = 1.0) -> None:
         """`keeps` is the probability with which a line stays whenever a summary is written.
 
-        A draw depends on the seed, the step and how often its line was summarized alone, so all that ask lose alike.
+        The draws are those of the seed, the step and how often its line was summarized, so all that ask lose alike.
         """
         if not 0 <= keeps <= 1:
             raise InvalidArgumentError(f"keeps is a probability, from 0 to 1, not {keeps!r}.")

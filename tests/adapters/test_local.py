@@ -12,7 +12,7 @@ pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run`
 
 from smartplay_gateway import LocalEndpoint
 from smartplay_local import LocalPlayer, LocalServer, measure
-from smartplay_local.engine import Loading, Slots, shared_server
+from smartplay_local.engine import Loading, Slots, idle_threads, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.player import tried
 from smartplay_local.text import as_text, call_in, grammar_of
@@ -74,6 +74,13 @@ async def test_the_taught_model_plays_two_episodes_at_once_each_from_its_own_cac
         assert result.steps >= 3, "it plays, where the model without its adapter reads and asks"
         assert result.versions["adapter"].startswith("sha256:048a6b62")
         assert result.tokens.provider.cached > result.tokens.provider.prompt / 2
+
+
+@pytest.mark.parametrize(("load", "threads"), [(0.0, 2), (0.6, 1), (1.4, 1), (9.0, 1)])
+def test_threads_fit_the_load_of_the_machine(load, threads, monkeypatch):
+    monkeypatch.setattr("os.getloadavg", lambda: (load, 0.0, 0.0), raising=False)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
+    assert idle_threads() == threads
 
 
 def test_an_episode_keeps_its_slot_until_others_need_it():
