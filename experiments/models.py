@@ -238,7 +238,7 @@ def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> s
 def points_table(cells: Cells) -> str:
     """The points that the two games of the questions have paid, which are not their scores."""
     lines = []
-    for player in (*MODELS, "random", "blind", "rule"):
+    for player in (*MODELS, "rule"):
         for game in READING:
             own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
             if any(own):

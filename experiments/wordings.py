@@ -21,7 +21,7 @@ from page_tables import Experiment, arguments, interval, markdown_table, mean_sc
 
 import smartplay_tools as sp
 from smartplay_tools.context.prompts.wording import PARAPHRASES
-from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
+from smartplay_tools.evaluation.analysis.pairs import paired_difference, reward, score
 from smartplay_tools.evaluation.analysis.repeats import repeated
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -73,17 +73,17 @@ def wordings_table(rows: Sequence[Row]) -> str:
     """The model in every wording beside the best baseline of one line in the same words, and beside version 3."""
     cells, lines = grouped(rows, lambda row: (row["game"], row["player"], row["wording"])), []
     for game, names in READING.items():
-        shared = set.intersection(*({row["trial"] for row in cells[game, TAUGHT, each]} for each in WORDINGS))
-        own = {place: [row for row in each if row["trial"] in shared] for place, each in cells.items()}
         for wording in WORDINGS:
-            played, usual = own[game, TAUGHT, wording], own[game, TAUGHT, WORDINGS[0]]
-            best = max(names, key=lambda name: mean_score(own[game, name, wording]).mean)
-            less = interval(paired_difference(played, own[game, best, wording], score), "+")
-            change = interval(paired_difference(played, usual, score), "+") if wording != WORDINGS[0] else ""
-            line = f"{best} ({mean_score(own[game, best, wording]).mean:.2f})"
-            lines.append([GAMES[game], wording, f"{len(shared)}", score_of(played), line, less, change])
-    headings = ["game", "wording", "worlds", "score [95 %]", "best of one line", "model less it", "less version 3"]
-    return markdown_table(headings, lines)
+            played, usual = cells[game, TAUGHT, wording], cells[game, TAUGHT, WORDINGS[0]]
+            worlds = {row["trial"] for row in played}
+            others = {name: [row for row in cells[game, name, wording] if row["trial"] in worlds] for name in names}
+            best = max(names, key=lambda name: mean_score(others[name]).mean)
+            less = [interval(paired_difference(played, others[best], measure), "+") for measure in (score, reward)]
+            change = [interval(paired_difference(played, usual, score), "+") if played is not usual else ""]
+            line = f"{best} ({mean_score(others[best]).mean:.2f})"
+            lines.append([GAMES[game], wording, f"{len(played)}", score_of(played), line, *less, *change])
+    less_line = ["best of one line", "model less it", "in points"]
+    return markdown_table(["game", "wording", "worlds", "score [95 %]", *less_line, "less version 3"], lines)
 
 
 def repeats_table(rows: Sequence[Row]) -> str:

@@ -14,8 +14,10 @@ from smartplay_tools.evaluation.analysis.remembering import BEST, remembering_ta
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.records import Record
-from smartplay_tools.records.best_choice import Asked, BestChoice, World, best_choice
-from smartplay_tools.records.remembered import remembered
+from smartplay_tools.records.best_choices import Asked, BestChoice, World, best_choice
+from smartplay_tools.records.contents import OBSERVATION
+from smartplay_tools.records.remembered import answers, remembered
+from smartplay_tools.testing import check_strategy
 
 SETTING = "Lockers6Distractors12-v0"
 
@@ -102,6 +104,14 @@ def test_a_strategy_that_brings_turns_back_reaches_the_best():
     for seed in range(3):
         record, found = played(430, seed, "asker")
         assert record.result.score == found.with_return == 6
+
+
+@pytest.mark.parametrize("strategy", ["keep-random", "keep-spread", "keep-spread:newest=0.5"])
+def test_a_blind_choice_is_played_and_is_no_better_than_the_best(strategy):
+    check_strategy(strategy, episodes=20)
+    record, found = played(500, 1, strategy)
+    seen = [answer for answer in answers(record) if answer.places]
+    assert sum(answer.place == OBSERVATION for answer in seen) <= round(found.at_most)
 
 
 def test_a_limited_history_and_a_game_that_tells_nothing():

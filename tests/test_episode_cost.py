@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import random
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.cli.options import names
+from smartplay_tools.evaluation.analysis.details import details
+from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.records import replay
 from tests import cache_judge, fuzz, scripts
 from tests.test_charges import WORDS, any_rule, replies_of
@@ -65,7 +71,7 @@ def check_episode(seed: int) -> str:
         {**sent, "max_tokens": now["max_tokens"]} for sent, now in zip(free.sent, played.sent, strict=False)
     ]
     usages = [event for event in played.events if event["event"] == "usage"]
-    spent, least = Fraction(), drawn.reply_tokens or 1
+    spent, least = Fraction(), drawn.reply_tokens or 40
     for at, (sent, cost) in enumerate(zip(played.sent, costs(played, len(played.sent)), strict=True)):
         left = Fraction(repr(cap)) - spent - cost
         tokens = sum(event["prompt"] + event["reply"] for event in usages[:at])
@@ -90,3 +96,60 @@ def check_episode(seed: int) -> str:
 def test_the_cap_on_costs_is_never_passed_and_never_ends_an_episode_too_soon(seeds: range) -> None:
     reasons = [check_episode(seed) for seed in seeds]
     assert reasons.count("episode_cost") > len(seeds) // 4
+
+
+@pytest.mark.parametrize(
+    "line", [*cache_rules(), "anthropic:claude-opus-5", "ours:read=0.25,output=5", "a:input=2e-06"]
+)
+def test_a_budget_has_the_numbers_of_its_rule_whatever_it_was_called(line: str) -> None:
+    budget = sp.Budget(episode_cost=0.5, cost_rule=line)
+    assert sp.Budget(**dict(budget)) == budget
+    if line == "none":
+        assert budget.cost_rule is None, "of which budgets say nothing"
+    else:
+        assert ":input=" in str(budget.cost_rule)
+
+
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        ("opus", "no rule of a cache 'opus'"),
+        ("ours:life=3", "each once"),
+        ("ours:read=1,read=2", "each once"),
+        ("ours:read=-1", "greater than or equal to 0"),
+        ("openai:gpt-5.5", "changes with the length of a prompt"),
+    ],
+)
+def test_a_rule_that_says_no_price_is_refused_in_a_sentence(line: str, error: str) -> None:
+    with pytest.raises(sp.InvalidArgumentError, match=error):
+        sp.Budget(episode_cost=1, cost_rule=line)
+
+
+def test_a_host_that_sends_its_own_prompts_cannot_keep_a_budget_in_money() -> None:
+    with pytest.raises(sp.InvalidArgumentError, match="leaves to the host"):
+        sp.Episode(CARDS, seed=1, context="host", budget=sp.Budget(episode_cost=1_000))
+
+
+def test_the_tables_of_a_run_say_what_was_spent(tmp_path: Path) -> None:
+    budgets = [sp.Budget(history=None, episode_cost=cap, cost_rule="openai-5-5") for cap in (8_000, None)]
+    run = sp.evaluate([CARDS], ["rule"], budgets=budgets, trials=2, out=tmp_path / "run", executor="inline")
+    poor, rich = (summary := summarize(run.rows)).cells
+    assert all(row.get("spent_cost", 0) <= 8_000 for row in run.rows)
+    assert poor.spent_cost.mean > 6_500
+    assert poor.end_reasons == {"episode_cost": 2}
+    assert rich.spent_cost is None
+    [took] = [table for table in details(summary) if table.title.startswith("what it took")][:1]
+    assert took.columns[-1].heading == "spent"
+
+
+def test_a_list_of_rules_in_a_sweep_keeps_the_numbers_of_each() -> None:
+    assert names("none, ours:read=0.25,output=5,openai-5-5") == ["none", "ours:read=0.25,output=5", "openai-5-5"]
+
+
+def test_a_record_without_a_budget_in_money_says_nothing_of_one() -> None:
+    events: list[dict[str, Any]] = []
+    with sp.Episode(CARDS, seed=1, budget=sp.Budget(tool_calls=2), transcript=events) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    assert "cost" not in json.dumps([event for event in events if event["event"] != "start"])
+    assert not {"episode_cost", "cost_rule"} & (events[0]["budget"].keys() | events[0]["config"]["budget"].keys())
+    assert result.spent_cost == 0

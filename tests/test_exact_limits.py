@@ -248,7 +248,7 @@ def left(spare: int, reply_tokens: int | None) -> Any:
 
 def left_of_money(spare: int, reply_tokens: int | None) -> Any:
     """The same in money, where a token of a prompt costs 2 and one of a reply 3."""
-    cost = 2 * HEAD + 3 * (reply_tokens or 1) + spare
+    cost = 2 * HEAD + 3 * (reply_tokens or 40) + spare
     prompt = begin(episode_cost=cost, cost_rule="ours:input=2,output=3", reply_tokens=reply_tokens).prompt()
     return prompt and prompt.max_tokens
 
@@ -332,7 +332,7 @@ EXACTLY_FULL: dict[str, tuple[Callable[[int], Any], Any, Any]] = {
     "reply_tokens": (replied, 0, 1),
     "episode_tokens": (lambda n: left(n, None), 1, None),
     "episode_tokens and reply_tokens": (lambda n: left(n, 30), 30, None),
-    "episode_cost by cost_rule": (lambda n: left_of_money(n, None), 1, None),
+    "episode_cost by cost_rule": (lambda n: left_of_money(n, None), 40, None),
     "episode_cost and reply_tokens": (lambda n: left_of_money(n, 30), 30, None),
     "result_tokens": (lambda n: cut(n, "act"), 0, 1),
     "result_tokens of the manual": (lambda n: cut(n, "read_manual"), 0, 1),

@@ -8,6 +8,7 @@ import re
 import sys
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,6 +104,20 @@ def test_what_a_budget_buys_is_what_an_episode_under_it_plays():
                 result = sp.play(episode, sp.get_player(row["player"], seed=seed))
             assert result.reward == row["bought"][rule]
             assert result.spent_cost <= script.COST
+
+
+def test_what_an_early_end_leaves_out_is_out_of_view():
+    """The way that ended early saw all that it was asked, and has not half of what the others have."""
+    in_view = importlib.import_module("in_view")
+
+    def row(way: str, seen: int, unseen: int, points: float) -> dict[str, Any]:
+        memory = {"in view": [seen, seen], "out of view": [0, unseen], "in view: summary": [seen, seen]}
+        ended = {"end_reason": "terminated", "game": "Hanoi3Disk-v0"}
+        return {"stage": "k", "way": way, "questions_up_to": 0, "seed": 1, "memory": memory, "score": points, **ended}
+
+    rows = [row("asks", 10, 0, 1.0), row("drops", 5, 5, 0.5), row("ended", 4, 0, 0.1)]
+    assert in_view.in_view_table(rows).splitlines()[-1] == "| k | 3 | 1.00 | none differ |"
+    assert in_view.rank_correlation([(1, 3), (2, 2), (3, 1), (3, 1)]) == pytest.approx(-1)
 
 
 def test_a_table_is_renewed_between_its_marks_and_nowhere_else(tmp_path):

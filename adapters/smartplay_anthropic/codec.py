@@ -14,7 +14,7 @@ from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, schema
 from smartplay_tools.context.prompts import CacheMarks
-from smartplay_tools.players import plain_answer, read_usage, unreadable, with_end
+from smartplay_tools.players import plain_answer, read_usage, unreadable, with_end, with_management
 from smartplay_tools.players.conversion import (
     SYSTEM,
     accepted_name,
@@ -103,7 +103,7 @@ def reply(answer: Any) -> Reply:
     blocks = _blocks(sent.get("content"), is_over=bool(sent.get("stop_reason")) and not sent.get("error"))
     if blocks is None:
         raise unreadable(sent, "The answer has no content blocks", usage)
-    usage = with_end(usage, sent.get("stop_reason"))
+    usage = with_management(with_end(usage, sent.get("stop_reason")), sent, blocks)
     calls = [_call(block) for block in blocks if block["type"] == "tool_use"]
     text = _joined(blocks, "text")
     if all(block["type"] in ("text", "tool_use") for block in blocks):

@@ -33,6 +33,7 @@ from smartplay_tools.players import (
     BrokenAnswerError,
     ModelPlayer,
     OptionalFields,
+    asks_management,
     check_key,
     check_url,
     readable_proxies,
@@ -96,7 +97,7 @@ class AnthropicPlayer(ModelPlayer):
             "timeout": anthropic.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
         self._check_key()
-        self._optional = OptionalFields(self.name, parameters or {})
+        self._optional, self.manages_context = OptionalFields(self.name, parameters or {}), asks_management(parameters)
         self._limit, self._cache = limit, checked_marks(cache)
         self._always = {"model": model, **(parameters or {})}
 

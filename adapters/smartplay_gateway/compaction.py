@@ -23,7 +23,7 @@ from smartplay_tools import ContextManager, InvalidArgumentError, PromptOverflow
 from smartplay_tools.context.strategies.provider_edits import SUMMARY, Compact, OpenAICompaction, summary_in
 from smartplay_tools.types.arguments import object_in
 
-__all__ = ["Managed", "NoSummaryError", "is_managed", "managed"]
+__all__ = ["Managed", "NoSummaryError", "is_managed", "managed", "opened"]
 
 FIELD = "context_management"
 THRESHOLD_BETA, DEMAND_BETA = "compact-2026-01-12", "compact-2026-09-04"

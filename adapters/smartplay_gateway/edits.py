@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError
-from smartplay_tools.context.strategies.provider_edits import CLEARED, ClearToolUses
+from smartplay_tools.context.strategies.provider_edits import ClearToolUses, clear_tool_uses
 
 __all__ = ["BETA", "applied"]
 
@@ -55,14 +55,16 @@ def applied(body: Json, betas: str, count: Count) -> tuple[Json, list[Json] | No
     reports: list[Json] = []
     if not all(isinstance(message, Mapping) for message in messages):
         return body, None  # the upstream says what is wrong with it
+    tokens = count(messages)
     for edit in ours:
         try:
-            messages, report = (
-                _thinking(edit, body, count) if edit["type"] == THINKING else _uses(edit, messages, count)
-            )
+            change = _thinking if edit["type"] == THINKING else _uses
+            messages, told, saved = change(edit, body, messages, count, tokens)
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"{FIELD}.edits.{edits.index(edit)}: {error}") from None
-        reports += report
+        tokens -= saved
+        if saved:
+            reports.append({"type": edit["type"], **told, "cleared_input_tokens": saved})
     rest = [edit for edit in edits if edit["type"] == COMPACT]
     edited = {**body, "messages": messages, FIELD: {**wanted, "edits": rest}}
     if not rest:
@@ -70,15 +72,17 @@ def applied(body: Json, betas: str, count: Count) -> tuple[Json, list[Json] | No
     return edited, reports
 
 
-def _thinking(edit: Mapping[str, Any], body: Json, count: Count) -> tuple[list[Any], list[Json]]:
+def _thinking(
+    edit: Mapping[str, Any], body: Json, messages: list[Any], count: Count, before: int
+) -> tuple[list[Any], Json, int]:
     """Clear the thoughts of all turns but the newest that have any."""
     thinking = body.get("thinking")
     if not isinstance(thinking, Mapping) or thinking.get("type") not in ("enabled", "adaptive"):
         raise InvalidArgumentError(f"`{THINKING}` strategy requires `thinking` to be enabled.")
-    keep, messages = edit.get("keep", {"type": "thinking_turns", "value": 1}), body["messages"]
+    keep = edit.get("keep", {"type": "thinking_turns", "value": 1})
     _only(edit, "keep")
     if keep in ("all", {"type": "all"}):
-        return messages, []
+        return messages, {}, 0
     value = keep.get("value") if isinstance(keep, Mapping) and keep.get("type") == "thinking_turns" else None
     if type(value) is not int or value < 1:
         raise InvalidArgumentError('keep has to be "all" or {"type": "thinking_turns", "value": N}, with N at least 1.')
@@ -94,37 +98,17 @@ def _thinking(edit: Mapping[str, Any], body: Json, count: Count) -> tuple[list[A
     for at in (at for at, turn in turns.items() if turn in old):
         rest = [block for block in messages[at]["content"] if block.get("type") not in THOUGHTS]
         made[at] = {**messages[at], "content": rest} if rest else messages[at]
-    if not (tokens := count(messages) - count(made) if old else 0):
-        return messages, []
-    return made, [{"type": THINKING, "cleared_thinking_turns": len(old), "cleared_input_tokens": tokens}]
+    return made, {"cleared_thinking_turns": len(old)}, before - count(made) if old else 0
 
 
-def _uses(edit: Mapping[str, Any], messages: list[Any], count: Count) -> tuple[list[Any], list[Json]]:
+def _uses(
+    edit: Mapping[str, Any], body: Json, messages: list[Any], count: Count, before: int
+) -> tuple[list[Any], Json, int]:
     """Clear old tool uses."""
     options = {name: value for name, value in edit.items() if name != "type"}
     _only(edit, "trigger", "keep", "clear_at_least", "exclude_tools", "clear_tool_inputs")
-    rule, before = ClearToolUses(**options), count(messages)
-    blocks = [block for message in messages for block in _blocks(message)]
-    names = {str(block.get("id")): str(block.get("name")) for block in blocks if block.get("type") == "tool_use"}
-    results = [str(block.get("tool_use_id")) for block in blocks if block.get("type") == "tool_result"]
-    old = rule.old(results, names, before)
-
-    def cleared(block: Any) -> Any:
-        if isinstance(block, Mapping) and block.get("type") == "tool_result" and str(block.get("tool_use_id")) in old:
-            return {**block, "content": CLEARED}
-        if isinstance(block, Mapping) and block.get("type") == "tool_use" and str(block.get("id")) in old:
-            return {**block, "input": {}} if rule.clears_input(str(block.get("name"))) else block
-        return block
-
-    made = [
-        {**message, "content": [*map(cleared, content)]}
-        if isinstance(content := message.get("content"), list)
-        else message
-        for message in messages
-    ]
-    if not old or (tokens := before - count(made)) < max(1, rule.clear_at_least):
-        return messages, []
-    return made, [{"type": TOOL_USES, "cleared_tool_uses": len(old), "cleared_input_tokens": tokens}]
+    made, uses, saved = clear_tool_uses(messages, ClearToolUses(**options), count, before)
+    return made, {"cleared_tool_uses": uses}, saved
 
 
 def _only(edit: Mapping[str, Any], *known: str) -> None:

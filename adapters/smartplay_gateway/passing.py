@@ -33,8 +33,8 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.types import ASGIApp
 
 from smartplay_gateway.answers import Report
-from smartplay_gateway.compaction import NoSummaryError, managed
-from smartplay_gateway.surfaces import CHAT, Json, Surface, surface_of
+from smartplay_gateway.compaction import NoSummaryError, managed, opened
+from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
@@ -79,6 +79,7 @@ def passing_app(
         body, form = None if surface is None else object_in(content), surface or CHAT
         try:
             if surface is None or body is None:
+                content = _countable(request, content)
                 return await _passed(await _sent(client, request, _target(base, request), content), surface)
             return await _managed(_Exchange(client, request, base, surface, manager, told), body, content)
         except (PromptOverflowError, InvalidArgumentError) as error:
@@ -155,6 +156,16 @@ def _record_count(manager: ContextManager, prompt: FittedPrompt, tokens: int) ->
         manager.reported(prompt, tokens)
     except TranscriptError as error:
         warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
+
+
+def _countable(request: Request, content: bytes) -> bytes:
+    """A request to count a prompt, as the upstream can read it: with our own compactions as words."""
+    surface = next((surface for end, surface in COUNTED.items() if request.url.path.endswith(end)), None)
+    body = None if surface is None or request.method != "POST" else object_in(content)
+    if surface is None or body is None:
+        return content
+    made = opened(body, surface, ",".join(request.headers.getlist("anthropic-beta")))
+    return content if made is body else json.dumps(made).encode()
 
 
 class _UnansweredError(Exception):

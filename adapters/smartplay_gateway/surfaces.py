@@ -8,7 +8,7 @@ from typing import Any
 
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 
-__all__ = ["CHAT", "COMPACT", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
+__all__ = ["CHAT", "COMPACT", "COUNTED", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
 
 Json = dict[str, Any]
 
@@ -98,6 +98,10 @@ BY_PATH: Mapping[str, Surface] = {
     "/messages": MESSAGES,
 }
 """The interfaces by the end of their paths."""
+
+
+COUNTED: Mapping[str, Surface] = {"/messages/count_tokens": MESSAGES, "/responses/input_tokens": RESPONSES}
+"""The interfaces by the ends of paths at which a provider counts a prompt."""
 
 
 def surface_of(path: str) -> Surface | None:

@@ -23,7 +23,7 @@ from langchain_core.messages import (
 from langchain_core.messages.ai import UsageMetadata
 
 from smartplay_tools import Message, Usage
-from smartplay_tools.players import with_end
+from smartplay_tools.players import with_end, with_management
 from smartplay_tools.players.conversion import (
     SYSTEM,
     accepted_name,
@@ -113,7 +113,7 @@ def usage_of(message: AIMessage) -> Usage | None:
     """Return the usage that the provider reported with a reply, and why it ended."""
     usage = message.usage_metadata
     if usage is None:
-        return with_end(None, *_reasons(message))
+        return with_management(with_end(None, *_reasons(message)), message.response_metadata, message.content)
     parts: Mapping[str, Any] = usage.get("input_token_details", {})
     # Anthropic's writes are split by how long they are kept, and its sum is then 0.
     short, written_1h = (parts.get(f"ephemeral_{kept}_input_tokens") or 0 for kept in ("5m", "1h"))
@@ -125,7 +125,8 @@ def usage_of(message: AIMessage) -> Usage | None:
         written_1h=written_1h,
         reasoning=usage.get("output_token_details", {}).get("reasoning") or 0,
     )
-    return with_end(read.checked(usage["total_tokens"]), *_reasons(message))
+    ended = with_end(read.checked(usage["total_tokens"]), *_reasons(message))
+    return with_management(ended, message.response_metadata, message.content)
 
 
 def usage_metadata_of(usage: Usage) -> UsageMetadata:

@@ -14,7 +14,7 @@ from smartplay_langchain.asking import PromptSettings, ToolChoice, read_reply
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.errors import extra_named
-from smartplay_tools.players import ModelPlayer, check_key, readable_proxies
+from smartplay_tools.players import ModelPlayer, asks_management, check_key, readable_proxies
 
 FAILURES = frozenset(
     {
@@ -72,6 +72,7 @@ class LangChainPlayer(ModelPlayer):
         self.observations = ("text", "picture", "both") if pictures else ("text",)
         with readable_proxies():
             self._model = _chat_model(model, parameters) if isinstance(model, str) else model
+        self.manages_context = asks_management(parameters, vars(self._model))
         for key in _keys_of(self._model):
             check_key(key, name)
         self._settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))

@@ -30,6 +30,7 @@ from smartplay_tools.players import (
     BrokenAnswerError,
     ModelPlayer,
     OptionalFields,
+    asks_management,
     check_key,
     check_url,
     readable_proxies,
@@ -134,7 +135,7 @@ class OpenAIPlayer(ModelPlayer):
         usual = cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
         self._limit_field = limit_field or usual
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
-        self._optional = OptionalFields(self.name, own)
+        self._optional, self.manages_context = OptionalFields(self.name, own), asks_management(parameters)
         self._stream, self._typed = stream, typed
         fields = openai_cache_fields(model, base_url)
         self._sends_key, self._marks = cache and fields.key, cache and fields.marks

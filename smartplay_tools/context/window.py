@@ -6,8 +6,7 @@ that are pinned (`context.newest`). A rule can select in its place: that of a st
 (`context.choosing`), or of a compactor (`context.compacting`). No prompt is longer than `prompt_tokens`, and no
 observation in it is older than `history` steps. A window needs no episode.
 
-Messages are numbered, and each is kept as a prompt would show it now, with running sums of their tokens. A turn changes
-only the messages that become too old by it, so deciding takes a few bisections, and a prompt the time to list what it
+Messages are numbered (`context.numbered`), so deciding takes a few bisections, and a prompt the time to list what it
 shows.
 
 What is too old, what is pinned and what is kept free is decided by the strategies (`context.strategies`). Where one of
@@ -22,28 +21,29 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise, takewhile
+from itertools import takewhile
 from typing import Any, TypeAlias
 
 from smartplay_tools.context.fold import FoldedTurns
 from smartplay_tools.context.newest import NewestTurns
+from smartplay_tools.context.numbered import NumberedMessages
 from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.base import Summary
 from smartplay_tools.context.tokens import PRIMING, TokenCounter
-from smartplay_tools.context.turns import Form, Item, Turn
-from smartplay_tools.context.view import Piece, Selection, View, with_manual
+from smartplay_tools.context.turns import Form, Turn
+from smartplay_tools.context.view import Selection, View, with_manual
 from smartplay_tools.errors import PromptOverflowError, StrategyError
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import ResolvedBudget, ToolSpec
-from smartplay_tools.types.messages import Message, calls_of, pictures_of, text_of
+from smartplay_tools.types.messages import Message, calls_of
 
 Rule: TypeAlias = "Callable[[], Generator[View, Message | None, Selection]]"
 """Makes a prompt to play: yields the prompts of questions, is sent the replies, and returns what is shown."""
 
 
-class ContextWindow:
+class ContextWindow(NumberedMessages):
     """Decides what the prompts of a conversation show: `append` adds a turn, `view` returns the next prompt."""
 
     def __init__(
@@ -62,22 +62,8 @@ class ContextWindow:
         `lead` are messages after the head that are not in every prompt, but numbered as those of turns are.
         `aged_task` takes the task's place in the head once the first observation, with which that ends, is too old.
         """
-        self.budget, self.counter = budget, counter
-        self.strategies = strategies or Strategies(budget, counter, Wording.of(VERSION))
+        super().__init__(budget, counter, strategies or Strategies(budget, counter, Wording.of(VERSION)), lead)
         self._aged_task = aged_task
-        self.turns: list[Turn] = []
-        """Every turn that was appended."""
-        self.now: list[Form] = list(map(Form, lead))
-        """Every message by its number, as a prompt shows it now."""
-        self.starts = [len(lead)]
-        """The number of the first message of each turn, and the number that comes next."""
-        self.oldest = self.trimmed_before = self.elided = 0
-        """What decides the levels of all messages, as in a `Selection`."""
-        self._sums, self._aged = [0], 0
-        """The tokens of the messages before each, as far as they are counted; how many turns age no more."""
-        self._results: dict[str, int] = {}
-        self._read = 0
-        """The numbers of results by the ids of their calls, and how many messages were looked at for them."""
         self.newest: int | None = None
         """The latest turn that shows the newest observation."""
         self.pinned: int | None = None
@@ -142,7 +128,7 @@ class ContextWindow:
 
         `oldest` is the oldest observation that is not too old.
         """
-        key = manual, oldest > 0
+        key = manual, self._aged_task is not None and oldest > 0
         if key not in self._heads:
             messages = list(self._plain_head)
             if self._aged_task is not None and oldest > 0:
@@ -152,118 +138,10 @@ class ContextWindow:
             self._heads = {key: (list(map(Form, messages)), tokens)}
         self.head, self.head_tokens = self._heads[key]
 
-    # Messages and their levels.
-
     def add(self, turn: Turn) -> None:
         """Add a complete turn; nothing of it has aged, unless the words of no reply are shown."""
-        if turn.reply_tokens is not None:
-            turn.whole[0].is_counted(self.counter, turn.reply_tokens)
-        self.turns.append(turn)
-        self.now += turn.seen(0, trimmed_before=self.trimmed_before)
-        self.starts.append(len(self.now))
+        super().add(turn)
         self.use_head(turn.manual, self.oldest)
-
-    def age(self, oldest: int, trimmed_before: int = 0, elided: int = 0) -> None:
-        """Give every message the level that these ages mean."""
-        ages = oldest, trimmed_before, elided
-        if ages == (before := (self.oldest, self.trimmed_before, self.elided)):
-            return
-        if any(age < was for age, was in zip(ages, before, strict=True)):  # only where a record is read
-            self._aged = 0
-        self.oldest, self.trimmed_before, self.elided = ages
-        latest, most = max(oldest, trimmed_before, *before[:2]), max(elided, before[2])
-        for index in range(self._aged, len(self.turns)):
-            turn, start, stop = self.turns[index], self.starts[index], self.starts[index + 1]
-            seen = list(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
-            if seen != self.now[start:stop]:
-                self.now[start:stop] = seen
-                del self._sums[start + 1 :]
-            pictures = turn.first_picture + len(turn.pictured)
-            if index == self._aged and self._is_settled(turn, pictures):
-                self._aged += 1
-            if turn.step >= latest and pictures >= most:
-                break  # no later turn was shown in part, or is
-
-    def _is_settled(self, turn: Turn, pictures: int) -> bool:
-        """Whether no message of a turn changes its level any more; `pictures` are those up to its end."""
-        if self.budget.history is not None and turn.step >= self.oldest:
-            return False
-        if self.strategies.trimming is not None and turn.step >= self.trimmed_before:
-            return False
-        return self.strategies.eliding is None or pictures <= self.elided
-
-    def tokens(self, row: range) -> int:
-        """Return the tokens of messages in a row as a prompt shows them now."""
-        sums, stop = self._sums, row.stop
-        if len(sums) <= stop:
-            sizes = [form.tokens(self.counter) for form in self.now[len(sums) - 1 : stop]]
-            sums[-1:] = accumulate(sizes, initial=sums[-1])
-        return sums[stop] - sums[row.start]
-
-    def row(self, first: int, stop: int) -> range:
-        """Return the numbers of the messages of the turns from one to before another."""
-        return range(self.starts[first], self.starts[stop])
-
-    def turns_of(self, row: range) -> range:
-        """Return the turns that messages in a row belong to."""
-        return range(max(self.turn_of(row.start), 0), self.turn_of(row.stop - 1) + 1)
-
-    def turn_of(self, number: int) -> int:
-        """Return the turn of a message; -1 for messages before the first turn."""
-        return bisect_right(self.starts, number) - 1
-
-    def item(self, number: int) -> Item | None:
-        """Return the item that a message is; None for replies, and for messages before the first one."""
-        turn = self.turn_of(number)
-        place = number - self.starts[turn]
-        return self.turns[turn].items[place - 1] if turn >= 0 and place else None
-
-    def result_of(self, call_id: str) -> int | None:
-        """Return the number of the result of a call of the conversation; None for another id."""
-        for number in range(self._read, len(self.now)):
-            message = self.now[number].message
-            if message["role"] == "tool":
-                self._results[message["tool_call_id"]] = number
-        self._read = len(self.now)
-        return self._results.get(call_id)
-
-    def pieces(self, turns: Iterable[range], texts: Mapping[int, Form]) -> list[Piece]:
-        """Return the messages of rows of turns, with texts before some turns."""
-        pieces: list[Piece] = []
-        for row in turns:
-            edges = [*sorted({row.start, *(turn for turn in texts if turn in row)}), row.stop]
-            for first, stop in pairwise(edges):
-                if first in texts:
-                    pieces.append(texts[first])
-                pieces.append(self.row(first, stop))
-        return pieces
-
-    def forms(self, chosen: Selection) -> list[Form]:
-        """Return the messages that a selection shows, as they are now."""
-        forms: list[Form] = []
-        hidden = {*chosen.masked} if chosen.pinned is None else {*chosen.masked, chosen.pinned}
-        for piece in chosen.pieces:
-            if isinstance(piece, Form):
-                forms.append(self.text(piece))
-            elif hidden and not hidden.isdisjoint(turns := self.turns_of(piece)):
-                for turn in turns:
-                    now = self.now[self.starts[turn] : self.starts[turn + 1]]
-                    forms += chosen.seen(self.turns[turn]) if turn in hidden else now
-            else:
-                forms += self.now[piece.start : piece.stop]
-        return forms
-
-    def text(self, form: Form) -> Form:
-        """Return a strategy's own message as it is shown: a result has the date of its call, whatever it says."""
-        message = form.message
-        number = self.result_of(message["tool_call_id"]) if message["role"] == "tool" else None
-        if number is None or (item := self.item(number)) is None:
-            return form
-        now = self.now[number].message
-        if now is item.message or not ((is_masked := now is item.masked) or pictures_of(message)):
-            return form
-        text = "" if is_masked else text_of(message)
-        return Form({**message, "content": text or item.masked["content"]})
 
     # What is shown.
 
@@ -391,10 +269,6 @@ class ContextWindow:
         """The tokens of the head and the turns that every prompt shows."""
         return self._prompt_tokens(len(self.turns) - 1) if self.turns else self.head_tokens
 
-    def masked_tokens(self, turn: int) -> int:
-        """Return the tokens of a turn with every observation masked."""
-        return self._sum(self.turns[turn].seen(self.turns[turn].step + 1, trimmed_before=self.trimmed_before))
-
     # The built-in rule.
 
     def _move(self, newest_before: int | None) -> None:
@@ -481,9 +355,6 @@ class ContextWindow:
             text_tokens=self._sum(own),
             summaries=self.summaries,
         )
-
-    def _sum(self, forms: Iterable[Form]) -> int:
-        return sum([form.tokens(self.counter) for form in forms])
 
     def tools_beside(self, forms: Iterable[Form]) -> tuple[ToolSpec, ...]:
         """Return the tools that are sent with a rule's question: none if there are no calls in it."""

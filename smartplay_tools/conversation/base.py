@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+LEAST_REPLY: Mapping[str, int] = {"episode_cost": 40}
+"""The tokens of a reply with a call and a few words, for which a prompt is worth its money."""
+
 message_of: Callable[[Form], Message] = attrgetter("message")
 
 
@@ -290,9 +293,9 @@ class BaseConversation(ABC):
         except StrategyError as error:
             self.episode.end("strategy_error", error.__cause__ or error)
             return None
-        limits, least = self._left(view), self.episode.budget.reply_tokens or 1
+        limits = self._left(view)
         for spent, most in limits.items():
-            if most < least:
+            if most < (self.episode.budget.reply_tokens or LEAST_REPLY.get(spent, 1)):
                 self.episode.end(spent)
                 return None
         longest = min(*limits.values(), self.episode.budget.reply_tokens or math.inf, math.inf)

@@ -55,8 +55,9 @@ class Spending:
             stored = prefixes.tokens[path[ends[-1]]] if ends else 0
         hit = whole_blocks(min(prefixes.tokens[path[found]], view.tokens - 1), rule)
         written = 0 if rule.write is None else max(0, whole_blocks(stored, rule) - hit)
-        self._asked = rule.cost(view.tokens, hit, written)
-        left, price = self._cap - self.spent - self._asked, rule.exact[-1]
+        fresh, read, write, price = rule.rates
+        self._asked = (view.tokens - hit - written) * fresh + hit * read + written * write
+        left = self._cap - self.spent - self._asked
         if left < 0:
             return -1
         return math.floor(left / price) if price else math.inf
@@ -66,7 +67,7 @@ class Spending:
         self._prefixes.add_reply(self._units.of(message), purpose)
         self._entries.store_reply(-1)
         del self._prefixes.paths[:-1]
-        self.spent += self._asked + tokens * self._rule.exact[-1]
+        self.spent += self._asked + tokens * self._rule.rates[-1]
         self._asked = Fraction()
         return float(self.spent)
 

@@ -94,6 +94,8 @@ def refused_strategy(
     history, asked = _history(budget, spec), ", ".join(budget.strategies)
     if budget.question_tokens is not None and budget.strategy is None:
         return "question_tokens caps the questions of a compactor, and there is none; name one as strategy."
+    if budget.episode_cost is not None and context != "window":
+        return 'episode_cost is checked before a prompt is sent, which context="host" leaves to the host; leave it out.'
     if not asked:
         return None
     if context != "window" or protocol != "tools":

@@ -74,7 +74,7 @@ class Scoring:
 
     `rollout` is the number of steps, and `human_score` and `min_score` are those that normalise a score.
     `score_bounds` are the lowest and the highest score that an episode can have, if they are close enough to be of use,
-    and `two_valued` says that every score is one of the two: intervals and stopping rules follow from them.
+    and `two_valued` says that every score is one of the two: intervals follow from them.
     `worst_step` is the least that a step adds to the score; None where the score is that of a final state, as in Hanoi.
     `best_step` is the most that a step adds to it, and `points_of_step` are the least and the most that a step pays:
     with a cap on calls, scores and points cannot be further apart than these allow.

@@ -68,11 +68,11 @@ class Asking:
 
     def _runner(self, make: StrategyMaker, question_tokens: int | None, memo: Memo | None) -> StrategyRunner:
         """The runner of a strategy; an option that it decides itself is an `InvalidArgumentError`."""
-        settings, rules = self._settings, self._settings.rules
-        decided: dict[str, object] = {"beyond_history": rules.masks, "first_turns": rules.first_turns}
+        settings = self._settings
+        decided: dict[str, object] = {"beyond_history": settings.masks, "first_turns": settings.first_turns}
         decided |= {
-            "newest_pictures": rules.newest_pictures,
-            "own_words": make.compacts and rules.own_words is not None,
+            "newest_pictures": settings.newest_pictures,
+            "own_words": make.compacts and settings.own_words is not None,
         }
         for name, is_given in decided.items():
             if is_given:
@@ -83,9 +83,9 @@ class Asking:
         check_numbers(question_tokens=question_tokens)
         self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
         budget = ResolvedBudget(
-            history=rules.history,
-            slack=rules.slack,
-            own_words=rules.own_words,
+            history=settings.history,
+            slack=settings.slack,
+            own_words=settings.own_words,
             prompt_tokens=settings.prompt_tokens,
             question_tokens=question_tokens or settings.prompt_tokens,
         )
@@ -95,16 +95,16 @@ class Asking:
     def _chain(self, strategy: Summaries, memo: Memo | None) -> SummaryChain:
         """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
         check_numbers(**asdict(strategy))
-        rules, cap = self._settings.rules, self._settings.prompt_tokens
-        drops = rules.history is not None and not rules.masks
+        settings, cap = self._settings, self._settings.prompt_tokens
+        drops = settings.history is not None and not settings.masks
         if not callable(self._ask):
             raise InvalidArgumentError("Summaries are asked for; give ask, a function of messages and max_tokens.")
         if cap is None and not drops:
             raise InvalidArgumentError("Nothing ever leaves, so there is nothing to summarise; give prompt_tokens.")
-        if rules.slack == 0 or (drops and math.floor(rules.slack * (rules.history or 0)) < 1):
+        if settings.slack == 0 or (drops and math.floor(settings.slack * (settings.history or 0)) < 1):
             raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
         self.recorded = {f"summary_{name}": number for name, number in asdict(strategy).items()}
-        return SummaryChain(strategy, cap, self._settings.counter, kept_in(memo))
+        return SummaryChain(strategy, cap, settings.counter, kept_in(memo))
 
     def answered(self, fitting: Fitting) -> FittedPrompt:
         """Ask what a prompt needs, and return it."""

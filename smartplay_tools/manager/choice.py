@@ -18,8 +18,9 @@ from smartplay_tools.context.grid import block_of, first_on_grid, jump_of, moved
 from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, with_text, without_pictures
 from smartplay_tools.manager.reading import Part, Reading, Unit
+from smartplay_tools.manager.settings import Settings
 
-__all__ = ["Choice", "PastRules", "Shown", "TooLongError", "as_first_shown"]
+__all__ = ["Choice", "Decision", "Shown", "TooLongError", "as_first_shown", "beginnings"]
 
 
 class TooLongError(Exception):
@@ -30,32 +31,20 @@ class TooLongError(Exception):
         self.pins, self.newest = pins, newest
 
 
-@dataclass(frozen=True, slots=True)
-class PastRules:
-    """What is shown of the past, as `ContextManager` takes it."""
+def beginnings(reading: Reading, settings: Settings, room: float, first: int) -> list[int]:
+    """Return the units after the first with which runs of a conversation begin as it grows, up to one of them.
 
-    history: int | None
-    slack: float
-    masks: bool
-    """Whether results older than the history are masked; otherwise their units are dropped."""
-    own_words: int | None
-    first_turns: int
-    newest_pictures: int | None
-
-    def beginnings(self, reading: Reading, room: float, first: int) -> list[int]:
-        """Return the units after the first with which runs of a conversation begin as it grows, up to one of them.
-
-        They are the units of the grid, whichever of them a prompt has begun with: a function of the conversation alone.
-        """
-        places, steps = reading.sums.whole, reading.steps
-        found = {first}
-        if not math.isinf(room):
-            block = block_of(self.slack, room)
-            found |= {bisect_left(places, number * block) for number in range(1, places[first] // block + 1)}
-        if self.history is not None and not self.masks:
-            jump = jump_of(self.slack, self.history)
-            found |= {bisect_left(steps, step) for step in range(jump, steps[first] + 1, jump)}
-        return sorted(unit for unit in found if 0 < unit <= first)
+    They are the units of the grid, whichever of them a prompt has begun with: a function of the conversation alone.
+    """
+    places, steps = reading.sums.whole, reading.steps
+    found = {first}
+    if not math.isinf(room):
+        block = block_of(settings.slack, room)
+        found |= {bisect_left(places, number * block) for number in range(1, places[first] // block + 1)}
+    if settings.history is not None and not settings.masks:
+        jump = jump_of(settings.slack, settings.history)
+        found |= {bisect_left(steps, step) for step in range(jump, steps[first] + 1, jump)}
+    return sorted(unit for unit in found if 0 < unit <= first)
 
 
 @dataclass(slots=True)
@@ -96,48 +85,23 @@ class Choice:
     squeezed: Mapping[int, tuple[Sequence[Any], int]] = field(default_factory=dict)
     """By parts of the newest unit: contents of results that are shorter than their cap, and the message's tokens."""
 
-    @classmethod
-    def of(
-        cls,
-        reading: Reading,
-        rules: PastRules,
-        room: float,
-        newest: int | None,
-        form: MessageForm,
-        counter: MessageCounter,
-        *,
-        needs_user: bool,
-    ) -> Choice:
-        """Return the choice for a room in tokens.
-
-        `newest` is the number of the last message, None if it is in no unit, and `needs_user` says that no words of a
-        user stand before the units. What cannot be left out raises a `TooLongError` if it does not fit.
-        """
-        return _Decision(reading, rules, newest).choice(room, form, counter, needs_user=needs_user)
-
-    def shown(self, reading: Reading, form: MessageForm, counter: MessageCounter) -> Iterator[Shown]:
+    def shown(self, reading: Reading) -> Iterator[Shown]:
         """Yield the messages after the head."""
+        form = reading.form
         for number in (*self.pinned, *range(self.first, len(reading.units))):
             unit = reading.units[number]
             has_results = any(part.cost.is_result for part in unit.parts)
             for at, part in enumerate(unit.parts):
                 if part.cost.is_result:
                     squeezed = self.squeezed.get(at) if number == len(reading.units) - 1 else None
-                    yield self._result(number, part, squeezed, form, counter)
+                    yield self._result(number, part, squeezed, form)
                 elif unit.kind == "reply" and has_results and number < self.words:
                     if (shorter := form.trimmed(part.message)) is not None:
                         yield Shown(part, shorter, part.cost.trimmed, "trimmed")
                 else:
                     yield Shown(part, part.message)
 
-    def _result(
-        self,
-        number: int,
-        part: Part,
-        squeezed: tuple[Sequence[Any], int] | None,
-        form: MessageForm,
-        counter: MessageCounter,
-    ) -> Shown:
+    def _result(self, number: int, part: Part, squeezed: tuple[Sequence[Any], int] | None, form: MessageForm) -> Shown:
         contents = form.results(part.message)
         if number < self.results and number != self.late:
             return self._changed(part, [RESULT_LEFT] * len(contents), part.cost.masked, "masked", form)
@@ -158,33 +122,28 @@ class Choice:
         return Shown(part, message, tokens, change)
 
 
-class _Decision:
+class Decision:
     """How a choice is made: tokens of runs and pins by running sums."""
 
-    def __init__(self, reading: Reading, rules: PastRules, newest: int | None) -> None:
-        self._reading, self._rules = reading, rules
+    def __init__(self, reading: Reading, settings: Settings, newest: int | None) -> None:
+        """`newest` is the number of the last message, None if it is in no unit."""
+        self._reading, self._settings = reading, settings
         self._sums, steps, self._last = reading.sums, reading.steps, len(reading.units) - 1
         step, pictures = (steps[-1] if steps else 0), self._sums.pictures
         self._results = self._words = self._pictures = 0
-        if rules.history is not None:
-            self._results = bisect_left(steps, moved_on_grid(step, rules.history, rules.slack))
-        if rules.own_words is not None:
-            self._words = bisect_left(steps, moved_on_grid(step, rules.own_words, rules.slack))
-        if rules.newest_pictures is not None:
-            left_out = moved_on_grid(pictures[-1] - 1, rules.newest_pictures - 1, rules.slack)
+        if settings.history is not None:
+            self._results = bisect_left(steps, moved_on_grid(step, settings.history, settings.slack))
+        if settings.own_words is not None:
+            self._words = bisect_left(steps, moved_on_grid(step, settings.own_words, settings.slack))
+        if settings.newest_pictures is not None:
+            left_out = moved_on_grid(pictures[-1] - 1, settings.newest_pictures - 1, settings.slack)
             self._pictures = bisect_left(pictures, left_out)
-        self._late = self._unit_of(newest)
+        self._late = reading.unit_of(newest)
         self._extra = 0
         """The tokens by which the unit of the last message is longer because it is not masked."""
         if self._last >= 0 and self._late < self._results:
             one = self._late, self._late + 1
             self._extra = self._run(*one, results=0) - self._run(*one)
-
-    def _unit_of(self, message: int | None) -> int:
-        """The unit of the last message; the newest if it is in none."""
-        units = self._reading.units
-        numbers = range(self._last, -1, -1) if message is not None else ()
-        return next((n for n in numbers if any(part.source == message for part in units[n].parts)), self._last)
 
     def _run(self, first: int, stop: int, results: int | None = None) -> int:
         """The tokens of the units from one to before another, as they are shown."""
@@ -200,14 +159,17 @@ class _Decision:
         tokens += sums.masked[at] - sums.masked[first] + sums.unpictured[then] - sums.unpictured[at]
         return tokens + sums.results[stop] - sums.results[then]
 
-    def choice(self, room: float, form: MessageForm, counter: MessageCounter, *, needs_user: bool) -> Choice:
-        """Return the choice for a room."""
-        last, reading, rules = self._last, self._reading, self._rules
+    def choice(self, room: float, *, needs_user: bool) -> Choice:
+        """Return the choice for a room in tokens; `needs_user` says that no words of a user stand before the units.
+
+        What cannot be left out raises a `TooLongError` if it does not fit.
+        """
+        last, reading, settings = self._last, self._reading, self._settings
         if last < 0:
             return Choice(0, (), 0, 0, 0, 0, None)
         always = {*reading.pinned, self._late, *reading.users[-1:], *reading.instructions[-1:]}
         always |= {*reading.compactions[-1:]}
-        firsts = range(min(rules.first_turns, last) + 1)
+        firsts = range(min(settings.first_turns, last) + 1)
         kept = bisect_right(firsts, room, key=lambda number: self._need(last, sorted({*always, *range(number)}))) - 1
         pinned = sorted({*always, *range(max(kept, 0))})
         sums = [0, *accumulate(self._run(number, number + 1) for number in pinned)]
@@ -215,15 +177,15 @@ class _Decision:
         def tokens(first: int) -> int:
             return self._extra + self._run(first, last + 1) + sums[bisect_left(pinned, first)]
 
-        lowest = 0 if rules.masks else min(self._results, last)
-        first = first_on_grid(self._sums.whole, block_of(rules.slack, room), lowest, room, tokens)
+        lowest = 0 if settings.masks else min(self._results, last)
+        first = first_on_grid(self._sums.whole, block_of(settings.slack, room), lowest, room, tokens)
         if needs_user and not bisect_left(pinned, first) and reading.units[first].kind == "reply":
             first = next((number for number in reading.users if number > first), first)
         before = pinned[: bisect_left(pinned, first)]
         choice = Choice(first, before, sums[len(before)], self._results, self._words, self._pictures, self._late)
         if tokens(first) > room:  # not even the newest unit fits
             newest = self._run(last, last + 1)
-            choice.squeezed = squeezed(reading.units[last], room - tokens(last) + newest, form, counter)
+            choice.squeezed = squeezed(reading.units[last], room - tokens(last) + newest, reading.form, reading.counter)
             if not choice.squeezed:
                 raise TooLongError(tokens(last) - newest, newest)
         return choice

@@ -11,7 +11,7 @@ from typing import Any
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.asking import Asking
-from smartplay_tools.manager.choice import Choice, Shown, TooLongError
+from smartplay_tools.manager.choice import Decision, Shown, TooLongError, beginnings
 from smartplay_tools.manager.counting import Cost
 from smartplay_tools.manager.fitted import Conversation, Draft
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm
@@ -79,16 +79,16 @@ class Drafts:
             return Draft(head, (), parts, repaired, len(reading.made), None, asked, lacks_user)
         needs_user = lacks_user and not has_summary
         try:
-            choice = Choice.of(reading, self._settings.rules, room, newest, form, self._messages, needs_user=needs_user)
+            choice = Decision(reading, self._settings, newest).choice(room, needs_user=needs_user)
         except TooLongError as error:
             reserved |= {"pinned": error.pins, "newest turn": error.newest}
             raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
-        turns = [*choice.shown(reading, form, self._messages)]
+        turns = [*choice.shown(reading)]
         parts["pinned"] = choice.pins
         parts["turns"] = sum(each.tokens for each in turns) - choice.pins
         covered = None
         if has_summary and choice.first:
-            ends = self._settings.rules.beginnings(reading, room, choice.first)
+            ends = beginnings(reading, self._settings, room, choice.first)
             covered = Covered(self._seed(data[:begin], form, beside), reading.units[: choice.first], ends, form)
         return Draft(shown, turns, parts, repaired, len(reading.made), covered, None, lacks_user)
 

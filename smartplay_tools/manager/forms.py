@@ -92,6 +92,7 @@ class MessageForm(Protocol):
 
     def continues(self, before: Given, message: Given) -> bool:
         """Whether two messages of a model, one after the other, are parts of one reply."""
+        return False
 
     def calls(self, message: Given) -> Sequence[str]:
         """Return the ids of the calls in a message of the model."""
@@ -113,6 +114,7 @@ class MessageForm(Protocol):
 
     def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
         """Return messages with the results of one reply as the provider wants them, in one message or in several."""
+        return messages
 
     def trimmed(self, message: Given) -> Given | None:
         """Return a message of the model with its calls alone; None if it has none."""
@@ -121,7 +123,7 @@ class MessageForm(Protocol):
         """Yield what of a message counts; `opens` is False for one that continues a reply."""
 
 
-class Chat:
+class Chat(MessageForm):
     """Messages of OpenAI's chat completions, which most servers and frameworks have."""
 
     name: ClassVar[str] = "chat"
@@ -134,9 +136,6 @@ class Chat:
         if kind := self._KINDS.get(role):
             return kind
         raise InvalidArgumentError(f"has the role {role!r}, which is none of {', '.join(self._KINDS)}")
-
-    def continues(self, before: Given, message: Given) -> bool:
-        return False
 
     def calls(self, message: Given) -> Sequence[str]:
         return [str(call.get("id") or "") for call in message.get("tool_calls") or ()]
@@ -162,9 +161,6 @@ class Chat:
             ]
         return [message]
 
-    def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
-        return messages
-
     def trimmed(self, message: Given) -> Given | None:
         if not message.get("tool_calls"):
             return None
@@ -182,7 +178,7 @@ class Chat:
         yield Said(message["role"], content, name, calls, [own, *more])
 
 
-class Responses:
+class Responses(MessageForm):
     """Items of OpenAI's Responses: a reply is several items, and its calls are items of their own."""
 
     name: ClassVar[str] = "responses"
@@ -232,9 +228,6 @@ class Responses:
             items.append({"type": "function_call", "call_id": call_id, "name": name, "arguments": arguments})
         return items
 
-    def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
-        return messages
-
     def trimmed(self, message: Given) -> Given | None:
         # With its id, a call would be refused without the thoughts that came with it.
         return {name: value for name, value in message.items() if name != "id"} if self.calls(message) else None
@@ -252,7 +245,7 @@ class Responses:
             yield Said("assistant", Content(), others=[message], opens=opens)
 
 
-class Anthropic:
+class Anthropic(MessageForm):
     """Messages of Anthropic: results are blocks of the user's next message, all of a reply's results in one."""
 
     name: ClassVar[str] = "anthropic"
@@ -269,9 +262,6 @@ class Anthropic:
         if not isinstance(content, list | tuple):
             return []
         return [block for block in content if isinstance(block, Mapping) and block.get("type") in kinds]
-
-    def continues(self, before: Given, message: Given) -> bool:
-        return False
 
     def calls(self, message: Given) -> Sequence[str]:
         return [str(block.get("id") or "") for block in self._blocks(message, "tool_use")]

@@ -134,7 +134,7 @@ class ContextManager:
             result_tokens=result_tokens,
             beyond_history=beyond_history,
             own_words=own_words,
-            first_turns=first_turns,
+            first_turns=first_turns or 0,
             newest_pictures=newest_pictures,
             head=head,
             pin=pin,

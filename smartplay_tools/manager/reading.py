@@ -91,7 +91,7 @@ class Reading:
         self, form: MessageForm, counter: MessageCounter, begin: int, most: int | None, pin: Callable[[Given], bool]
     ):
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
-        self._form, self._counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
+        self.form, self.counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
         self._keys: list[object] = []
         self._firsts: list[int] = []
         """The number of each unit's first message."""
@@ -125,6 +125,12 @@ class Reading:
         self._keys = keys
         self._append(self._grouped(messages, start), messages, keys, start)
 
+    def unit_of(self, message: int | None) -> int:
+        """Return the unit of a message; the newest for one that is in none."""
+        numbers = range(len(self.units) - 1, -1, -1) if message is not None else ()
+        found = (at for at in numbers if any(part.source == message for part in self.units[at].parts))
+        return next(found, len(self.units) - 1)
+
     def _back_to(self, unit: int, start: int) -> None:
         self.repaired = [number for number in self.repaired if number < start]
         for values in (self.units, self._firsts, self.steps):
@@ -135,7 +141,7 @@ class Reading:
 
     def _grouped(self, messages: Sequence[Given], start: int) -> list[Unit]:
         """Return the units from a message on: every result with its call, whatever stands between them."""
-        form, units, waiting = self._form, list[Unit](), dict[str, list[Unit]]()
+        form, units, waiting = self.form, list[Unit](), dict[str, list[Unit]]()
         for number in range(start, len(messages)):
             message = messages[number]
             kind = kind_of(form, number, message)
@@ -160,7 +166,7 @@ class Reading:
 
     def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
         """Put a message with results into the unit of its calls; results without a call are left out."""
-        form = self._form
+        form = self.form
         answered = form.answers(message)
         owners = [waiting[call].pop() if waiting.get(call) else None for call in answered]
         owner = next((each for each in owners if each is not None), None)
@@ -197,8 +203,8 @@ class Reading:
                 is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if is_given and part.source is not None else repr(part.message)
                 try:
-                    part.cost = self._counter.cost(
-                        part.message, self._form, self._most, key, opens=opens, opens_calls=opens_calls
+                    part.cost = self.counter.cost(
+                        part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
                     )
                 except InvalidArgumentError as error:
                     raise InvalidArgumentError(f"Message {part.source} {error}.") from None
@@ -217,7 +223,7 @@ class Reading:
 
     def _complete(self, unit: Unit, number: int) -> None:
         """Answer the calls that have no result, and give results the form that providers want."""
-        form = self._form
+        form = self.form
         self.made += [number] * len(unit.open)
         made = form.made(unit.open, NO_RESULT)
         replies = (
@@ -238,8 +244,8 @@ class Reading:
 
         Items that continue a reply do not.
         """
-        kinds = [self._form.kind(part.message) for part in unit.parts]
-        calls = (at for at, kind in enumerate(kinds) if kind == "reply" and self._form.calls(unit.parts[at].message))
+        kinds = [self.form.kind(part.message) for part in unit.parts]
+        calls = (at for at, kind in enumerate(kinds) if kind == "reply" and self.form.calls(unit.parts[at].message))
         first = next(calls, None)
         return [(at == 0 or kind != "reply", at == first) for at, kind in enumerate(kinds)]
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -28,6 +28,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from smartplay_tools.context.tokens import PRIMING
+from smartplay_tools.context.view import numbers_in, ranges_of
 from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
 from smartplay_tools.transcript.hashing import canonical_json, chained_lines
 from smartplay_tools.transcript.lines import complete_lines, parse_json
@@ -219,7 +220,7 @@ class ThreadRecord:
                 if one != other:
                     break
                 prefix += size
-        event = {"kind": "prompt", "number": self._prompts, "given": ranges(numbers), "shown": ranges(sent)}
+        event = {"kind": "prompt", "number": self._prompts, "given": ranges_of(numbers), "shown": ranges_of(sent)}
         event |= {"costs": list(tokens), "beside": stored, **facts, "prefix_tokens": prefix}
         self._write(*events, {**event, "sha256": digest(shown, beside)})
         self._latest = now
@@ -260,17 +261,6 @@ def digest(messages: Sequence[Mapping[str, Any]], beside: Mapping[str, Any]) -> 
 
 def _sha256(value: Any) -> str:
     return hashlib.sha256(canonical_json(value)).hexdigest()
-
-
-def ranges(numbers: Sequence[int]) -> list[list[int]]:
-    """Return numbers in their order as ranges of consecutive ones, first and last included."""
-    found: list[list[int]] = []
-    for number in numbers:
-        if found and found[-1][1] == number - 1:
-            found[-1][1] = number
-        else:
-            found.append([number, number])
-    return found
 
 
 def is_thread_record(path: Path) -> bool:
@@ -339,11 +329,6 @@ def _numbers(found: Any, count: int) -> list[int]:
     if any(first > last or last >= count for first, last in found or ()):
         raise ValueError("the numbers of a prompt are not those of its messages")
     return [*numbers_in(found or ())]
-
-
-def numbers_in(found: Iterable[Sequence[int]]) -> Iterator[int]:
-    """Yield the numbers of ranges."""
-    return (number for first, last in found for number in range(first, last + 1))
 
 
 def _events(path: Path, lines: bytes) -> Iterator[dict[str, Any]]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.choice import PastRules
 from smartplay_tools.manager.counting import MessageCounter, Tokens
 from smartplay_tools.manager.forms import FORMS, Given
 
@@ -17,6 +15,12 @@ __all__ = ["FormName", "Settings", "check_choice", "check_numbers"]
 
 FormName = Literal["chat", "responses", "anthropic"]
 """The name of a form of messages."""
+
+RECORDED = (
+    *("head", "cut", "history", "slack", "masks", "own_words", "first_turns", "newest_pictures"),
+    *("prompt_tokens", "result_tokens", "repair"),
+)
+"""What a record has of the settings, in this order, after the tokenizer."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Settings:
     result_tokens: int | Literal["auto"] | None = None
     beyond_history: Literal["drop", "mask"] = "drop"
     own_words: int | None = None
-    first_turns: int | None = None
+    first_turns: int = 0
     newest_pictures: int | None = None
     head: Literal["task", "system"] = "task"
     pin: Callable[[Given], bool] | None = None
@@ -52,21 +56,18 @@ class Settings:
         check_choice("form", self.form, (None, *FORMS))
         if not 0 <= self.slack <= 1:
             raise InvalidArgumentError(f"slack is a share from 0 to 1, not {self.slack!r}.")
-        if self.beyond_history == "mask" and self.history is None:
+        if self.masks and self.history is None:
             raise InvalidArgumentError('beyond_history="mask" masks nothing without a history; give history a number.')
 
-    @cached_property
-    def rules(self) -> PastRules:
-        """What is shown of the past."""
-        masks, first = self.beyond_history == "mask", self.first_turns or 0
-        return PastRules(self.history, self.slack, masks, self.own_words, first, self.newest_pictures)
+    @property
+    def masks(self) -> bool:
+        """Whether results older than the history are masked; otherwise their units are dropped."""
+        return self.beyond_history == "mask"
 
-    @cached_property
+    @property
     def recorded(self) -> dict[str, Any]:
         """What a record has of them."""
-        names = ("head", "cut", "prompt_tokens", "result_tokens", "repair")
-        own = {name: getattr(self, name) for name in names}
-        return {"tokenizer": self.counter.tokenizer.name, **own, **asdict(self.rules)}
+        return {"tokenizer": self.counter.tokenizer.name, **{name: getattr(self, name) for name in RECORDED}}
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:

@@ -109,17 +109,13 @@ class AskedStrategy:
     @classmethod
     def of(cls, reading: Reading, newest: int | None, **given: Any) -> AskedStrategy:
         """Return it of a reading, of which another prompt may be read meanwhile; `newest` is the last message."""
-        units, late = [*reading.units], len(reading.units) - 1
-        if newest is not None:
-            found = (at for at in range(late, -1, -1) if any(part.source == newest for part in units[at].parts))
-            late = next(found, late)
         return cls(
-            units=units,
+            units=[*reading.units],
             steps=[*reading.steps],
             users=[*reading.users],
             instructions=[*reading.instructions],
             pinned=[*reading.pinned],
-            late=late,
+            late=reading.unit_of(newest),
             **given,
         )
 

@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.view import ranges_of
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.fitted import Conversation, FittedPrompt, plain
 from smartplay_tools.manager.forms import Given
-from smartplay_tools.manager.record import CHANGES, ThreadRecord, ranges
+from smartplay_tools.manager.record import CHANGES, ThreadRecord
 from smartplay_tools.manager.tools import recorded_tool
 from smartplay_tools.transcript.hashing import canonical_json
 
@@ -47,7 +48,7 @@ def recorded(
 ) -> FittedPrompt:
     """Write a prompt into the record of its thread, and return it with its place there."""
     shown = [plain(message, "A message")[0] for message in prompt.messages]
-    facts: dict[str, Any] = {name: ranges(getattr(prompt, name)) for name in CHANGES if getattr(prompt, name)}
+    facts: dict[str, Any] = {name: ranges_of(getattr(prompt, name)) for name in CHANGES if getattr(prompt, name)}
     facts |= {"form": conversation.form.name, "made": prompt.made, "tokens": prompt.tokens}
     facts |= {"cap": cap, "parts": dict(prompt.parts)}
     told = {**beside, "tools": [recorded_tool(tool) for tool in beside["tools"]]}

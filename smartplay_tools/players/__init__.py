@@ -47,7 +47,12 @@ if TYPE_CHECKING:
     from smartplay_tools.players.prompt_reading import Reading as Reading, call as call
     from smartplay_tools.players.scripted import NotedPlayer as NotedPlayer, ScriptedPlayer as ScriptedPlayer
     from smartplay_tools.players.server_errors import ServerError as ServerError, server_error as server_error
-    from smartplay_tools.players.usage import read_usage as read_usage, with_end as with_end
+    from smartplay_tools.players.usage import (
+        asks_management as asks_management,
+        read_usage as read_usage,
+        with_end as with_end,
+        with_management as with_management,
+    )
     from smartplay_tools.providers.model_names import is_model as is_model
 
 if not TYPE_CHECKING:

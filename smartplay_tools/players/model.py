@@ -68,6 +68,9 @@ class ModelPlayer(ABC):
     observations: Sequence[str] = ("text",)
     """What observations can be, for the model to play."""
 
+    manages_context: bool = False
+    """Whether each request asks the provider to manage the context, so that the model may not see the prompt."""
+
     failures: tuple[type[Exception], ...] = ()
     """The exceptions of a failed request. Temporary ones are retried; any other exception is a bug."""
 
@@ -141,7 +144,7 @@ class ModelPlayer(ABC):
                     attempts.begin()
                     reply = self.send(line.client, request)
                 self._cut_prompts.note(prompt.tokens, reply.usage)
-                return replace(reply, usage=attempts.usage(reply.usage))
+                return self._counted(reply, attempts)
             except Exception as error:
                 if not self.failed(error):
                     raise
@@ -159,7 +162,7 @@ class ModelPlayer(ABC):
                     attempts.begin()
                     reply = await self.asend(line.client, request)
                 self._cut_prompts.note(prompt.tokens, reply.usage)
-                return replace(reply, usage=attempts.usage(reply.usage))
+                return self._counted(reply, attempts)
             except Exception as error:
                 if not self.failed(error):
                     raise
@@ -167,6 +170,10 @@ class ModelPlayer(ABC):
                     return broken
                 pause = 0.0 if self.mended(request, error) else attempts.pause(error)
             await asyncio.sleep(pause)
+
+    def _counted(self, reply: Reply, attempts: Attempts) -> Reply:
+        usage = attempts.usage(reply.usage)
+        return replace(reply, usage=usage.model_copy(update={"managed": 1}) if self.manages_context else usage)
 
     def close(self) -> None:
         """Close the connections of `reply`."""

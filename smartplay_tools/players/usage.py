@@ -52,6 +52,30 @@ def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
     return (usage or Usage()).model_copy(update=counts) if counts else usage
 
 
+MANAGEMENT = ("context_management", "compaction")
+"""Fields of a request that ask a provider to manage the context."""
+
+
+def asks_management(*options: Any) -> bool:
+    """Whether any of these options of a model, or the extra body in them, asks its provider to manage the context."""
+    places = [each for each in options if isinstance(each, Mapping)]
+    places += [inner for each in places for inner in each.values() if isinstance(inner, Mapping)]
+    return any(place.get(name) for place in places for name in MANAGEMENT)
+
+
+def with_management(usage: Usage | None, answer: Mapping[str, Any], parts: Any) -> Usage | None:
+    """Return a usage that counts what the provider says it did to the context; `parts` are those of the answer."""
+    said = answer.get("context_management")
+    applied = said.get("applied_edits") if isinstance(said, Mapping) else None
+    edits = [each for each in applied if isinstance(each, Mapping)] if isinstance(applied, list) else []
+    listed = [each for each in parts if isinstance(each, Mapping)] if isinstance(parts, list) else []
+    count = len(edits) + sum(each.get("type") == "compaction" for each in listed)
+    if not count:
+        return usage
+    cleared = max(0, sum(reported_in([each], "cleared_input_tokens") or 0 for each in edits))
+    return (usage or Usage()).model_copy(update={"managed": 1, "edits": count, "cleared": cleared})
+
+
 def reported_in(places: Iterable[Any], *called: str) -> int | None:
     """Return the largest number that the mappings among these have under these names; None if they have none.
 

@@ -1,7 +1,7 @@
 """Cost rules: what the tokens of an episode cost whose budget is in money, as one line of text.
 
     openai-5-5                              a rule of a cache in the package, in uncached tokens of the input
-    openai:gpt-5.5                          a model, in US dollars: its price and the rule of its provider's cache
+    anthropic:claude-opus-5                 a model, in US dollars: its price and the rule of its provider's cache
     ours:read=0.25,output=5,minimum=1024    numbers of your own, in whatever the budget is in
 
 The first two are written out as the third when a budget is made, so that a record has the numbers it was played with.
@@ -25,12 +25,12 @@ from smartplay_tools.providers.prices import find_price
 
 __all__ = ["CostRule", "cost_rule"]
 
-RATES = ("input", "read", "write", "output")
-OPTIONS = (*RATES, "minimum", "block", "marks", "lookback", "replies", "tool_choice", "read_on")
+OPTIONS = (
+    *("input", "read", "write", "output", "minimum", "block", "marks", "lookback", "replies", "tool_choice", "read_on"),
+)
 """What a line can say. A cache's `life` is not among them: an episode does not depend on the clock."""
 
 LINE = re.compile(r"(?P<name>[^=,]+?)(?::(?P<options>\w+=.*))?")
-
 
 NO_CACHE = "none:input=1,read=1,output=5,marks=0"
 """The rule of a budget that names none."""
@@ -46,19 +46,14 @@ class CostRule(CacheRule):
     read_on: date = date.min
     """The day on which the numbers were read; `date.min` if it is not said."""
 
-    def cost(self, prompt: int, hit: int, written: int, reply: int = 0) -> Fraction:
-        """Return what a request costs, exactly: rates are read as decimal numbers."""
-        parts = zip((prompt - hit - written, hit, written, reply), self.exact, strict=True)
-        return sum((tokens * rate for tokens, rate in parts), Fraction())
-
     @property
-    def exact(self) -> Sequence[Fraction]:
-        """The prices of a fresh, a read and a written token of a prompt, and of a reply's."""
+    def rates(self) -> Sequence[Fraction]:
+        """The exact prices of a fresh, a read and a written token of a prompt, and of a reply's."""
         return _exact(self.input, self.read, self.write or 0, self.output)
 
     def __str__(self) -> str:
-        given = ((name, getattr(self, name)) for name in OPTIONS)
-        said = [(name, value) for name, value in given if name in ("input", "read") or value != _default(name)]
+        given = self.model_dump(include={*OPTIONS}, exclude_defaults=True) | {"input": self.input, "read": self.read}
+        said = ((name, given[name]) for name in OPTIONS if name in given)
         return f"{self.name}:" + ",".join(f"{name}={_written(value)}" for name, value in said)
 
 
@@ -66,53 +61,43 @@ class CostRule(CacheRule):
 def cost_rule(line: str) -> CostRule:
     """Return the rule that a line names or spells out; an `InvalidArgumentError` says what a line can be."""
     parts = LINE.fullmatch(line)
-    if parts is None:
-        raise InvalidArgumentError(_remedy(f"{line!r} is no rule of costs"))
-    name, options = parts.groups()
-    if options is None:
-        return _named(name)
-    values: dict[str, Any] = {}
-    for option in options.split(","):
-        key, _, value = option.partition("=")
-        if key not in OPTIONS or key in values:
-            raise InvalidArgumentError(_remedy(f"{option!r} cannot stand in a rule of costs"))
-        values[key] = _read(value)
+    if parts is None or parts["options"] is None:
+        return _named(line)
+    pairs = [option.partition("=")[::2] for option in parts["options"].split(",")]
+    read = {name: _read(value) for name, value in pairs}
+    if read.keys() - set(OPTIONS) or len(read) < len(pairs):
+        raise InvalidArgumentError(f"{line!r} is no rule of costs; it can have {', '.join(OPTIONS)}, each once.")
     try:
-        return CostRule(**{"name": name, "read": values.get("input", 1), **values})
+        return CostRule(**{"name": parts["name"], "read": read.get("input", 1), **read})
     except ValidationError as error:
         first = error.errors()[0]
         raise InvalidArgumentError(f"{first['loc'][0]}={first['input']} in a rule of costs: {first['msg']}.") from None
 
 
 def _named(name: str) -> CostRule:
+    rules, price = cache_rules(), find_price(name, {})
     try:
-        rule = rule_named(name, rules := cache_rules())
-    except UnknownNameError:
-        raise InvalidArgumentError(_remedy(f"There is no rule or model {name!r}")) from None
+        rule = rule_named(name, rules)
+    except UnknownNameError as error:
+        example = "write PROVIDER:MODEL, or numbers as in 'ours:read=0.1,output=5'"
+        raise InvalidArgumentError(f"{str(error).removesuffix('.')}; or {example}.") from None
     own = {field: getattr(rule, field) for field in OPTIONS if field != "input"}
     if name in rules:
         return CostRule(name=name, **own)
-    price = find_price(name, {})
     if price is None:
-        raise InvalidArgumentError(_remedy(f"The price of {name} is not known here"))
+        raise InvalidArgumentError(f"The price of {name} is not known here; write {CostRule(name=name, **own)} in USD.")
     rates = rule.priced(price)
-    of_each = {"input": rates.input, "read": rates.cached, "output": rates.output}
-    if rule.write is not None:
-        of_each["write"] = rates.write
-    priced = CostRule(name=name, **own | {kind: float(f"{tiers[0][1] / 1e6:.12g}") for kind, tiers in of_each.items()})
-    if any(len(tiers) > 1 for tiers in of_each.values()):
+    tiers = {"input": rates.input, "read": rates.cached, "output": rates.output}
+    tiers |= {} if rule.write is None else {"write": rates.write}
+    priced = CostRule(
+        name=name, **own | {kind: float(f"{of_kind[0][1] / 1e6:.12g}") for kind, of_kind in tiers.items()}
+    )
+    if any(len(of_kind) > 1 for of_kind in tiers.values()):
         raise InvalidArgumentError(
             f"The price of {name} changes with the length of a prompt; write it with the rates that hold for yours: "
             f"for short ones it is {str(priced)!r}."
         )
     return priced
-
-
-def _remedy(fault: str) -> str:
-    return (
-        f"{fault}; name a rule ({', '.join(cache_rules())}) or a model as PROVIDER:MODEL, or write one as in "
-        f"'ours:read=0.1,output=5', with any of {', '.join(OPTIONS)}."
-    )
 
 
 def _read(value: str) -> Any:
@@ -124,10 +109,6 @@ def _read(value: str) -> Any:
 
 def _written(value: Any) -> str:
     return str(value) if isinstance(value, str | date) else json.dumps(value).removesuffix(".0")
-
-
-def _default(name: str) -> Any:
-    return CostRule.model_fields[name].default
 
 
 @lru_cache(1_000)

@@ -7,9 +7,10 @@ resumption         an episode continued from its record, and what a trial leaves
 accounts           where the tokens of prompts went, how turns were shown, and why they left
 rows               the results of episodes as plain data
 spent              what the events of a record add up to, and what runs have used
+best_choices       the score of the best choice of whole turns in a world, for rows
 requests           the requests that an episode sent, as a provider's cache saw them
 
-Nothing here plays: a model or a player is never called.
+A model or a player is never called.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
+    from smartplay_tools.records.best_choices import best_choice as best_choice
     from smartplay_tools.records.prompts import sent_prompts as sent_prompts
     from smartplay_tools.records.record import Record as Record
     from smartplay_tools.records.replays import recorded_pictures as recorded_pictures, replay as replay

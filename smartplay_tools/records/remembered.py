@@ -5,7 +5,8 @@ A game may say which observations its next right action depends on, and which ac
 compactor has kept, whoever played.
 
 What is needed is in view if it stands in the prompt, wherever that is (`records.contents`): as an observation, in the
-model's own words, in a summary or in a memory. An *eviction* is a prompt that lacks an observation, unchanged and not
+model's own words, in a summary or in a memory. Where a prompt shows neither the newest observation nor its words, all
+is out of view: what is asked cannot be told. An *eviction* is a prompt that lacks an observation, unchanged and not
 masked, which the prompt before it showed. An answer is right if its action has a positive reward.
 """
 
@@ -52,6 +53,8 @@ class _Visible:
     """Whether it held the manual; None before the manual was read."""
     evictions: int
     """How many there have been, this prompt included."""
+    newest: int
+    """The newest observation before it, which the model is asked about."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +100,15 @@ def answers(record: Record) -> list[Answer]:
         needs, breaks = data.get("needs") or (), data.get("breaks")
         contents |= {int(step): text for step, text in data.get("contents", {}).items()}
         never_shown = any(step not in first for step in needs)
+        stood = places.of(prompt.sent, prompt.steps, {step: contents.get(step) for step in needs})
+        asked = {prompt.newest: observed[prompt.newest]} if needs and prompt.newest in observed else {}
+        if NOWHERE in places.of(prompt.sent, prompt.steps, asked).values():
+            stood = dict.fromkeys(needs, NOWHERE)
         found += [
             Answer(
                 turn=call["turn"],
                 position=call["position"],
-                places=places.of(prompt.sent, prompt.steps, {step: contents.get(step) for step in needs}),
+                places=stood,
                 is_right=data["reward"] > 0,
                 has_looked=has_looked,
                 survived=None if never_shown or not needs else prompt.evictions - min(first[step] for step in needs),
@@ -150,9 +157,10 @@ def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Visi
 
     `first` gets the evictions there had been when each observation was first shown.
     """
+    turns = record.turns
     originals = {
         item.message["tool_call_id"]: (item.observation_step, text_of(item.message))
-        for turn in record.turns
+        for turn in turns
         for item in turn.items
         if item.observation_step is not None and "tool_call_id" in item.message
     }
@@ -177,4 +185,4 @@ def _prompts(record: Record, first: dict[int, int]) -> Iterator[tuple[int, _Visi
             told = True
         elif manual is not None and sent.turn > manual["turn"]:
             told = any(manual["text"] in text_of(message) for message in sent.prompt.messages)
-        yield sent.turn, _Visible(sent, steps, told, evictions)
+        yield sent.turn, _Visible(sent, steps, told, evictions, turns[sent.turn - 1].step if sent.turn else -1)

@@ -23,7 +23,7 @@ from smartplay_tools.episode.config import RULES, SCORING, Rules
 from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
-from smartplay_tools.records.best_choice import best_choice
+from smartplay_tools.records.best_choices import best_choice
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.events import Amount, Count, RecordedResult
@@ -72,6 +72,11 @@ def has_reported_tokens(row: Row) -> bool:
     """Return whether a provider has counted tokens of an episode."""
     provider = row["tokens"]["provider"]
     return provider is not None and Usage(**provider).has_tokens
+
+
+def is_managed(row: Row) -> bool:
+    """Return whether a provider managed the context of an episode, so that its record has not what the model saw."""
+    return bool((row["tokens"]["provider"] or {}).get("managed"))
 
 
 EARLY_ENDS = frozenset(
@@ -267,6 +272,13 @@ def warnings(row: Row, first_reply: FirstReply = unread) -> list[str]:
         )
     if cut := (tokens["provider"] or {}).get("cut", 0):
         sentences.append(f"{cut} of {row['turns']} replies were cut at their length (finish_reason); {MORE_TOKENS}.")
+    if is_managed(row):
+        told = Usage(**tokens["provider"])
+        sentences.append(
+            f"{told.managed} of {row['turns']} prompts were left to the provider's context management, which reports "
+            f"{told.edits} edits and {told.cleared:,} cleared tokens: the record has not what the model saw, and no "
+            "count is exact."
+        )
     for name, words in UNUSUAL_ENDS.items():
         if count := (tokens["provider"] or {}).get(name, 0):
             sentences.append(f"{count} of {row['turns']} replies were {words}.")

@@ -133,19 +133,17 @@ def _choice(**words: str) -> Callable[[Any], str]:
 def _rule(line: str | None) -> str:
     if line is None:
         return "costs without a cache"
-    name = line.partition(":input=")[0]
-    return f"costs by {name if _spelled_out(name, '') == line else line}"
+    name, _, day = line.partition(",read_on=")
+    return f"costs by {name.partition(':input=')[0]} of {day}" if day else f"costs by {line}"
 
 
-def _spelled_out(line: str, otherwise: str | None = None) -> str | None:
+def _spelled_out(line: str) -> str | None:
     """The rule of costs that a line names, in numbers; `none` is no rule."""
     from smartplay_tools.providers.cost_rules import cost_rule
 
     try:
         return None if line == "none" else str(cost_rule(line))
     except InvalidArgumentError as error:
-        if otherwise is not None:
-            return otherwise
         raise PydanticCustomError("cost_rule", "{why}", {"why": str(error).removesuffix(".")}) from None
 
 

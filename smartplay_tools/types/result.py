@@ -118,6 +118,12 @@ class Usage(Recorded):
     """Replies whose malformed call the provider kept to itself, as Gemini does."""
     paused: NewerCount = 0
     """Replies in the middle of which the provider paused, as Anthropic does in long turns."""
+    managed: NewerCount = 0
+    """Replies before which the provider managed the context, as it was asked to, or as it says it has."""
+    edits: NewerCount = 0
+    """Edits and compactions that it reports."""
+    cleared: NewerCount = 0
+    """The tokens that these have cleared, as it reports."""
 
     @classmethod
     def reported(cls, event: Mapping[str, Any]) -> Usage | None:
@@ -159,7 +165,9 @@ class Usage(Recorded):
             return self
         if reported.has_tokens and reported.is_possible:
             return reported
-        return self.model_copy(update={name: getattr(reported, name) for name in ("requests", "cut", *UNUSUAL_ENDS)})
+        return self.model_copy(
+            update={name: getattr(reported, name) for name in ("requests", "cut", *UNUSUAL_ENDS, *MANAGED)}
+        )
 
     def __add__(self, other: Usage) -> Usage:
         """Return the sum; what one of the two does not know is unknown, unless it has no tokens."""
@@ -176,6 +184,9 @@ UNUSUAL_ENDS: Mapping[str, str] = {
     "paused": "paused by the provider",
 }
 """The counts of a `Usage` that tell why a reply has no calls, in words."""
+
+MANAGED = ("managed", "edits", "cleared")
+"""The counts of a `Usage` that tell what the provider did to the context."""
 
 CarriedStore = Literal["notes", "memory"]
 """What a trial of a run can leave to the next one: the agent's notes, or the files of its tool `memory`."""

@@ -206,6 +206,15 @@ class TestMessages:
             with pytest.raises(error):
                 go_on(**{"blocks": [block], **wrong})
 
+    def test_a_count_reads_what_is_sent_back(self, endpoint: ContextEndpoint, upstream: Upstream):
+        block = {"type": "compaction", "content": "Page 3 is next."}
+        new = {"role": "user", "content": "Go on."}
+        body = {"model": "m", "messages": [*uses(1), {"role": "assistant", "content": [block]}, new]}
+        address = f"{endpoint.base_url}/messages/count_tokens"
+        httpx2.post(address, json=body, headers={"anthropic-beta": THRESHOLD})
+        assert upstream.body["messages"] == [{"role": "user", "content": f"{SUMMARY}Page 3 is next."}, new]
+        assert httpx2.post(address, json=body).status_code == 400
+
     @pytest.mark.parametrize(
         ("summary", "stop"),
         [

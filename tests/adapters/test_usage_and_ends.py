@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 import smartplay_openai as so
 from smartplay_anthropic.codec import reply as anthropic_reply
+from smartplay_gateway import LocalEndpoint
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
 from tests.evaluation.runs import play_row
@@ -143,3 +148,52 @@ def test_the_table_names_the_refusals():
     unplayed, count = warnings(play_row("RockPaperScissorBasic-v0", Refusing()))
     assert "its replies were refused by the model or a filter of its provider" in unplayed
     assert count == "3 of 3 replies were refused by the model or a filter of its provider."
+
+
+CLEARED = {"type": "clear_tool_uses_20250919", "cleared_tool_uses": 3, "cleared_input_tokens": 500}
+
+
+@pytest.mark.parametrize(
+    ("answer", "managed"),
+    [
+        ({"content": [{"type": "text", "text": "So."}]}, (0, 0, 0)),
+        ({"content": [], "context_management": {"applied_edits": []}}, (0, 0, 0)),
+        ({"content": [], "context_management": {"applied_edits": [CLEARED, CLEARED]}}, (1, 2, 1_000)),
+        ({"content": [{"type": "compaction", "content": "Short."}]}, (1, 1, 0)),
+        ({"content": [], "context_management": {"applied_edits": [3, {"cleared_input_tokens": -9}]}}, (1, 1, 0)),
+        ({"output": [{"type": "compaction", "encrypted_content": "g"}]}, (1, 1, 0)),
+    ],
+)
+def test_what_a_provider_did_to_the_context_is_read(answer: Any, managed: tuple[int, int, int]):
+    told = {"stop_reason": "end_turn", "usage": {"input_tokens": 9, "output_tokens": 1}, **answer}
+    usage = (so.responses_reply if "output" in answer else anthropic_reply)(told).usage
+    assert usage is not None
+    assert (usage.managed, usage.edits, usage.cleared) == managed
+
+
+@pytest.mark.parametrize(
+    ("player", "parameters"),
+    [
+        ("openai-responses:rule", {"context_management": [{"type": "compaction", "compact_threshold": 10**6}]}),
+        ("openai:rule", {"extra_body": {"context_management": {"edits": []}}, "compaction": {"type": "summarize"}}),
+    ],
+)
+def test_an_episode_whose_provider_was_asked_to_manage_it_says_so(
+    tmp_path: Path, player: str, parameters: dict[str, Any]
+):
+    """In its row, in the tables and in what it would have cost, of which nothing is said."""
+    served = LocalEndpoint(sp.get_player("rule"))
+    with served, sp.get_player(player, base_url=served.base_url, parameters=parameters) as asked:
+        row = play_row("RockPaperScissorBasic-v0", asked)
+        told = f"parameters={json.dumps(parameters)}"
+        command = ["eval", "--games", "RockPaperScissorBasic-v0", "--players", player, "--trials", "1"]
+        command += ["--base-url", served.base_url, "--player-option", told, "--out", tmp_path / "a"]
+        done = CliRunner().invoke(app, [*map(str, command), "--executor", "inline"])
+        assert done.exit_code == 0, done.output
+    assert row["tokens"]["provider"]["managed"] == row["turns"] > 0
+    assert any("left to the provider's context management, which reports 0 edits" in each for each in warnings(row))
+    shown = CliRunner().invoke(app, ["results", str(tmp_path / "a")]).output
+    assert f"{player}~" in shown
+    assert "no count is exact" in " ".join(shown.split())
+    refused = CliRunner().invoke(app, ["cost", str(tmp_path / "a"), "--cache", "anthropic-512"])
+    assert refused.exit_code != 0

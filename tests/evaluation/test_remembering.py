@@ -136,7 +136,7 @@ def test_a_budget_closes_the_channel_of_the_models_own_words(told):
 
 def test_a_summary_and_a_memory_are_told_apart(told, tmp_path):
     (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
-    for name, place in (("Asked", "summary"), ("Written", "memory")):
+    for name, place in (("Asked", "summary"), ("Written", "memory"), ("Blind", "nowhere")):
         replies = [LOOK, *RIGHT]
         with sp.Episode(
             told, seed=1, budget=sp.Budget(history=0, strategy=f"{tmp_path}/kept.py:{name}"), transcript=(events := [])
@@ -161,6 +161,11 @@ class Asked:
     def compact(self, history, room):
         text = (yield [{{"role": "user", "content": "What matters?"}}])["content"]
         return [{{"role": "user", "content": text}}, *history[1:]]
+
+
+class Blind(Asked):
+    def compact(self, history, room):
+        return [*history[:1], {{"role": "user", "content": SAID}}]
 
 
 class Idle:

@@ -47,6 +47,8 @@ IMPORTED = {
     "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
     "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
     "inspect-trim": "smartplay_inspect.compaction:InspectTrim",
+    "keep-random": "smartplay_tools.context.strategies.blind:RandomTurns",
+    "keep-spread": "smartplay_tools.context.strategies.blind:SpreadTurns",
     "langchain-clear": "smartplay_langchain.compaction:LangChainClearing",
     "langchain-summary": "smartplay_langchain.compaction:LangChainSummary",
     "langmem-summary": "smartplay_langchain.compaction:LangMemSummary",

@@ -9,14 +9,16 @@ the place of what it was made of.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, TypeVar
 
 from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory, Questions, Room
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.messages import Message, calls_of, text_of
+from smartplay_tools.types.messages import Message, text_of
 
-__all__ = ["CLEARED", "INSTRUCTIONS", "SUMMARY", "ClearToolUses", "Compact", "OpenAICompaction", "summary_in"]
+__all__ = ["INSTRUCTIONS", "SUMMARY", "ClearToolUses", "Compact", "OpenAICompaction", "clear_tool_uses", "summary_in"]
+
+M = TypeVar("M", bound=Mapping[str, Any])
 
 CLEARED = "[cleared]"
 """What stands in place of a result."""
@@ -86,37 +88,69 @@ class ClearToolUses:
     def compact(self, history: GivenHistory, room: Room) -> Sequence[Message]:
         """Clear what is to be cleared."""
         given = list(history)
-        cleared, uses = clear_tool_uses(given, self, room.head + room.count(given))
-        if not uses or room.count(given) - room.count(cleared) < max(1, self.clear_at_least):
-            return history
-        return cleared
+        cleared, uses, _ = clear_tool_uses(given, self, room.count, room.count(given), head=room.head)
+        return cleared if uses else history
 
 
-def clear_tool_uses(messages: Sequence[Message], edit: ClearToolUses, tokens: int) -> tuple[list[Message], int]:
-    """Return chat messages with old tool uses cleared, and how many are; `tokens` are those of the prompt.
+def clear_tool_uses(
+    messages: Sequence[M], edit: ClearToolUses, count: Callable[[Sequence[M]], int], before: int, *, head: int = 0
+) -> tuple[list[M], int, int]:
+    """Return messages with old tool uses cleared, how many are, and how many tokens fewer they have.
 
-    `clear_at_least` is left to the caller, who counts.
+    They are chat messages, or Anthropic's. `before` are their tokens, and `head` those of the prompt beside them.
     """
-    names = {call["id"]: call["function"]["name"] for message in messages for call in calls_of(message)}
-    results = [message["tool_call_id"] for message in messages if message["role"] == "tool"]
-    ids = edit.old(results, names, tokens)
-    if not ids:
-        return list(messages), 0
-    made: list[Message] = []
-    for message in messages:
-        if message["role"] == "tool" and message["tool_call_id"] in ids:
-            made.append({"role": "tool", "tool_call_id": message["tool_call_id"], "content": CLEARED})
-        elif any(call["id"] in ids and edit.clears_input(call["function"]["name"]) for call in calls_of(message)):
-            calls = [
-                {**call, "function": {**call["function"], "arguments": NO_INPUT}}
-                if call["id"] in ids and edit.clears_input(call["function"]["name"])
-                else call
-                for call in calls_of(message)
-            ]
-            made.append({**message, "tool_calls": calls})  # type: ignore[typeddict-item]
-        else:
-            made.append(message)
-    return made, len(ids)
+    uses = [use for message in messages for use in _uses(message)]
+    names, results = {use: name for use, name in uses if name is not None}, [use for use, name in uses if name is None]
+    ids = edit.old(results, names, head + before)
+    made = [_without_uses(message, edit, ids) for message in messages] if ids else []
+    saved = before - count(made) if ids else 0
+    return (made, len(ids), saved) if saved >= max(1, edit.clear_at_least) else ([*messages], 0, 0)
+
+
+def _uses(message: Mapping[str, Any]) -> Iterator[tuple[str, str | None]]:
+    """The ids of calls with their names, and those that results answer, without one."""
+    if message["role"] == "tool":
+        yield message["tool_call_id"], None
+    for call in message.get("tool_calls") or ():
+        yield str(call.get("id")), str(_function(call).get("name"))
+    for block in _blocks(message):
+        if block.get("type") in ("tool_use", "tool_result"):
+            name = str(block.get("name")) if block["type"] == "tool_use" else None
+            yield str(block.get("tool_use_id" if name is None else "id")), name
+
+
+def _without_uses(message: M, edit: ClearToolUses, ids: Collection[str]) -> M:
+    """A message without the results of some uses, and without the arguments that the edit clears."""
+
+    def block(part: Any) -> Any:
+        kind = part.get("type") if isinstance(part, Mapping) else None
+        if kind == "tool_result" and str(part.get("tool_use_id")) in ids:
+            return {**part, "content": CLEARED}
+        is_old = kind == "tool_use" and str(part.get("id")) in ids and edit.clears_input(str(part.get("name")))
+        return {**part, "input": {}} if is_old else part
+
+    def call(part: Any) -> Any:
+        is_old = str(part.get("id")) in ids and edit.clears_input(str(_function(part).get("name")))
+        return {**part, "function": {**_function(part), "arguments": NO_INPUT}} if is_old else part
+
+    changed: dict[str, Any] = {}
+    if message["role"] == "tool" and message["tool_call_id"] in ids:
+        changed["content"] = CLEARED
+    if calls := message.get("tool_calls"):
+        changed["tool_calls"] = [*map(call, calls)]
+    if _blocks(message):
+        changed["content"] = [*map(block, message["content"])]
+    made: Any = {**message, **changed}
+    return message if made == message else made
+
+
+def _function(call: Mapping[str, Any]) -> Mapping[str, Any]:
+    return call.get("function") or {}
+
+
+def _blocks(message: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    content = message.get("content")
+    return [block for block in content if isinstance(block, Mapping)] if isinstance(content, list) else []
 
 
 class Compact:

@@ -56,7 +56,8 @@ def details(summary: RunSummary) -> Iterator[TextTable]:
     if summary.cells:
         yield _cells(summary, "how it went", PLAY, "totals over episodes; cut: share of tool results")
         yield _ends(summary)
-        yield _cells(summary, "what it took", TOKENS, *TOKEN_NOTES)
+        spent = [figure for figure in SPENT if any(cell.spent_cost for cell in summary.cells)]
+        yield _cells(summary, "what it took", (*TOKENS, *spent), *TOKEN_NOTES)
         yield deviations_table(summary.cells)
     if summary.failures:
         yield failures_table(summary.failures)
@@ -115,6 +116,10 @@ def _count(name: str) -> Callable[[CellSummary], str]:
     return lambda cell: short(cell.counts[name])
 
 
+def _money(cost: float) -> str:
+    return short(cost) if cost >= 100 else f"{cost:.3g}"
+
+
 def _drift(drift: Drift | None) -> str:
     return NOTHING if drift is None or drift.ratio is None else f"x{drift.ratio:.3f}"
 
@@ -146,6 +151,8 @@ TOKENS: Figures = (
     ("drift, r.", lambda cell: _drift(cell.tokens.reply_drift)),
     ("USD", lambda cell: amount(cell.episode_cost, dollars)),
 )
+SPENT: Figures = (("spent", lambda cell: amount(cell.spent_cost, _money)),)
+"""What episodes cost by the rule of their budgets, where these are in money."""
 
 
 def _baselines(summary: RunSummary) -> Iterator[TextTable]:

@@ -31,6 +31,9 @@ CUT = "\N{DAGGER}"
 UNPLAYED = "!"
 """The mark of cells with episodes in which no action was ever played."""
 
+MANAGED = "~"
+"""The mark of cells with episodes whose context a provider managed."""
+
 INTERVALS = "[ ]: 95 % interval of the mean"
 OF_AN_EPISODE = "tokens, USD: of an episode, mean"
 PRIVILEGED = "*: privileged, it knows the game's state and not only its messages"
@@ -81,6 +84,11 @@ def warnings(cells: Iterable[CellSummary]) -> list[str]:
         notes.append(
             f"{UNPLAYED}: {unplayed} without any action, whose scores say nothing of how well the player plays"
         )
+    if managed := sum(cell.managed for cell in cells):
+        notes.append(
+            f"{MANAGED}: {managed} with prompts that the provider edited or compacted itself, so that what the model "
+            "saw is not on record, and no count is exact"
+        )
     notes += early_notes(cell.beside for cell in cells)
     worst = max((cell.cut_share or 0.0 for cell in cells), default=0.0)
     if is_much_cut(worst):
@@ -98,7 +106,7 @@ def is_much_cut(share: float | None) -> bool:
 
 def player_name(cell: CellSummary) -> str:
     """Return the player's name with its marks."""
-    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, EARLY: cell.early > 0}
+    marks = {"*": cell.privileged, UNPLAYED: cell.unplayed > 0, MANAGED: cell.managed > 0, EARLY: cell.early > 0}
     marks |= {CUT: is_much_cut(cell.cut_share)}
     return cell.cell.player + "".join(mark for mark, holds in marks.items() if holds)
 

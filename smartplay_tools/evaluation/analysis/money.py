@@ -20,7 +20,7 @@ from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
-from smartplay_tools.records.rows import Row, has_reported_tokens
+from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed
 from smartplay_tools.statistics.intervals import mean_estimate
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
@@ -71,8 +71,9 @@ class CellCost:
 def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, run: str = "") -> list[CellCost]:
     """Return what every cell of a run costs; `charged` has its episodes by key, `run` is the run's name, if needed."""
     played = [
-        (cell, members, [(row, charge) for row in members if (charge := charged.get(row["key"])) is not None])
+        (cell, members, [(row, charge) for row, charge in pairs if charge is not None and not is_managed(row)])
         for cell, members in by_cell(rows)
+        for pairs in [[(row, charged.get(row["key"])) for row in members]]
     ]
     played = [(cell, members, pairs) for cell, members, pairs in played if pairs]
     dearest: dict[bytes, list[float]] = {}
@@ -242,7 +243,11 @@ def _beside(cell: CellCost) -> Beside:
 
 
 def _without(uncounted: int) -> list[str]:
-    return [f"{uncounted} episodes have no prompts or no usage on record and are left out"] if uncounted else []
+    return (
+        [f"{uncounted} episodes have no usage or not what the model saw on record and are left out"]
+        if uncounted
+        else []
+    )
 
 
 def _early(charge: Charge, score: float, money: float) -> float:

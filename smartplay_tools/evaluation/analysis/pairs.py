@@ -89,7 +89,7 @@ def steps(row: Row) -> float:
 
 
 def way_to(best: str) -> Measure:
-    """Return the measure of the share of the way from dropping to a best choice of `records.best_choice`.
+    """Return the measure of the share of the way from dropping to a best choice of `records.best_choices`.
 
     An episode has none where its game does not tell, or where the best choice wins nothing.
     """

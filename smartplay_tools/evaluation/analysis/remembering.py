@@ -73,7 +73,7 @@ BESIDE_PLAY: Mapping[str, Measure] = {
 
 
 def best_of(name: str) -> Measure:
-    """Return the measure of one of the scores of `records.best_choice`."""
+    """Return the measure of one of the scores of `records.best_choices`."""
     return lambda row: row["best"][name] if row.get("best") else None
 
 

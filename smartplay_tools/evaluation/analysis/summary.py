@@ -29,7 +29,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     tokens,
 )
 from smartplay_tools.games.paper_tables import PAPER_RESULTS
-from smartplay_tools.records.rows import Row, has_reported_tokens, is_unplayed
+from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed, is_unplayed
 from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.types import EndReason
 from smartplay_tools.types.groups import grouped
@@ -57,6 +57,7 @@ FIGURES: Mapping[str, Measure] = {
     "normalized_score": normalized_score,
     "tokens": tokens,
     "cost": cost,
+    "spent_cost": lambda row: row.get("spent_cost"),
 }
 """What is estimated for every cell."""
 
@@ -122,10 +123,14 @@ class CellSummary:
     """Tokens of an episode, prompts and replies."""
     episode_cost: MeanEstimate | None
     """USD of an episode; None if the price of one is not known."""
+    spent_cost: MeanEstimate | None
+    """What an episode cost by the `cost_rule` of its budget; None unless that caps its cost."""
     deviations: Mapping[str, Any]
     """What differs from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     unplayed: int
     """Episodes that ended without a single action; their scores say nothing of how well the player plays."""
+    managed: int
+    """Episodes whose context a provider managed, so that what the model saw is not on record."""
     early: int
     """Episodes that ended before their game did."""
 
@@ -259,10 +264,12 @@ def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str,
         end_reasons={reason: ends[reason] for reason in get_args(EndReason) if ends[reason]},
         deviations=_deviations(cell, rows),
         unplayed=sum(map(is_unplayed, rows)),
+        managed=sum(map(is_managed, rows)),
         early=sum(ends_of(rows).values()),
         cost=None if None in costs else math.fsum(costs),
         episode_tokens=estimates["tokens"],
         episode_cost=None if None in costs else estimates["cost"],
+        spent_cost=estimates.get("spent_cost"),
         tokens=_tokens(rows),
     )
 
@@ -272,7 +279,7 @@ def _tokens(rows: Sequence[Row]) -> TokenSummary:
     total = {name: sum(each[name] for each in tokens) for name in ("prompt", "reply", "prefix", "overruns")}
     reported = [each for each in tokens if each["provider"] is not None]
     requests = sum(each["provider"]["requests"] for each in reported) if reported else None
-    counted = [row["tokens"] for row in rows if has_reported_tokens(row)]
+    counted = [row["tokens"] for row in rows if has_reported_tokens(row) and not is_managed(row)]
     return TokenSummary(
         **total, prompt_drift=_drift("prompt", counted), reply_drift=_drift("reply", counted), requests=requests
     )

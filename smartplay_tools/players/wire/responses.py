@@ -24,7 +24,7 @@ from smartplay_tools.players.attempts import (
     unreadable,
 )
 from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
-from smartplay_tools.players.usage import read_usage, with_end, written_usage
+from smartplay_tools.players.usage import read_usage, with_end, with_management, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
 from smartplay_tools.players.wire.stream_pieces import StreamedItems
@@ -41,6 +41,21 @@ T = TypeVar("T")
 ROLES = ("system", "developer", "user", "assistant")
 ENDS = ("response.completed", "response.incomplete", "response.failed", "response.done")
 """The last events of a stream; some servers have the last one."""
+
+UNSET: Mapping[str, Any] = {
+    **dict.fromkeys(
+        ("completed_at", "max_output_tokens", "max_tool_calls", "previous_response_id", "prompt_cache_key")
+    ),
+    **dict.fromkeys(("reasoning", "safety_identifier")),
+    **dict.fromkeys(("temperature", "top_p"), 1.0),
+    **dict.fromkeys(("frequency_penalty", "presence_penalty"), 0.0),
+    "background": False,
+    "service_tier": "default",
+    "text": {"format": {"type": "text"}},
+    "top_logprobs": 0,
+    "truncation": "disabled",
+}
+"""Fields that every response has by the specification of Open Responses, as they are where nothing was set."""
 
 ID_PREFIXES = {"message": "msg", "function_call": "fc", "reasoning": "rs"}
 
@@ -85,7 +100,7 @@ class Responses(Interface):
             message = read_items([item for item in output if isinstance(item, Mapping)])
         except InvalidArgumentError as error:
             raise UnreadableAnswerError(str(error), usage) from error
-        return Reply(message, with_end(usage, reason, *_parts(output)))
+        return Reply(message, with_management(with_end(usage, reason, *_parts(output)), sent, output))
 
     def assemble(self, parts: Iterable[Any]) -> dict[str, Any]:
         """Return the response that ends a stream of events; some servers leave out of it what they have streamed."""
@@ -138,12 +153,11 @@ class Responses(Interface):
             "model": model,
             "output": output,
             "parallel_tool_calls": True,
-            "temperature": None,
             "tool_choice": "auto",
             "tools": [],
-            "top_p": None,
             "store": False,
             "usage": written_usage(usage, "responses"),
+            **UNSET,
         }
 
     def stream(self, answer: dict[str, Any], body: Mapping[str, Any]) -> Iterator[Event]:

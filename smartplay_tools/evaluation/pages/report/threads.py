@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from smartplay_tools.context.view import ranges_of
 from smartplay_tools.errors import SENSELESS, InvalidArgumentError
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.threads import threads_table
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text
 from smartplay_tools.evaluation.run_folder.folder import read_each
 from smartplay_tools.manager.forms import FORMS, Content, MessageForm
-from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, ranges, read_thread
+from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, read_thread
 from smartplay_tools.records.threads import thread_row
 from smartplay_tools.visible import visible
 
@@ -78,7 +79,7 @@ def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
             "cap": facts["cap"],
             "parts": [counts.get(name, 0) for name in PARTS],
             "reported": prompt.reported,
-            "shown": ranges(prompt.sent_parts),
+            "shown": ranges_of(prompt.sent_parts),
             "states": _runs(_states(prompt, units)),
             "head": head,
             "same": same,
