@@ -57,7 +57,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games.specs import lockers_setting
 from smartplay_tools.records import Record
-from smartplay_tools.records.best_choice import best_choice
+from smartplay_tools.records.best_choices import best_choice
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
 from smartplay_tools.types.groups import grouped
@@ -165,7 +165,7 @@ WAYS = (
 """The first is what the others are compared with; the first three are of this library."""
 DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:3])
 BEST = {"best choice": "without_return", "best choice, with return": "with_return"}
-"""Rows of the best choice of whole turns, and the fields of `records.best_choice` that they show."""
+"""Rows of the best choice of whole turns, and the fields of `records.best_choices` that they show."""
 
 
 def play(out: Path, seed: int, trials: int, ways: Sequence[Way] = WAYS, stages: Sequence[Stage] = ()) -> Iterator[Row]:
