@@ -71,6 +71,8 @@ LAST = 10
 """Of how many last acts a table says whether they were all the same."""
 CAP = 700
 """The smallest cap on prompts, in tokens, under which strategies play."""
+ENGINE = ("xllamacpp", "format", "model", "adapter")
+"""What a row says of what has answered: a version, a format of calls, and the digests of files."""
 MODELS = QWEN, TAUGHT, UNTAUGHT = "qwen2.5-coder-1.5b", "smollm2-135m-player", "smollm2-135m"
 HANDS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 GAMES = {
@@ -154,7 +156,7 @@ def _config(player: str, qwen: str) -> PlayerConfig:
     from smartplay_local import LocalPlayer
 
     options = {"model": qwen, "temperature": 0.7} if player == QWEN else {"model": player}
-    return PlayerConfig(name=player, factory=LocalPlayer, options={**options, "threads": 1})
+    return PlayerConfig(name=player, factory=LocalPlayer, options={**options, "format": "text", "threads": 1})
 
 
 READING = {HANDS: ("win-stay", "leave-after-two", "last-hand", "count-last-5"), BANDIT: ("win-stay", "leave-after-two")}
@@ -194,7 +196,8 @@ def rows_of(out: Path) -> Iterator[Row]:
             calls = Record.read(folder.transcript(row["key"])).calls
             acts = [call["arguments"] for call in calls if call["name"] == "act"]
             last = len(set(acts[-LAST:])) if len(acts) >= LAST else None
-            yield {**row, "player": player, "way": way, "worlds": worlds, "last_acts": last}
+            engine = {name: row["versions"].get(name) for name in ENGINE}
+            yield {**row, "player": player, "way": way, "worlds": worlds, "last_acts": last, "engine": engine}
 
 
 def folders(out: Path) -> Iterator[RunFolder]:
@@ -203,11 +206,12 @@ def folders(out: Path) -> Iterator[RunFolder]:
         yield RunFolder(folder)
 
 
-def write_records(out: Path, path: Path, count: int = 3) -> None:
+def write_records(out: Path, path: Path, models: Sequence[str] = MODELS, count: int = 3) -> None:
     """Write the records of the first worlds of every cell of a model into one archive."""
+    path.parent.mkdir(exist_ok=True)
     with tarfile.open(path, "w:xz", preset=9) as archive:
         for folder in folders(out):
-            is_model = folder.path.parts[-3] in MODELS
+            is_model = folder.path.parts[-3] in models
             for row in sorted(folder.rows(), key=lambda row: row["trial"])[:count] if is_model else ():
                 content = folder.transcript(row["key"]).read_bytes()
                 about = tarfile.TarInfo(f"{folder.path.relative_to(out)}/{row['trial']}.jsonl")

@@ -15,8 +15,8 @@ from page_tables import Experiment
 from scores import DEGREES
 
 SCRIPTS = (
-    "arena", "arena_curves", "arena_claims", "cap_audit", "caps", "carry", "compaction", "learned_tables", "models",
-    "ruler", "scores", "window_for_a_budget", "wordings",
+    "arena", "arena_curves", "arena_claims", "cap_audit", "caps", "carry", "compaction", "entry", "learned_tables",
+    "models", "ruler", "scores", "window_for_a_budget", "wordings",
 )  # fmt: skip
 
 

@@ -77,14 +77,31 @@ def test_published_rows_are_small_enough_for_a_repository(experiments):
     assert sum(each.path.stat().st_size for each in experiments.values() if each.path.exists()) < 3_000_000
 
 
-def test_published_records_of_models_replay_without_the_model(tmp_path, experiments):
-    with tarfile.open(experiments["models"].path.with_name("records.tar.xz")) as archive:
+@pytest.mark.parametrize(
+    ("right", "enters"),
+    [([6] * 16, True), ([6] * 15, False), ([6] * 7 + [5] * 9, True), ([6] * 6 + [5] * 10, False), ([0] * 24, False)],
+    ids=str,
+)
+def test_a_model_enters_with_nine_tenths_of_the_best_score_in_enough_worlds(right, enters):
+    entry = importlib.import_module("entry")
+    facts = {"game": entry.LOCKERS, "end_reason": "terminated", "repeat": 0, "budget": {}}
+    rows = [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(right)]
+    assert entry.enters(rows) == enters
+
+
+@pytest.mark.parametrize("name", ["models", "entry"])
+def test_published_records_of_models_replay_without_the_model(name, tmp_path, experiments):
+    with tarfile.open(experiments[name].path.with_name("records.tar.xz")) as archive:
         archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
         archive.extractall(tmp_path)
     place, has_popgym = ("worlds", "player", "game", "way", "trial"), importlib.util.find_spec("popgym")
-    scores = {tuple(row[name] for name in place): row["score"] for row in experiments["models"].rows()}
-    records = [each for each in tmp_path.rglob("*.jsonl") if has_popgym or not sp.GAMES[each.parts[-3]].memory]
-    assert len(records) > 50
+    scores = {tuple(row[name] for name in place): row["score"] for row in experiments[name].rows()}
+    records = [
+        each
+        for each in tmp_path.rglob("*.jsonl")
+        if has_popgym or name == "entry" or not sp.GAMES[each.parts[-3]].memory
+    ]
+    assert len(records) > (50 if name == "models" else 10)
     for record in {record.parent: record for record in records}.values():
         replayed = sp.replay(record)
         assert replayed.identical, record

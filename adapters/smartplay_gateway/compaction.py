@@ -230,7 +230,7 @@ def _asked_of_messages(body: Json, surface: Surface, betas: str) -> tuple[Wish |
     rest = {name: value for name, value in body.items() if name not in (FIELD, "compaction")}
     if body.get("compaction") is not None:
         return Wish(surface, _on_demand(body, surface, _names(betas)), "summarize"), rest
-    edits = (body.get(FIELD) or {}).get("edits") or []  # edits.py has left those of compaction alone
+    edits = [edit for edit in (body.get(FIELD) or {}).get("edits") or () if edit.get("type") == Compact.name]
     if not edits:
         return None, body
     if THRESHOLD_BETA not in _names(betas):
