@@ -170,6 +170,20 @@ def test_room_has_the_tokens_that_are_left_the_count_of_the_window_and_the_lates
     assert (rooms[0][0].tokens, rooms[0][0].question_tokens) == (None, None)
 
 
+def test_the_peak_of_prompts_is_of_those_to_play_where_a_question_may_be_longer():
+    def compact(self, history, room):
+        if len(history) > 3:
+            yield [*history, {"role": "user", "content": "What did he play? " * 200}]
+        return history
+
+    conversation = begin(compact, prompt_tokens=900, question_tokens=2000)
+    play(conversation, 3)
+    record = Record(events_of(conversation))
+    tokens = {view.get("purpose", "play"): view["tokens"] for view in record.views}
+    assert tokens["compaction"] > 900
+    assert record.peak_prompt_tokens == tokens["play"] <= 900
+
+
 def test_it_is_not_asked_where_system_message_and_tools_alone_do_not_fit():
     calls: list[int] = []
     episode = begin(same, notes_tokens=400).episode

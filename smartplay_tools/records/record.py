@@ -358,7 +358,7 @@ class Record:
 
     @property
     def peak_prompt_tokens(self) -> int:
-        """The tokens of the episode's largest prompt, by our count."""
+        """The tokens of the episode's largest prompt to play, by our count."""
         return self._counts.whole.peak_prompt_tokens
 
     @property

@@ -66,7 +66,7 @@ class _Sum:
     replies: int = 0
     prompt_tokens: int = 0
     peak_prompt_tokens: int = 0
-    """The tokens of the largest prompt."""
+    """The tokens of the largest prompt to play; a question can have a cap of its own."""
     reply_tokens: int = 0
     costs: list[float] = field(default_factory=list)
     """The cost of each, if there is a price."""
@@ -81,7 +81,8 @@ class _Sum:
         # Of attempts at a reply that never came there is no other count than the provider's.
         counted = ours if "reply" in usage or reported is None else reported
         self.prompt_tokens += counted.prompt
-        self.peak_prompt_tokens = max(self.peak_prompt_tokens, ours.prompt)
+        if usage.get("purpose", "play") == "play":
+            self.peak_prompt_tokens = max(self.peak_prompt_tokens, ours.prompt)
         self.reply_tokens += counted.reply
         if price is not None:
             self.costs.append(price.cost(ours.replaced_by(reported)))

@@ -93,6 +93,27 @@ def test_a_summary_is_the_newest_observations_that_the_question_shows_one_a_line
         assert 2 <= len(lines) <= 8
 
 
+def test_it_can_lose_lines_whenever_it_writes_a_summary():
+    """Of the first 8 letters, the share that is left after each summary of a summary."""
+
+    def kept(seed, summaries):
+        player = sp.get_player("reader", seed=seed, keeps=0.5)
+        with sp.Episode(ECHO, seed=5) as episode:
+            player.attach(sp.Conversation(episode))
+            text = "\n".join(f"Step {step}: Letter {step} is A." for step in range(8))
+            for _ in range(summaries):
+                question = sp.Prompt([{"role": "user", "content": text}], purpose="compaction")
+                text = player.reply(question).message["content"]
+        return text.splitlines()
+
+    once, twice = ([kept(seed, summaries) for seed in range(100)] for summaries in (1, 2))
+    assert 350 < sum(map(len, once)) < 450
+    assert 160 < sum(map(len, twice)) < 240
+    assert all(set(later) <= set(earlier) for earlier, later in zip(once, twice, strict=True))
+    with pytest.raises(sp.InvalidArgumentError, match="from 0 to 1"):
+        sp.get_player("reader", keeps=1.5)
+
+
 def test_numbers_of_steps_count_back_from_the_newest_result_where_nothing_else_tells_them():
     prompt = sp.Prompt(
         [
