@@ -1,4 +1,4 @@
-"""The speed of Crafter compared with PyPI `crafter`, and the memory of many worlds.
+"""The speed of Crafter compared with PyPI `crafter`.
 
 Run `python benchmarks/crafter_speed.py`; it takes about a minute. (A script named `crafter.py` would hide the package.)
 
@@ -8,13 +8,9 @@ down both. Ours is the whole environment, including texts; PyPI's is its plain `
 
 from __future__ import annotations
 
-import resource
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import crafter
 import numpy as np
@@ -26,16 +22,6 @@ from smartplay_tools.games.specs import GAMES
 ROUNDS = 7
 STEPS = 600
 """The number of steps: two days with their nights."""
-WORLDS = 1000
-FIRST_RESET = """
-import time
-begin = time.perf_counter()
-from smartplay_tools.games.specs import GAMES
-game = GAMES["Crafter-v0"].make()
-loaded = time.perf_counter()
-game.reset(seed=0)
-print(loaded - begin, time.perf_counter() - loaded)
-"""
 
 
 def seconds(action: Callable[[], object]) -> float:
@@ -88,33 +74,5 @@ def speed() -> Table:
     return table
 
 
-def resident_mib() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
-
-
-def footprint() -> Table:
-    loading, first_reset = map(
-        float,
-        subprocess.run([sys.executable, "-c", FIRST_RESET], capture_output=True, text=True, check=True).stdout.split(),
-    )
-    games = []
-    before = resident_mib()
-    for seed in range(WORLDS):
-        game = GAMES["Crafter-v0"].make()
-        game.reset(seed=seed)
-        for step in range(20):
-            game.step(step % 17)
-        games.append(game)
-    table = Table(title="A process", show_header=False)
-    table.add_row("loading the game", f"{loading:.2f} s")
-    table.add_row("its first reset", f"{first_reset:.2f} s")
-    table.add_row(
-        f"{len(games)} live worlds", f"{resident_mib() - before:.0f} MiB more, {resident_mib():.0f} MiB in all"
-    )
-    return table
-
-
 if __name__ == "__main__":
-    console = Console()
-    console.print(speed(), footprint())
+    Console().print(speed())

@@ -94,7 +94,7 @@ def played(out: Path, models: Path | None) -> Iterator[Row]:
             run = complete([game], [SUBJECT], budgets=budgets, out=folder, executor="inline", **options)
             yield from described(run.rows, records_of(run))
         elif player == SUBJECT.name:
-            yield from play(replace(STAGES[game], ways=ways), [SUBJECT], (), out / game, executor="inline", **options)
+            yield from play(replace(STAGES[game], ways=ways), out / game, executor="inline", **options)
         elif models is not None:
             from learned_lab import Lab
 

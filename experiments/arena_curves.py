@@ -64,10 +64,10 @@ class Stage:
     ways: Sequence[Mapping[str, Any]]
     """The strategies, as fields of a budget; the first is what the others are compared with."""
 
-    def budgets(self, further: Iterable[str] = ()) -> Iterator[sp.Budget]:
-        """Yield every strategy under every cap that holds its head and its reserve, custom ones included."""
+    def budgets(self) -> Iterator[sp.Budget]:
+        """Yield every strategy under every cap that holds its head and its reserve."""
         for cap in self.caps:
-            for way in (*self.ways, *({"strategy": name} for name in further)):
+            for way in self.ways:
                 budget = sp.Budget(history=None, prompt_tokens=cap, **way)
                 if is_playable(self.game, budget, CONTROL):
                     yield budget
@@ -102,13 +102,11 @@ LEARNED = ("full-0", "small-1")
 """Those that play."""
 
 
-def play(
-    stage: Stage, players: Sequence[PlayerConfig], custom: Sequence[str], out: Path, **options: Any
-) -> Iterator[Row]:
+def play(stage: Stage, out: Path, **options: Any) -> Iterator[Row]:
     """Play a game, and yield its rows: full context and the control once, and every strategy under every cap."""
     full = sp.Budget(history=None)
-    whole = complete([stage.game], [*players, PlayerConfig(name=CONTROL)], budgets=full, out=out / "whole", **options)
-    limited = complete([stage.game], players, budgets=list(stage.budgets(custom)), out=out / "capped", **options)
+    whole = complete([stage.game], [SUBJECT, CONTROL], budgets=full, out=out / "whole", **options)
+    limited = complete([stage.game], [SUBJECT], budgets=list(stage.budgets()), out=out / "capped", **options)
     for run in (whole, limited):
         yield from described(run.rows, records_of(run))
 
@@ -203,7 +201,7 @@ def main() -> None:
 def _played(games: Iterable[str], out: Path, models: Path | None) -> Iterator[Row]:
     for game in games:
         options = {"trials": TRIALS.get(game, 32), "seed": SEED}
-        yield from play(STAGES[game], [SUBJECT], (), out / game, executor="inline", **options)
+        yield from play(STAGES[game], out / game, executor="inline", **options)
         if models is not None and game == LEARNED_GAME:
             from learned_lab import Lab
 

@@ -224,7 +224,7 @@ def test_the_first_worlds_of_a_curve_played_again_are_the_published_rows(experim
     curves = importlib.import_module("arena_curves")
     whole = curves.STAGES["RockPaperScissorBasic-v0"]
     stage = curves.Stage(whole.game, whole.caps[:1], [{}, {"notes_tokens": 200}])
-    rows = curves.play(stage, [curves.SUBJECT], (), tmp_path, trials=1, seed=curves.SEED, executor="inline")
+    rows = curves.play(stage, tmp_path, trials=1, seed=curves.SEED, executor="inline")
     check_played(experiments["arena-curves"], rows, tmp_path)
 
 
