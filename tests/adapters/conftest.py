@@ -1,4 +1,4 @@
-"""A window endpoint for the tests of its clients."""
+"""A window endpoint, and a server behind context endpoints, for the tests of their clients."""
 
 from __future__ import annotations
 
@@ -16,3 +16,13 @@ def endpoint() -> Iterator[Any]:
     sg = pytest.importorskip("smartplay_gateway")
     with sg.WindowEndpoint(sp.get_player("rule")) as running:
         yield running
+
+
+@pytest.fixture
+def upstream() -> Iterator[Any]:
+    """A server that notes what it is sent."""
+    from tests.adapters.test_context_endpoint import Upstream
+
+    server = Upstream()
+    yield server
+    server.close()

@@ -404,6 +404,13 @@ async def some(name: str, first: int, stop: int, seed: int) -> Counter[str]:
     return rows
 
 
+async def check_some(name: str) -> None:
+    """Check that forty prompts of a framework have no fault, and that many of them are cut."""
+    rows = await some(name, 0, 40, seed=6)
+    assert not faults(rows), rows
+    assert rows["of fewer messages"] > 20
+
+
 def faults(rows: Counter[str]) -> int:
     """How many faults there are."""
     return sum(count for name, count in rows.items() if name.startswith("fault"))

@@ -31,13 +31,6 @@ REPLIED = {**RESPONSE, "output": [SAID], "usage": COUNTED}
 
 
 @pytest.fixture
-def upstream() -> Iterator[Upstream]:
-    server = Upstream()
-    yield server
-    server.close()
-
-
-@pytest.fixture
 def endpoint(upstream: Upstream) -> Iterator[ContextEndpoint]:
     with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(100_000)) as endpoint:
         yield endpoint

@@ -20,13 +20,6 @@ THINKING = {"type": "enabled", "budget_tokens": 1_024}
 
 
 @pytest.fixture
-def upstream() -> Iterator[Upstream]:
-    server = Upstream()
-    yield server
-    server.close()
-
-
-@pytest.fixture
 def endpoint(upstream: Upstream) -> Iterator[ContextEndpoint]:
     with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(100_000)) as endpoint:
         yield endpoint

@@ -128,13 +128,6 @@ class Upstream:
 
 
 @pytest.fixture
-def upstream() -> Iterator[Upstream]:
-    server = Upstream()
-    yield server
-    server.close()
-
-
-@pytest.fixture
 def endpoint(upstream: Upstream) -> Iterator[ContextEndpoint]:
     with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(CAP)) as endpoint:
         yield endpoint

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import random
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -14,27 +13,22 @@ from openai import AsyncOpenAI, OpenAI
 
 import smartplay_tools as sp
 from tests.adapters.anthropic_stub import AnthropicStub
+from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
 from tests.adapters.openai_stub import OpenAIStub
 from tests.dialects.rules import DIALECTS
 from tests.dialects.said import read_messages
+from tests.manager.histories import text_of_page
 from tests.manager.judge import is_broken
 
-CAP, PAGES = 1_000, 40
-SYSTEM, TASK = "You read a book page by page.", "Read all pages."
 SCHEMA = {"type": "object", "properties": {"page": {"type": "integer"}}, "required": ["page"]}
 SPEC = sp.ToolSpec("read", "Read a page.", SCHEMA)
 FUNCTION = {"name": SPEC.name, "description": SPEC.description, "parameters": SCHEMA}
 
 
-def read(page: int) -> str:
-    rng = random.Random(page)
-    return " ".join(rng.choices(["door", "key", "lamp", "north"], k=rng.choice([5, 40, 150, 400])))
-
-
 def script() -> Iterator[dict[str, Any]]:
     """Reads page after page, several at once now and then."""
     for turn in range(1, PAGES + 1):
-        pages = [turn, *([100 + turn, 200 + turn] if turn % 7 == 0 else [])]
+        pages = pages_of(turn)
         calls = [{"name": "read", "arguments": json.dumps({"page": page})} for page in pages]
         made = [{"id": f"c{page}", "type": "function", "function": c} for page, c in zip(pages, calls, strict=True)]
         yield {"role": "assistant", "content": "Next.", "tool_calls": made}
@@ -60,7 +54,7 @@ class Loop:
     def settled(self) -> None:
         """Check that the list has everything, and that fitting has changed nothing."""
         assert sum(len(self.results(message)) for message in self.messages) == PAGES + 2 * (PAGES // 7)
-        assert all(read(page) == text for message in self.messages for page, text in self.results(message))
+        assert all(text_of_page(page) == text for message in self.messages for page, text in self.results(message))
 
     def results(self, message: Any) -> list[tuple[int, str]]:
         raise NotImplementedError
@@ -81,7 +75,7 @@ class Chat(Loop):
         reply = response.choices[0].message
         self.messages.append(reply)
         for call in reply.tool_calls or ():
-            text = read(json.loads(call.function.arguments)["page"])
+            text = text_of_page(json.loads(call.function.arguments)["page"])
             self.messages.append({"role": "tool", "tool_call_id": call.id, "content": text})
         return bool(reply.tool_calls)
 
@@ -105,7 +99,7 @@ class Responses(Loop):
         self.messages += response.output
         calls = [item for item in response.output if item.type == "function_call"]
         for call in calls:
-            output = {"call_id": call.call_id, "output": read(json.loads(call.arguments)["page"])}
+            output = {"call_id": call.call_id, "output": text_of_page(json.loads(call.arguments)["page"])}
             self.messages.append({"type": "function_call_output", **output})
         return bool(calls)
 
@@ -128,7 +122,9 @@ class Blocks(Loop):
     def take(self, response: Any) -> bool:
         self.messages.append({"role": "assistant", "content": response.content})
         calls = [block for block in response.content if block.type == "tool_use"]
-        results = [{"type": "tool_result", "tool_use_id": c.id, "content": read(c.input["page"])} for c in calls]
+        results = [
+            {"type": "tool_result", "tool_use_id": c.id, "content": text_of_page(c.input["page"])} for c in calls
+        ]
         self.messages += [{"role": "user", "content": results}] if results else []
         return bool(calls)
 

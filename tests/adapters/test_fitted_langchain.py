@@ -19,12 +19,11 @@ from smartplay_langchain import ContextManagerMiddleware, FittedModel
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
-from tests.adapters.fitted_fuzz import faults, some
+from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
+from tests.adapters.fitted_fuzz import check_some
 from tests.manager.histories import text_of_page
 
-CAP = 1_000
-SYSTEM = "You read a book page by page."
-TASK = {"messages": [{"role": "user", "content": "Read all pages."}]}
+ASK = {"messages": [{"role": "user", "content": TASK}]}
 
 
 @tool
@@ -36,7 +35,7 @@ def read(page: int) -> str:
 class Reader(BaseChatModel):
     """Reads page after page, several at once now and then, and keeps what it is sent."""
 
-    pages: int = 40
+    pages: int = PAGES
     sent: list[list[BaseMessage]] = []  # noqa: RUF012  # pydantic copies it
     tools: list[Any] = []  # noqa: RUF012
 
@@ -51,7 +50,7 @@ class Reader(BaseChatModel):
     def _reply(self, messages: list[BaseMessage]) -> AIMessage:
         self.sent.append(messages)
         turn = len(self.sent)
-        pages = [] if turn > self.pages else [turn, *([100 + turn, 200 + turn] if turn % 7 == 0 else [])]
+        pages = pages_of(turn, self.pages)
         calls = [{"name": "read", "args": {"page": page}, "id": f"c{page}"} for page in pages]
         return AIMessage("Next." if calls else "Done.", tool_calls=calls)
 
@@ -115,7 +114,7 @@ def agent(model: Reader, *, slack: float = 0.5, middlewares: Sequence[Any] = (),
 @pytest.mark.parametrize("slack", [0, 0.5])
 def test_an_agent_stays_under_its_cap(slack: float):
     model = Reader(sent=[], tools=[])
-    state = agent(model, slack=slack).invoke(TASK, {"recursion_limit": 1_000})
+    state = agent(model, slack=slack).invoke(ASK, {"recursion_limit": 1_000})
     check(model, stored=state["messages"])
 
 
@@ -131,7 +130,7 @@ def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
     manager = sp.ContextManager(CAP, strategy=strategy, question_tokens=4_000, ask=ask)
     middleware = ContextManagerMiddleware(manager)
     reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
-    state = reader.invoke(TASK, {"recursion_limit": 1_000})
+    state = reader.invoke(ASK, {"recursion_limit": 1_000})
     assert 0 < len(asked) < model.pages
     assert "Pages were read." in str(model.sent[-1])
     assert not any("Pages were read." in str(message.content) for message in state["messages"])
@@ -144,7 +143,7 @@ def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
 async def test_an_asynchronous_and_streamed_agent_stays_under_its_cap():
     model = Reader(sent=[], tools=[])
     pieces, state = 0, {}
-    async for mode, piece in agent(model).astream(TASK, {"recursion_limit": 1_000}, stream_mode=["messages", "values"]):
+    async for mode, piece in agent(model).astream(ASK, {"recursion_limit": 1_000}, stream_mode=["messages", "values"]):
         pieces += mode == "messages"
         state = piece if mode == "values" else state
     assert pieces > model.pages
@@ -159,11 +158,11 @@ def test_a_thread_goes_on_from_its_checkpoint_with_another_manager():
         config = {"configurable": {"thread_id": "1"}, "recursion_limit": 1_000}
         if is_interrupted:
             first = agent(model, checkpointer=saver)
-            for _ in zip(first.stream(TASK, config), range(31), strict=False):
+            for _ in zip(first.stream(ASK, config), range(31), strict=False):
                 pass
             agent(model, checkpointer=saver).invoke(None, config)
         else:
-            agent(model, checkpointer=saver).invoke(TASK, config)
+            agent(model, checkpointer=saver).invoke(ASK, config)
         sent.append([[message.content for message in messages] for messages in model.sent])
     assert sent[0] == sent[1]
 
@@ -174,7 +173,7 @@ def test_what_later_middlewares_add_is_under_the_cap():
             return handler(request.override(messages=[*request.messages, HumanMessage("Remember the page. " * 20)]))
 
     model = Reader(sent=[], tools=[])
-    agent(model, middlewares=[Reminds()]).invoke(TASK, {"recursion_limit": 1_000})
+    agent(model, middlewares=[Reminds()]).invoke(ASK, {"recursion_limit": 1_000})
     assert all(messages[-1].content.startswith("Remember") and tokens(messages) <= CAP for messages in model.sent)
 
 
@@ -188,8 +187,8 @@ def test_tools_and_the_output_schema_count():
     model = Reader(sent=[], tools=[], pages=0)
     manager = sp.ContextManager(90)
     with pytest.raises(sp.PromptOverflowError):
-        create_agent(model, [read], response_format=Answer, middleware=[ContextManagerMiddleware(manager)]).invoke(TASK)
-    create_agent(model, [read], middleware=[ContextManagerMiddleware(manager)]).invoke(TASK)
+        create_agent(model, [read], response_format=Answer, middleware=[ContextManagerMiddleware(manager)]).invoke(ASK)
+    create_agent(model, [read], middleware=[ContextManagerMiddleware(manager)]).invoke(ASK)
 
 
 def test_a_model_in_a_graph_built_by_hand_is_held_to_the_cap_too():
@@ -267,7 +266,7 @@ async def test_a_summary_is_shown_as_words_of_the_user(is_asynchronous: bool):
     middleware = ContextManagerMiddleware(sp.ContextManager(CAP, **options))
     reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
     config: Any = {"recursion_limit": 1_000}
-    state = await reader.ainvoke(TASK, config) if is_asynchronous else reader.invoke(TASK, config)
+    state = await reader.ainvoke(ASK, config) if is_asynchronous else reader.invoke(ASK, config)
     check(model, stored=[*state["messages"], model.sent[-1][2]])
     assert isinstance(model.sent[-1][2], HumanMessage)
     assert str(model.sent[-1][2].content).endswith("Nothing but doors.")
@@ -275,9 +274,7 @@ async def test_a_summary_is_shown_as_words_of_the_user(is_asynchronous: bool):
 
 
 async def test_prompts_of_random_conversations_have_no_fault():
-    rows = await some("langchain", 0, 40, seed=6)
-    assert not faults(rows), rows
-    assert rows["of fewer messages"] > 20
+    await check_some("langchain")
 
 
 def test_sub_agents_have_managers_of_their_own():
@@ -286,10 +283,10 @@ def test_sub_agents_have_managers_of_their_own():
     @tool("read")
     def ask(page: int) -> str:
         """Have a page read."""
-        stored.extend(agent(inner).invoke(TASK, {"recursion_limit": 1_000})["messages"])
+        stored.extend(agent(inner).invoke(ASK, {"recursion_limit": 1_000})["messages"])
         return str(stored[-1].content)
 
     middleware = ContextManagerMiddleware(sp.ContextManager(300))
-    state = create_agent(outer, [ask], middleware=[middleware]).invoke(TASK)
+    state = create_agent(outer, [ask], middleware=[middleware]).invoke(ASK)
     assert [message.content for message in state["messages"][1:]] == ["Next.", "Done.", "Done."]
     check(inner, stored=stored)
