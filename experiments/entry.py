@@ -124,11 +124,32 @@ def entry_table(cells: Cells) -> str:
     return markdown_table(("model", "way", "worlds", "score", "reader", "right where in view", ""), lines)
 
 
+def knee(cells: Cells, player: str, bound: str) -> str:
+    """The least cap or history from which on a player has nine tenths of its own score with everything in view."""
+    best, found = mean_score(cells[player, LOCKERS, IN_VIEW]).mean, "none"
+    for way in reversed([way for way in CURVES if way.startswith(bound) and (player, LOCKERS, way) in cells]):
+        if mean_score(cells[player, LOCKERS, way]).mean < ENTRY * best:
+            break
+        found = way.removeprefix(bound).strip()
+    return found
+
+
+def knees_table(cells: Cells) -> str:
+    """For each model with curves, its knee beside that of `reader`."""
+    models = [model for model in MODELS if any((model, LOCKERS, way) in cells for way in CURVES)]
+    lines = [
+        [model, bound, knee(cells, model, bound), knee(cells, "reader", bound)]
+        for model, bound in product(models, ("cap", "history"))
+    ]
+    return markdown_table(("model", "bound", "its knee", "reader's"), lines)
+
+
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
-    made = {"entry-formats": formats_table(cells)}
-    return made | ({"entry": entry_table(cells)} if any(way == IN_VIEW for *_, way in cells) else {})
+    ways, made = {way for *_, way in cells}, {"entry-formats": formats_table(cells)}
+    made |= {"entry": entry_table(cells)} if IN_VIEW in ways else {}
+    return made | ({"entry-knees": knees_table(cells)} if ways & set(CURVES) else {})
 
 
 EXPERIMENT = Experiment("entry", tables)

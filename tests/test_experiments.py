@@ -84,9 +84,25 @@ def test_published_rows_are_small_enough_for_a_repository(experiments):
 )
 def test_a_model_enters_with_nine_tenths_of_the_best_score_in_enough_worlds(right, enters):
     entry = importlib.import_module("entry")
-    facts = {"game": entry.LOCKERS, "end_reason": "terminated", "repeat": 0, "budget": {}}
-    rows = [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(right)]
-    assert entry.enters(rows) == enters
+    assert entry.enters(of_lockers(right)) == enters
+
+
+def of_lockers(scores, **facts):
+    """Rows of worlds of Lockers with these scores."""
+    facts |= {"game": "Lockers6-v0", "end_reason": "terminated", "repeat": 0, "budget": {}}
+    return [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(scores)]
+
+
+def test_a_knee_is_where_a_player_begins_to_have_nine_tenths_of_its_own_score():
+    entry = importlib.import_module("entry")
+    scores = {entry.IN_VIEW: 5, "cap 420": 5, "cap 490": 1, "cap 560": 4.5, "cap 700": 5, "history 9": 4}
+    rows = [row for way, score in scores.items() for row in of_lockers([score] * 4, player=entry.QWEN, way=way)]
+    reader = [row | {"player": "reader", "score": 6} for row in rows]
+    table = entry.tables([*rows, *reader])["entry-knees"]
+    assert table.splitlines()[2:] == [
+        "| qwen2.5-coder-1.5b | cap | 560 | 420 |",
+        "| qwen2.5-coder-1.5b | history | none | 9 |",
+    ]
 
 
 @pytest.mark.parametrize("name", ["models", "entry"])
