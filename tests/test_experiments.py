@@ -7,6 +7,7 @@ import random
 import re
 import sys
 import tarfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -110,15 +111,19 @@ def test_published_records_of_models_replay_without_the_model(name, tmp_path, ex
     with tarfile.open(experiments[name].path.with_name("records.tar.xz")) as archive:
         archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
         archive.extractall(tmp_path)
-    place, has_popgym = ("worlds", "player", "game", "way", "trial"), importlib.util.find_spec("popgym")
-    scores = {tuple(row[name] for name in place): row["score"] for row in experiments[name].rows()}
+    fields, has_popgym = ("worlds", "player", "game", "way", "trial"), importlib.util.find_spec("popgym")
+    scores = {tuple(row[field] for field in fields): row["score"] for row in experiments[name].rows()}
     records = [
         each
         for each in tmp_path.rglob("*.jsonl")
         if has_popgym or name == "entry" or not sp.GAMES[each.parts[-3]].memory
     ]
     assert len(records) > (50 if name == "models" else 10)
-    for record in {record.parent: record for record in records}.values():
+    if name == "entry":
+        worlds = Counter(place[:4] for place in scores if place[1] not in importlib.import_module("entry").SCRIPTS)
+        kept = Counter(tuple(record.relative_to(tmp_path).parts[:4]) for record in records)
+        assert kept == {cell: min(count, 3) for cell, count in worlds.items()}
+    for record in records if name == "entry" else {record.parent: record for record in records}.values():
         replayed = sp.replay(record)
         assert replayed.identical, record
         assert replayed.result.score == scores[(*record.relative_to(tmp_path).parts[:4], int(record.stem))]
