@@ -33,6 +33,7 @@ FORMATS = ("template", "text", "call", "bare", "words", "legal")
 RULES: Mapping[str, Any] = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
 ENTRY, ENTRY_WORLDS, CURVE_WORLDS = 0.9, 16, 24
 IN_VIEW = "all in view"
+SCRIPTS = "reader", "random"
 CURVES: Mapping[str, Mapping[str, int]] = {
     **{f"cap {cap}": {"prompt_tokens": cap} for cap in (420, 490, 560, 600, 650, 700)},
     **{f"history {steps}": {"history": steps} for steps in (1, 3, 5, 7, 9, 11)},
@@ -56,9 +57,9 @@ def play_formats(out: Path, files: Mapping[str, str]) -> None:
 
 
 def play_entry(out: Path, model: str, file: str, form: str) -> None:
-    """Play a model and `reader` with all in view, and under every cap and history if the model enters."""
+    """Play a model and the scripts with all in view, and under every cap and history if the model enters."""
     for way, worlds in {IN_VIEW: ENTRY_WORLDS, **dict.fromkeys(CURVES, CURVE_WORLDS)}.items():
-        for player in (PlayerConfig(name="reader"), _config(model, file, form)):
+        for player in (*(PlayerConfig(name=script) for script in SCRIPTS), _config(model, file, form)):
             _play(out / "entry" / player.name / LOCKERS / way, player, LOCKERS, worlds, SEED, **CURVES.get(way, {}))
         if not enters(cells_of(list(rows_of(out)))[model, LOCKERS, IN_VIEW]):
             return
@@ -112,23 +113,52 @@ def _right(rows: Sequence[Row]) -> str:
 
 
 def entry_table(cells: Cells) -> str:
-    """Every way in which a model was asked to enter, beside `reader`, and its right answers where all is in view."""
+    """Every way in which a model was asked to enter, beside the scripts, and its right answers where all is in view."""
     lines = []
     for model, way in product(MODELS, (IN_VIEW, *CURVES)):
         if rows := cells.get((model, LOCKERS, way)):
-            verdict = "" if way != IN_VIEW else "enters" if enters(rows) else "does not enter"
-            both = (rows, cells.get(("reader", LOCKERS, way), []))
-            lines.append(
-                [model, way, f"{len(rows)}", *(interval(mean_score(own)) for own in both), _right(rows), verdict]
-            )
-    return markdown_table(("model", "way", "worlds", "score", "reader", "right where in view", ""), lines)
+            failed = "does not enter" if len(rows) >= ENTRY_WORLDS else "too few worlds"
+            verdict = "" if way != IN_VIEW else "enters" if enters(rows) else failed
+            own = interval(mean_score(rows))
+            others = (cells.get((script, LOCKERS, way), []) for script in SCRIPTS)
+            scripts = (interval(mean_score(each)) if each else "" for each in others)
+            lines.append([model, way, f"{len(rows)}", own, *scripts, _right(rows), verdict])
+    return markdown_table(("model", "way", "worlds", "score", *SCRIPTS, "right where in view", "verdict"), lines)
+
+
+def knee(cells: Cells, player: str, bound: str) -> str:
+    """The least cap or history from which on a player has nine tenths of its own score with everything in view."""
+    best, found = mean_score(cells[player, LOCKERS, IN_VIEW]).mean, "none"
+    for way in reversed([way for way in CURVES if way.startswith(bound) and (player, LOCKERS, way) in cells]):
+        if mean_score(cells[player, LOCKERS, way]).mean < ENTRY * best:
+            break
+        found = way.removeprefix(bound).strip()
+    return found
+
+
+def knees_table(cells: Cells) -> str:
+    """For each model with curves, its knee beside that of `reader`."""
+    models = [model for model in MODELS if any((model, LOCKERS, way) in cells for way in CURVES)]
+    lines = [
+        [model, bound, knee(cells, model, bound), knee(cells, "reader", bound)]
+        for model, bound in product(models, ("cap", "history"))
+    ]
+    return markdown_table(("model", "bound", "its knee", "reader's"), lines)
 
 
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
-    made = {"entry-formats": formats_table(cells)}
-    return made | ({"entry": entry_table(cells)} if any(way == IN_VIEW for *_, way in cells) else {})
+    ways, made = {way for *_, way in cells}, {"entry-formats": formats_table(cells)}
+    made |= {"entry": entry_table(cells)} if IN_VIEW in ways else {}
+    return made | ({"entry-knees": knees_table(cells)} if ways & set(CURVES) else {})
+
+
+def _without_folder(row: Row) -> Row:
+    """The row with the name of a model's file, whose folder says nothing; its digest is under `engine`."""
+    options = row.get("player_options", {})
+    named = {"model": Path(options["model"]).name} if "model" in options else {}
+    return {**row, "player_options": options | named}
 
 
 EXPERIMENT = Experiment("entry", tables)
@@ -148,7 +178,7 @@ def main() -> None:
         play_entry(asked.out, QWEN, asked.qwen, asked.enter)
     else:
         play_formats(asked.out, {model: file for model, file in files.items() if file})
-    EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)
+    EXPERIMENT.conclude(map(_without_folder, rows_of(asked.out)), publishes=asked.publish)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import random
 import re
 import sys
 import tarfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -84,9 +85,25 @@ def test_published_rows_are_small_enough_for_a_repository(experiments):
 )
 def test_a_model_enters_with_nine_tenths_of_the_best_score_in_enough_worlds(right, enters):
     entry = importlib.import_module("entry")
-    facts = {"game": entry.LOCKERS, "end_reason": "terminated", "repeat": 0, "budget": {}}
-    rows = [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(right)]
-    assert entry.enters(rows) == enters
+    assert entry.enters(of_lockers(right)) == enters
+
+
+def of_lockers(scores, **facts):
+    """Rows of worlds of Lockers with these scores."""
+    facts |= {"game": "Lockers6-v0", "end_reason": "terminated", "repeat": 0, "budget": {}}
+    return [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(scores)]
+
+
+def test_a_knee_is_where_a_player_begins_to_have_nine_tenths_of_its_own_score():
+    entry = importlib.import_module("entry")
+    scores = {entry.IN_VIEW: 5, "cap 420": 5, "cap 490": 1, "cap 560": 4.5, "cap 700": 5, "history 9": 4}
+    rows = [row for way, score in scores.items() for row in of_lockers([score] * 4, player=entry.QWEN, way=way)]
+    reader = [row | {"player": "reader", "score": 6} for row in rows]
+    table = entry.tables([*rows, *reader])["entry-knees"]
+    assert table.splitlines()[2:] == [
+        "| qwen2.5-coder-1.5b | cap | 560 | 420 |",
+        "| qwen2.5-coder-1.5b | history | none | 9 |",
+    ]
 
 
 @pytest.mark.parametrize("name", ["models", "entry"])
@@ -94,15 +111,19 @@ def test_published_records_of_models_replay_without_the_model(name, tmp_path, ex
     with tarfile.open(experiments[name].path.with_name("records.tar.xz")) as archive:
         archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 and later
         archive.extractall(tmp_path)
-    place, has_popgym = ("worlds", "player", "game", "way", "trial"), importlib.util.find_spec("popgym")
-    scores = {tuple(row[name] for name in place): row["score"] for row in experiments[name].rows()}
+    fields, has_popgym = ("worlds", "player", "game", "way", "trial"), importlib.util.find_spec("popgym")
+    scores = {tuple(row[field] for field in fields): row["score"] for row in experiments[name].rows()}
     records = [
         each
         for each in tmp_path.rglob("*.jsonl")
         if has_popgym or name == "entry" or not sp.GAMES[each.parts[-3]].memory
     ]
     assert len(records) > (50 if name == "models" else 10)
-    for record in {record.parent: record for record in records}.values():
+    if name == "entry":
+        worlds = Counter(place[:4] for place in scores if place[1] not in importlib.import_module("entry").SCRIPTS)
+        kept = Counter(tuple(record.relative_to(tmp_path).parts[:4]) for record in records)
+        assert kept == {cell: min(count, 3) for cell, count in worlds.items()}
+    for record in records if name == "entry" else {record.parent: record for record in records}.values():
         replayed = sp.replay(record)
         assert replayed.identical, record
         assert replayed.result.score == scores[(*record.relative_to(tmp_path).parts[:4], int(record.stem))]
