@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.context.cached import Unit
+from smartplay_tools.costs.cached import Unit
 from smartplay_tools.evaluation.costs.charges import calls_under
 from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.records import sent_prompts

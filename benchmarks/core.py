@@ -1,4 +1,4 @@
-"""The speed of the core: calls, views, the tokenizer, the prompt hash. `python benchmarks/core.py`.
+"""The speed of the core: calls and views. `python benchmarks/core.py`.
 
 Peers are measured in the same run: the bare `env.step` below `Episode.call`, `langchain_core.messages.trim_messages`
 with the same exact count beside the view. Machines differ and are noisy, so ratios count, and every figure is a median.
@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from langchain_core.messages import AIMessage, BaseMessage, HumanMessage, SystemMessage, ToolMessage, trim_messages
 from rich.console import Console
@@ -27,10 +26,9 @@ from rich.table import Table
 import smartplay_tools as sp
 from smartplay_tools.context import ContextWindow
 from smartplay_tools.context.prompts.wording import VERSION, Wording
-from smartplay_tools.context.tokens import TokenCounter, Tokenizer, get_tokenizer
-from smartplay_tools.context.turns import Form, Item, Turn
+from smartplay_tools.context.tokens import TokenCounter, Tokenizer
+from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.players.conversion import function_call
-from smartplay_tools.transcript.hashing import message_bytes, prompt_sha256, tools_bytes
 from smartplay_tools.types import ResolvedBudget
 
 HANOI = "Hanoi3Disk-v0"
@@ -126,61 +124,6 @@ def views() -> Table:
     return table
 
 
-def strategies() -> Table:
-    """The next turn under every strategy, all in one loop, and how often that of plain dropping it takes."""
-    columns = ("strategy", "slack", *(f"{length:,} turns" for length in STRATEGY_TURNS), "ratio to dropping")
-    table = Table(*columns, title="One prompt's view under every strategy, microseconds", title_justify="left")
-    by_length = [strategy_microseconds(length) for length in STRATEGY_TURNS]
-    for name, slack in STRATEGIES:
-        times = [times[name, slack] for times in by_length]
-        ratios = [of_length[name, slack] / of_length["dropping", slack] for of_length in by_length]
-        low, high = min(ratios), max(ratios)
-        table.add_row(name, f"{slack:g}", *(f"{time:,.0f}" for time in times), f"{low:.2f} to {high:.2f}")
-    return table
-
-
-UNCUT: dict[str, Any] = {"prompt_tokens": 4096, "result_tokens": None, "manual_tokens": None, "tool_calls": None}
-STRATEGY_TURNS = (100, 1_000, 10_000)
-STRATEGIES: dict[tuple[str, float], dict[str, Any]] = {
-    ("dropping", 0.0): {},
-    ("masking", 0.0): {"beyond_history": "mask"},
-    ("notes", 0.0): {"notes_tokens": 200},
-    ("masking, notes", 0.0): {"beyond_history": "mask", "notes_tokens": 200},
-    ("dropping", 0.5): {},
-    ("masking", 0.5): {"beyond_history": "mask"},
-    ("notes", 0.5): {"notes_tokens": 200},
-    ("summaries", 0.5): {"summary_tokens": 300},
-    ("all three", 0.5): {"beyond_history": "mask", "notes_tokens": 200, "summary_tokens": 300},
-}
-"""The budgets, by name and slack. Their history and cap leave about as many turns in a view under each."""
-
-
-def strategy_microseconds(length: int) -> dict[tuple[str, float], float]:
-    """The median time of the next turn under every strategy, requests for summaries included."""
-    counter = TokenCounter()
-    head, turns = conversation(length + 60)
-    # Notes are taken every fifty turns; between them they are what has to be pinned.
-    turns = [dataclasses.replace(turn, notes=turn.number // 50 * 50) for turn in turns]
-    windows = {}
-    first = ContextWindow(head, [], ResolvedBudget(history=45, **UNCUT), counter)
-    for (name, slack), strategy in STRATEGIES.items():
-        budget = ResolvedBudget(history=45, slack=slack, **UNCUT, **strategy)
-        windows[name, slack] = ContextWindow(head, [], budget, counter)
-    times: dict[tuple[str, float], list[float]] = {key: [] for key in windows}
-    for number, turn in enumerate(turns):
-        first.append(turn)  # what a turn works out once is worked out here, and not for the strategy that comes first
-        first.view()
-        for key, window in windows.items():
-            start = time.perf_counter()
-            window.append(turn)
-            if window.view().purpose != "play":
-                window.answer("The disks have moved on.")
-                window.view()
-            if number >= length:
-                times[key].append((time.perf_counter() - start) * 1e6)
-    return {key: statistics.median(measured) for key, measured in times.items()}
-
-
 def view_microseconds(counter: TokenCounter, length: int, cap: int | None) -> tuple[float, float, float]:
     """The time of a view: next turn, rebuilt, unknown."""
     budget = ResolvedBudget(history=None, prompt_tokens=cap, result_tokens=None, manual_tokens=None, tool_calls=None)
@@ -238,32 +181,7 @@ def trim_microseconds(length: int, count: Callable[[sp.Message], int], cap: int 
     return statistics.median(times)
 
 
-def counting() -> Table:
-    """Tokens counted in a second, and what a transcript adds to a prompt for its hash."""
-    text = sp.GAMES[HANOI].make().manual
-    tokenizer = get_tokenizer()
-    tokens = tokenizer.count(text)
-    count = microseconds(lambda: tokenizer.count(text), 300)
-    head, turns = conversation(200)
-    tools: tuple[sp.ToolSpec, ...] = ()
-    shown = turns[-60:]
-    lines = [line for turn in shown for line in Form.lines(turn.whole)]
-
-    def new_turn() -> None:
-        turn = Turn(7, shown[0].assistant, shown[0].items, 0)
-        assert all(Form.lines(turn.whole))
-
-    def sha256() -> None:
-        prompt_sha256([*(message_bytes(m, ()) for m in head), *lines], tools_bytes(tools))
-
-    table = Table("what", "figure", title="Counting and hashing", title_justify="left")
-    table.add_row("tokens counted per second, one core", f"{tokens / count * 1e6:,.0f}")
-    table.add_row("canonical JSON of a new turn, microseconds", f"{microseconds(new_turn, 500):.1f}")
-    table.add_row("sha256 of a prompt of 60 turns, microseconds", f"{microseconds(sha256, 500):.1f}")
-    return table
-
-
 if __name__ == "__main__":
     console = Console(width=120)
-    for measure in (calls_table, views, strategies, counting):
+    for measure in (calls_table, views):
         console.print(measure())

@@ -8,9 +8,8 @@ text and, with a transcript, one line of JSON written to the null device and one
 a prompt has. Episodes and floors take turns in one run. All figures are microseconds of the processor, and medians;
 ratios count, because machines differ. Crafter's turn with a transcript is to cost at most 4 times its floor.
 
-One table compares turns with pictures and without. Two more show how a turn grows with the length of its episode: under
-the cap, where it should not, and without cap and history, where it may grow with the messages that are shown, and with
-nothing else.
+One table compares turns with pictures and without. Another shows how a turn without cap and history grows: with the
+messages that are shown, and with nothing else. `long_episode.py` has the same under caps.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ import random
 import statistics
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -46,8 +44,6 @@ GAMES = {
 PICTURED = ("Crafter-v0", "MinedojoCreative0-v0")
 CAP, FIRST, LONGEST = 2_000, 20, 150
 HASHED = b"x" * 6_000
-ENDLESS = "RockPaperScissorBasic-v0"
-LENGTHS = (100, 1_000, 10_000)
 SHOWN = (100, 200, 1_000, 2_000)
 AROUND = 50
 """How many turns are measured at a length."""
@@ -66,17 +62,6 @@ class Times:
         if self._before is not None:
             self.laps.append((now - self._before) / 1e3)
         self._before = time.thread_time_ns()
-
-
-class Observer:
-    """A player that only looks, so that an episode of any game lasts as long as its budget."""
-
-    name = "observer"
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        """Look at the game."""
-        call: sp.MessageToolCall = {"id": "1", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
-        return sp.Reply({"role": "assistant", "content": None, "tool_calls": [call]})
 
 
 def turns(game: str, seed: int, folder: Path | None, observation: str = "text") -> list[float]:
@@ -138,40 +123,17 @@ def every_game(rounds: int) -> Table:
     return table
 
 
-def at_lengths(
-    game: str, player: sp.Player, budget: sp.Budget, transcript: Path | None, lengths: Sequence[int]
-) -> list[float]:
-    """The time of a turn when the episode has had as many turns as each of some lengths."""
-    times, spec = Times(), dataclasses.replace(sp.GAMES[game], rollout=10**9)
-    with sp.Episode(spec, seed=1, budget=budget, transcript=transcript) as episode:
-        sp.play(episode, player, on_turn=times.lap)
-    # The last turn has the result of the episode to make.
-    return [statistics.median(times.laps[length - AROUND - 2 : length - 2]) for length in lengths]
-
-
-def long_episodes() -> Table:
-    """A turn of an endless episode, early and late, under a cap."""
-    table = Table("game", "transcript", *(f"turn {length:,}" for length in LENGTHS), "last to first")
-    table.title, table.title_justify = f"A turn of a long episode, cap {CAP:,}, microseconds", "left"
-    budget = sp.Budget(prompt_tokens=CAP, tool_calls=LENGTHS[-1], stalled_turns=None)
-    players: dict[str, sp.Player] = {ENDLESS: sp.get_player("random", seed=1), "Crafter-v0": Observer()}
-    with tempfile.TemporaryDirectory() as folder:
-        for game, player in players.items():
-            for transcript in (None, Path(folder, f"{game}.jsonl")):
-                medians = at_lengths(game, player, budget, transcript, LENGTHS)
-                shown = (f"{time:,.0f}" for time in medians)
-                table.add_row(game, "no" if transcript is None else "yes", *shown, f"{medians[-1] / medians[0]:.2f}")
-    return table
-
-
 def without_a_cap() -> Table:
     """A turn of an endless episode whose prompts hold everything."""
     table = Table("turns", "messages shown", "microseconds", "microseconds a message")
     table.title, table.title_justify = "A turn without cap and history", "left"
-    budget = sp.Budget(history=None, tool_calls=SHOWN[-1])
-    medians = at_lengths(ENDLESS, sp.get_player("random", seed=1), budget, None, SHOWN)
-    for length, microseconds in zip(SHOWN, medians, strict=True):
-        shown = 2 * length
+    times, budget = Times(), sp.Budget(history=None, tool_calls=SHOWN[-1])
+    spec = dataclasses.replace(sp.GAMES["RockPaperScissorBasic-v0"], rollout=10**9)
+    with sp.Episode(spec, seed=1, budget=budget) as episode:
+        sp.play(episode, sp.get_player("random", seed=1), on_turn=times.lap)
+    for length in SHOWN:
+        # The last turn has the result of the episode to make.
+        microseconds, shown = statistics.median(times.laps[length - AROUND - 2 : length - 2]), 2 * length
         table.add_row(f"{length:,}", f"{shown:,}", f"{microseconds:,.0f}", f"{microseconds / shown:.2f}")
     return table
 
@@ -200,7 +162,6 @@ def main() -> None:
     console = Console(width=120)
     console.print(every_game(rounds))
     console.print(with_pictures(rounds))
-    console.print(long_episodes())
     console.print(without_a_cap())
 
 

@@ -26,6 +26,8 @@ from page_tables import (
     arguments,
     compared_lines,
     complete,
+    control_line,
+    player_options,
     repeat_previous,
     score_or,
     table_across,
@@ -121,8 +123,7 @@ def _control(rows: Sequence[Row]) -> list[str]:
         asked = [(cell, members) for cell, members in cells if cell.budget["summary_tokens"] is None]
         own = [members for cell, members in asked if cell.game == game]
         pairs += [pair for members in own[1:] for pair in differences(members, own[0], MEASURES["score"])]
-    differing = sum(map(bool, pairs))
-    return [f"The control, `{CONTROL}`, without summaries: {len(pairs):,} pairs, of which {differing} differ in score."]
+    return [control_line(f"`{CONTROL}`, without summaries", pairs)]
 
 
 EXPERIMENT = Experiment("arena", lambda rows: {"arena": table(rows)})
@@ -130,10 +131,9 @@ EXPERIMENT = Experiment("arena", lambda rows: {"arena": table(rows)})
 
 def _arguments() -> argparse.Namespace:
     parser = arguments("Strategies for the past under the same caps, on the same seeds.", "runs/arena")
-    parser.add_argument("--player", action="append", help="play with this player and the control; repeatable")
+    player_options(parser)
     parser.add_argument("--strategy", action="append", help="a strategy of your own, FILE.py:CLASS; repeatable")
     parser.add_argument("--trials", type=int, default=20, help="episodes of every cell")
-    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     return parser.parse_args()
 
 

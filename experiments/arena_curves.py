@@ -23,6 +23,7 @@ from page_tables import (
     compared_lines,
     complete,
     interval,
+    is_playable,
     markdown_table,
     priced,
     records_of,
@@ -31,10 +32,8 @@ from page_tables import (
 
 import smartplay_tools as sp
 from smartplay_tools.episode.seeds import trial_seed
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.costs.tariffs import tariffs_of
-from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row, row_of
@@ -70,11 +69,8 @@ class Stage:
         for cap in self.caps:
             for way in (*self.ways, *({"strategy": name} for name in further)):
                 budget = sp.Budget(history=None, prompt_tokens=cap, **way)
-                try:
-                    check_playable(*make_cells([self.game], [CONTROL], [budget]))
-                except InvalidArgumentError:
-                    continue
-                yield budget
+                if is_playable(self.game, budget, CONTROL):
+                    yield budget
 
 
 def _ways(notes: int, summary: int, recall: int, memory: int) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, verdict
+from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, player_options, verdict
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
@@ -143,9 +143,8 @@ EXPERIMENT = Experiment(
 
 def _arguments() -> argparse.Namespace:
     parser = arguments("What notes are worth from trial to trial.", "runs/carry")
-    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    player_options(parser)
     parser.add_argument("--chains", type=int, default=15, help="chains of every game")
-    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     return parser.parse_args()
 
 

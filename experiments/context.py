@@ -14,14 +14,13 @@ finished episodes. `--publish` puts rows, tables and figures into the checkout.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 from context_questions import CONTROL, QUESTIONS
 from context_tables import TARIFFS, table
-from page_tables import DOCS, Experiment, arguments, priced, records_of
+from page_tables import DOCS, Experiment, arguments, check_finished, player_options, priced, records_of
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
@@ -60,12 +59,11 @@ def main() -> None:
 
 def _arguments() -> argparse.Namespace:
     parser = arguments("What a smaller context costs in score, and saves in tokens.", "runs/context")
-    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    player_options(parser)
     parser.add_argument("--base-url", help="the address of the server of openai:MODEL")
     parser.add_argument("--questions", nargs="+", choices=QUESTIONS, default=list(QUESTIONS), help="all by default")
     parser.add_argument("--trials", type=int, help="episodes of every cell")
     parser.add_argument("--seed", type=int, default=0, help="the seed of all randomness")
-    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
     parser.add_argument("--reply-tokens", type=int, help="cap on every reply, which a model needs")
     parser.add_argument("--run-tokens", type=int, help="cap on the tokens of each question")
     return parser.parse_args()
@@ -86,9 +84,7 @@ def _ask(name: str, asked: argparse.Namespace) -> Sweep:
     played = sweep(
         **arguments, out=asked.out / name, seed=asked.seed, workers=asked.workers, run_tokens=asked.run_tokens
     )
-    if not played.complete:
-        left = played.planned - len(played.rows)
-        sys.exit(f"{left} episodes of {asked.out / name} are not finished; the same command goes on with them.")
+    check_finished(played, asked.out / name)
     played.write()
     return played
 

@@ -14,17 +14,13 @@ QUESTIONS: dict[str, dict[str, Any]] = {
     "history": {
         "games": SMALL_GAMES,
         "players": ("rule", CONTROL),
-        "vary": {
-            "history": (0, 1, 2, 5, 10, 20, 50),
-        },
+        "vary": {"history": (0, 1, 2, 5, 10, 20, 50)},
         "trials": 100,
     },
     "prompt-tokens": {
         "games": SMALL_GAMES,
         "players": ("rule",),
-        "vary": {
-            "prompt_tokens": (500, 600, 800, 1000, 1500, None),
-        },
+        "vary": {"prompt_tokens": (500, 600, 800, 1000, 1500, None)},
         "trials": 100,
     },
     "slack": {
@@ -39,9 +35,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
     "crafter": {
         "games": ("Crafter-v0",),
         "players": ("rule", "rule-notes"),
-        "vary": {
-            "history": (2, 5, 10),
-        },
+        "vary": {"history": (2, 5, 10)},
         # With notes the player lives for the paper's 10,000 steps; fewer are enough to show the effect of notes.
         "budget": sp.Budget(tool_calls=1000),
         "trials": 20,
@@ -50,9 +44,7 @@ QUESTIONS: dict[str, dict[str, Any]] = {
         "games": ("MessengerL1-v0", "MessengerL2-v0", "MessengerL3-v0"),
         "players": ("rule", "rule-notes"),
         # The rules use the newest four observations: the latest one and three past ones.
-        "vary": {
-            "history": (0, 1, 2, 3),
-        },
+        "vary": {"history": (0, 1, 2, 3)},
         "trials": 20,
     },
     "strategies": {

@@ -17,6 +17,7 @@ from page_tables import (
     Line,
     compared_lines,
     comparison_table,
+    control_line,
     difference,
     interval,
     markdown_table,
@@ -106,8 +107,7 @@ def _control(rows: Sequence[Row]) -> list[str]:
     full = {cell.game: own for cell, own in cells if cell.budget["history"] == widest}
     others = [(cell, own) for cell, own in cells if cell.budget["history"] != widest]
     pairs = [pair for cell, own in others for pair in differences(own, full[cell.game], MEASURES["score"])]
-    changed = sum(difference != 0 for difference in pairs)
-    return [f"The control, `{CONTROL}`: {len(pairs):,} pairs, of which {changed} differ in score."] if pairs else []
+    return [control_line(f"`{CONTROL}`", pairs)] if pairs else []
 
 
 def _with_notes(rows: Sequence[Row], along: Sequence[str], places: Sequence[Column], effect: Column) -> str:

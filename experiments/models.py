@@ -22,7 +22,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from page_tables import (
@@ -31,6 +30,7 @@ from page_tables import (
     arguments,
     interval,
     markdown_table,
+    mean_of,
     mean_score,
     repeat_previous,
     score_of,
@@ -51,7 +51,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     spread,
 )
-from smartplay_tools.evaluation.analysis.pairs import Measure, paired_difference, reward, sample, score, steps
+from smartplay_tools.evaluation.analysis.pairs import paired_difference, reward, score, steps
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -252,11 +252,7 @@ def points_table(cells: Cells) -> str:
 
 
 def _points(rows: Sequence[Row]) -> str:
-    return f"{_mean(rows, reward):+.2f}" if rows else ""
-
-
-def _mean(rows: Sequence[Row], measure: Measure) -> float:
-    return fmean(sample(rows, measure).values)
+    return f"{mean_of(rows, reward):+.2f}" if rows else ""
 
 
 def baselines_table(cells: Cells) -> str:
@@ -281,7 +277,7 @@ def best_table(cells: Cells) -> str:
             if own := cells.get(("fresh", player, game, DROPPING), []):
                 best, rows = best_baseline(cells, game, own)
                 less = interval(paired_difference(own, rows, score), "+")
-                lines.append([player, name, f"{len(own)}", f"{_mean(own, score):.2f}", best, less])
+                lines.append([player, name, f"{len(own)}", f"{mean_of(own, score):.2f}", best, less])
     headings = ["player", "game", "worlds", "score", "best baseline", "model less it, score [95 %]"]
     return markdown_table(headings, lines)
 
@@ -292,8 +288,8 @@ def best_baseline(cells: Cells, game: str, rows: Sequence[Row]) -> tuple[str, li
     others = {
         each: [row for row in _under(cells, each, game, DROPPING) if row["trial"] in worlds] for each in baselines(game)
     }
-    best = max(others, key=lambda each: _mean(others[each], score))
-    return f"{best} ({_mean(others[best], score):.2f})", others[best]
+    best = max(others, key=lambda each: mean_of(others[each], score))
+    return f"{best} ({mean_of(others[best], score):.2f})", others[best]
 
 
 def baselines(game: str) -> Sequence[str]:
@@ -307,7 +303,7 @@ def _under(cells: Cells, player: str, game: str, way: str) -> list[Row]:
 
 
 def _facts(rows: Sequence[Row]) -> tuple[str, ...]:
-    return f"{_mean(rows, score):.2f}", f"{_mean(rows, reward):+.2f}", f"{_mean(rows, steps):.1f}"
+    return f"{mean_of(rows, score):.2f}", f"{mean_of(rows, reward):+.2f}", f"{mean_of(rows, steps):.1f}"
 
 
 def _score(rows: Sequence[Row]) -> str:
@@ -396,7 +392,7 @@ def dots(cells: Cells) -> Figure:
                     draw_dots(panel, [mean_score(rows)], at, Series.number(look), player, [mark])
                     marks.append(mark)
         name, rows = best_baseline(cells, game, cells["fresh", TAUGHT, game, DROPPING])
-        panel.axvline(_mean(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
+        panel.axvline(mean_of(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
         own = cells["fresh", TAUGHT, game, DROPPING]
         less = paired_difference(own, rows, score)
         verdict = "scores more" if less is not None and (less.high or 0) < 0 else "scores as much, as far as is shown"

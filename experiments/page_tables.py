@@ -18,13 +18,16 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 import smartplay_tools as sp
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of, grows
 from smartplay_tools.evaluation.analysis.figures.style import save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.pairs import MEASURES, sample
+from smartplay_tools.evaluation.analysis.pairs import MEASURES, Measure, sample
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, compare_windows
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
+from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
 from smartplay_tools.evaluation.runs.runner import Run
+from smartplay_tools.evaluation.runs.sweeps import Sweep
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimate
 
@@ -264,6 +267,16 @@ def mean_score(rows: Sequence[Row]) -> MeanEstimate:
     return mean_estimate(scores.values, scores.bounds)
 
 
+def mean_of(rows: Sequence[Row], measure: Measure) -> float:
+    """Return the mean of a measure of episodes."""
+    return fmean(sample(rows, measure).values)
+
+
+def control_line(control: str, pairs: Sequence[float]) -> str:
+    """Return how often a control, which no window may change, scores differently, seed by seed."""
+    return f"The control, {control}: {len(pairs):,} pairs, of which {sum(map(bool, pairs))} differ in score."
+
+
 def verdict(estimate: MeanEstimate) -> str:
     """Return whether an interval says more, or less, than 0, or nothing."""
     low, high = estimate.low or 0, estimate.high or 0
@@ -305,10 +318,30 @@ def arguments(description: str | None, out: str | None = None, *, publishes: boo
     return parser
 
 
+def player_options(parser: argparse.ArgumentParser) -> None:
+    """Add who plays, instead of the players of the experiment, and how many episodes at a time."""
+    parser.add_argument("--player", action="append", help="play with this player instead; repeatable")
+    parser.add_argument("--workers", type=int, help="episodes at a time; one for every processor by default")
+
+
 def complete(*arguments: Any, **options: Any) -> Run:
     """Play a run as `evaluate` does, or leave if some of its episodes have no result."""
     done = sp.evaluate(*arguments, **options)
+    check_finished(done, done.folder.path)
+    return done
+
+
+def check_finished(done: Run | Sweep, folder: Path) -> None:
+    """Leave if some episodes of what was played have no result."""
     if not done.complete:
         left = done.planned - len(done.rows)
-        sys.exit(f"{left} episodes of {done.folder.path} are not finished; run the command again.")
-    return done
+        sys.exit(f"{left} episodes of {folder} are not finished; run the command again.")
+
+
+def is_playable(game: str, budget: sp.Budget, player: str) -> bool:
+    """Return whether the head of the prompts and the reserve leave room under a budget."""
+    try:
+        check_playable(*make_cells([game], [player], [budget]))
+    except InvalidArgumentError:
+        return False
+    return True

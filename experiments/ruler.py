@@ -12,10 +12,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, in_steps, interval, markdown_table, mean_score, repeat_previous
+from page_tables import (
+    Experiment,
+    arguments,
+    complete,
+    in_steps,
+    interval,
+    is_playable,
+    markdown_table,
+    mean_score,
+    repeat_previous,
+)
 
 import smartplay_tools as sp
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.figures.style import (
     Series,
     draw_estimates,
@@ -27,15 +36,13 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
 )
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.runs.plan import check_playable, make_cells
-from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PLAYER = PlayerConfig(name="reader")
+PLAYER = "reader"
 SEED, TRIALS = 1997, 10
 GAMES = {repeat_previous(k): f"RepeatPrevious, k = {k}" for k in (2, 8, 24)} | {
     "popgym-CountRecallEasy-v0": "CountRecall"
@@ -55,18 +62,9 @@ def play(out: Path) -> Iterator[Row]:
         budgets = [sp.Budget(history=history) for history in HISTORIES]
         budgets += [sp.Budget(history=None, prompt_tokens=cap) for cap in CAPS]
         yield from complete(
-            [game], [PLAYER], budgets=list(filter(lambda budget: is_playable(game, budget), budgets)), trials=TRIALS,
+            [game], [PLAYER], budgets=[each for each in budgets if is_playable(game, each, PLAYER)], trials=TRIALS,
             seed=SEED, out=out / game,
         ).rows  # fmt: skip
-
-
-def is_playable(game: str, budget: sp.Budget) -> bool:
-    """Return whether the head of the prompts leaves room under a budget."""
-    try:
-        check_playable(*make_cells([game], [PLAYER], [budget]))
-    except InvalidArgumentError:
-        return False
-    return True
 
 
 def points(rows: Sequence[Row], game: str, along: str) -> Points:

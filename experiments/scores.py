@@ -11,16 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING
 
-from page_tables import Experiment, arguments, complete, markdown_table, mean_score, score_of
+from page_tables import Experiment, arguments, complete, markdown_table, mean_of, mean_score, score_of
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.decisions import POWERS, mde
 from smartplay_tools.evaluation.analysis.figures.run import run_figures
 from smartplay_tools.evaluation.analysis.grouping import by_cell
-from smartplay_tools.evaluation.analysis.pairs import Measure, reward, sample, score, steps
+from smartplay_tools.evaluation.analysis.pairs import reward, score, steps
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
@@ -83,13 +82,9 @@ def points(rows: Sequence[Row]) -> str:
         shown = [played["random"], best_line(played)[1], played["rule"]]
         played_rows = [row for own in shown for row in own]
         if any(map(reward, played_rows)) and any(reward(row) != score(row) for row in played_rows):
-            told = [f"{_mean(own, reward):+.2f} in {_mean(own, steps):,.0f} steps" for own in shown]
+            told = [f"{mean_of(own, reward):+.2f} in {mean_of(own, steps):,.0f} steps" for own in shown]
             lines.append((f"`{game}`", *told))
     return markdown_table(("setting", *HEADINGS), lines)
-
-
-def _mean(rows: Sequence[Row], measure: Measure) -> float:
-    return fmean(sample(rows, measure).values)
 
 
 def visible(rows: Sequence[Row]) -> str:

@@ -35,6 +35,7 @@ LAYERS = (
     "games",
     "transcript",
     "context",
+    "costs",
     "manager",
     "episode",
     "conversation",

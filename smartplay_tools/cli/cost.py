@@ -13,7 +13,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.threads import print_thread_costs, thread_files
-from smartplay_tools.context.cached import PLACES, Place
+from smartplay_tools.costs.cached import PLACES, Place
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.prompts.history import sent_reply
 from smartplay_tools.context.prompts.wording import Wording
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import head_bytes, message_bytes
@@ -315,7 +315,7 @@ class TurnBuilder:
         A manual that was read is then the result of its call, and the notes are a part of the head.
         """
         self._compacts = compacts
-        self._words, self._history = words, history_of(words.version)
+        self._words = words
         self.turns: list[Turn] = []
         """The turns that are complete."""
         self.step = 0
@@ -363,7 +363,7 @@ class TurnBuilder:
         self.close()
         self.number, self.is_open, self.calls = number, True, tuple(calls)
         self._assistant, self._made_at = with_ids(message, [call.id for call in calls]), self.step
-        self._sent = self._history.sent(self._assistant, self.calls)
+        self._sent = sent_reply(self._assistant, self.calls, self._words.version)
         self.waiting = tuple(range(len(calls)))
         self._reply_tokens, self._results, self._others = tokens, {}, []
         self._first_picture, self._made = self._pictures, []
@@ -374,7 +374,7 @@ class TurnBuilder:
         edited["tool_calls"][position]["function"]["arguments"] = arguments
         self._assistant = edited
         self.calls = read_calls(edited, [call.id for call in self.calls])
-        self._sent = self._history.sent(edited, self.calls)
+        self._sent = sent_reply(edited, self.calls, self._words.version)
         self._reply_tokens, self._made = None, []
 
     def add_result(self, position: int, text: str, data: Mapping[str, Any], *, is_error: bool = False) -> None:

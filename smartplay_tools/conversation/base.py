@@ -37,7 +37,7 @@ from smartplay_tools.types.messages import Call, Message, assistant_message, cal
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 if TYPE_CHECKING:
-    from smartplay_tools.conversation.spending import Spending
+    from smartplay_tools.costs.spending import Spending
 
 T = TypeVar("T")
 
@@ -363,8 +363,8 @@ class BaseConversation(ABC):
         budget = self.episode.budget
         if budget.episode_cost is None:
             return None
-        from smartplay_tools.context.cached import marks_of
-        from smartplay_tools.conversation.spending import Spending
+        from smartplay_tools.costs.cached import marks_of
+        from smartplay_tools.costs.spending import Spending
         from smartplay_tools.providers.cost_rules import NO_CACHE, cost_rule
 
         marks = marks_of(self.episode.config.player_options)

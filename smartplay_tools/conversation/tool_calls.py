@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.prompts.history import sent_head
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.context.turns import Form
@@ -50,7 +50,6 @@ class ToolConversation(BaseConversation):
         head: Sequence[Mapping[str, Any]] = (),
         foreign_tools: Sequence[ToolSpec] = (),
     ) -> None:
-        self._history = history_of(episode.words.version)
         whole_head, tools = self._use_head(episode, head, foreign_tools)
         strategies = episode.ledger.strategies
         self._has_strategies = bool(episode.budget.strategies)
@@ -98,7 +97,7 @@ class ToolConversation(BaseConversation):
         """Take note of the host's messages and tools; return the whole head and all tools."""
         if clash := {tool.name for tool in foreign_tools} & {tool.name for tool in episode.tools}:
             raise InvalidArgumentError(f"The game's own tools are named {', '.join(sorted(clash))}; rename yours.")
-        host_head, tools = self._history.head(head_messages(head)), (*episode.tools, *foreign_tools)
+        host_head, tools = sent_head(head_messages(head), episode.words.version), (*episode.tools, *foreign_tools)
         whole_head = [*episode.head, *host_head]
         if episode.budget.prompt_tokens is not None:
             budgets.check_head(episode.budget, episode.counter.prompt(whole_head, tools), episode.ledger.strategies)
@@ -121,7 +120,7 @@ class ToolConversation(BaseConversation):
         with self.episode.lock:
             if self.episode.result is not None:
                 return
-            asked = self._history.head(head_messages(head)), tuple(foreign_tools)
+            asked = sent_head(head_messages(head), self.episode.words.version), tuple(foreign_tools)
             if asked == (list(self.host_head), self.foreign_tools):
                 return
             if self._pending is not None or self._foreign_waiting():

@@ -1,4 +1,4 @@
-"""The requests of an episode as a provider's cache sees them (`smartplay_tools.context.cached`), from its record."""
+"""The requests of an episode as a provider's cache sees them (`smartplay_tools.costs.cached`), from its record."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from smartplay_tools.context.cached import Prefixes, Unit, Units, same_and_stable
 from smartplay_tools.context.tokens import TokenCounter, Tokenizer
 from smartplay_tools.context.turns import with_ids
+from smartplay_tools.costs.cached import Prefixes, Unit, Units, same_and_stable
 from smartplay_tools.episode.cells import counter_of
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.prompts import Rebuilder, sent_prompts

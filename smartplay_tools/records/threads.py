@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.context.cached import Unit, same_and_stable
+from smartplay_tools.costs.cached import Unit, same_and_stable
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.manager.record import RecordedPrompt, RecordedThread, is_thread_record
 from smartplay_tools.records.requests import Request, RequestLog

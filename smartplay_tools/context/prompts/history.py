@@ -8,7 +8,6 @@ uncounted. From version 2 on, arguments are objects, and all that a person could
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.types.arguments import read
@@ -18,30 +17,27 @@ NOTHING = "..."
 """The words of a reply that has neither words nor calls: servers refuse a message that is empty."""
 
 
-@dataclass(frozen=True, slots=True)
-class History:
-    """The rules of a version."""
+def sent_reply(reply: Message, calls: Sequence[Call], version: str) -> Message | None:
+    """Return a reply as later prompts hold it; None if that is what the model said."""
+    if version == "v1":
+        return None
+    if not calls:
+        return None if text_of(reply).strip() else {**reply, "content": NOTHING}
+    arguments = [call.arguments.sent for call in calls]
+    return None if arguments == [call.arguments.text for call in calls] else with_arguments(reply, arguments)
 
-    has_objects: bool
-    """Whether the arguments of calls are objects, whatever the model wrote."""
-    thoughts: Callable[[Mapping[str, Any]], str]
-    """Returns the text of a reply's thoughts that is counted."""
 
-    def sent(self, reply: Message, calls: Sequence[Call]) -> Message | None:
-        """Return a reply as later prompts hold it; None if that is what the model said."""
-        if not self.has_objects:
-            return None
-        if not calls:
-            return None if text_of(reply).strip() else {**reply, "content": NOTHING}
-        sent = [call.arguments.sent for call in calls]
-        return None if sent == [call.arguments.text for call in calls] else with_arguments(reply, sent)
+def sent_head(messages: Sequence[Message], version: str) -> list[Message]:
+    """Return the messages of a head as prompts hold them: a host may begin with an earlier chat of its model."""
+    if version == "v1":
+        return list(messages)
+    read_again = ([read(call["function"]["arguments"]).sent for call in calls_of(each)] for each in messages)
+    return [with_arguments(*pair) for pair in zip(messages, read_again, strict=True)]
 
-    def head(self, messages: Sequence[Message]) -> list[Message]:
-        """Return the messages of a head as prompts hold them: a host may begin with an earlier chat of its model."""
-        if not self.has_objects:
-            return list(messages)
-        read_again = ([read(call["function"]["arguments"]).sent for call in calls_of(each)] for each in messages)
-        return [with_arguments(*pair) for pair in zip(messages, read_again, strict=True)]
+
+def thoughts_of(version: str) -> Callable[[Mapping[str, Any]], str]:
+    """Return the function that gives the text of a reply's thoughts that is counted."""
+    return _first_thoughts if version == "v1" else reasoning_of
 
 
 def _first_thoughts(message: Mapping[str, Any]) -> str:
@@ -60,12 +56,3 @@ def _visible(item: Any) -> Iterator[str]:
     elif isinstance(item, list):
         for part in item:
             yield from _visible(part)
-
-
-_FIRST = History(has_objects=False, thoughts=_first_thoughts)
-_NEWEST = History(has_objects=True, thoughts=reasoning_of)
-
-
-def history_of(version: str) -> History:
-    """Return the rules of a version of the prompts."""
-    return _FIRST if version == "v1" else _NEWEST

@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.context.prompts.history import history_of
+from smartplay_tools.context.prompts.history import thoughts_of
 from smartplay_tools.context.prompts.wording import VERSION
 from smartplay_tools.context.tokens.tokenizers import (
     DEFAULT_RULE,
@@ -87,7 +87,7 @@ class TokenCounter:
     def __init__(self, tokenizer: str | Tokenizer | None = None, version: str = VERSION) -> None:
         """`version` is that of the prompts, which decides what of a reply's thoughts is counted."""
         self.tokenizer, self.version = get_tokenizer(tokenizer), version
-        self._thoughts = history_of(version).thoughts
+        self._thoughts = thoughts_of(version)
         self.text = _remembered(self._count)
         """Count a text."""
         self._arguments = _remembered(lambda text: self.text(canonical(text)))

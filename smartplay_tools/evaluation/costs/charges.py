@@ -13,7 +13,7 @@ from math import fsum, inf
 from operator import mul
 from typing import NamedTuple
 
-from smartplay_tools.context.cached import PLACES, MarkedPrefixes, Place, Prefixes, marked, whole_blocks
+from smartplay_tools.costs.cached import PLACES, MarkedPrefixes, Place, Prefixes, marked, whole_blocks
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.caches import CacheRule
 from smartplay_tools.providers.prices import Price

@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from smartplay_tools.context.cached import PLACES, Place, marks_of
 from smartplay_tools.context.tokens.tokenizers import named_tokenizers, open_tokenizers
+from smartplay_tools.costs.cached import PLACES, Place, marks_of
 from smartplay_tools.errors import InvalidArgumentError, damage_named, warn_damaged
 from smartplay_tools.evaluation.costs.charges import Charge, charge
 from smartplay_tools.evaluation.processes import parallel_map, worth

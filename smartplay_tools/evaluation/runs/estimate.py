@@ -17,11 +17,11 @@ from itertools import accumulate
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.context.cached import marks_of
 from smartplay_tools.context.strategies.ageing import turns_leave
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.conversation.loop import AttachedPlayer, new_conversation, play
+from smartplay_tools.costs.cached import marks_of
 from smartplay_tools.episode.budgets import resolve
 from smartplay_tools.episode.cells import most_calls
 from smartplay_tools.episode.config import CellConfig

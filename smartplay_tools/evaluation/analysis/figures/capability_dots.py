@@ -13,6 +13,7 @@ from smartplay_tools.evaluation.analysis.capabilities import capability_scores
 from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_RESULTS, PAPER_SETTINGS
 from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +42,7 @@ def capability_dots(players: Mapping[str, Scores]) -> Figure:
         profile = _profile({game: scores[game] for game in settings})
         ends = [(each.low, each.high) for each in profile if each.low is not None and each.high is not None]
         above, below = sum(low > 1 for low, _ in ends), sum(high < 1 for _, high in ends)
-        found.append(f"{name}: above the human in {above} of {len(profile)} capabilities, below in {below}")
+        found.append(f"{visible(name)}: above the human in {above} of {len(profile)} capabilities, below in {below}")
         style.draw_dots(axes, profile, [place + beside for place in places], look, name)
     axes.axvline(1, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
     axes.set_yticks(places, CAPABILITIES)

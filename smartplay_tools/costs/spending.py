@@ -10,7 +10,9 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 
-from smartplay_tools.context.cached import (
+from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.context.view import View
+from smartplay_tools.costs.cached import (
     MarkedPrefixes,
     Place,
     Prefixes,
@@ -20,8 +22,6 @@ from smartplay_tools.context.cached import (
     same_and_stable,
     whole_blocks,
 )
-from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.context.view import View
 from smartplay_tools.providers.cost_rules import CostRule
 from smartplay_tools.types import Purpose
 from smartplay_tools.types.messages import Message
