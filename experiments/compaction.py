@@ -17,8 +17,9 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ from page_tables import (
     mean_score,
     repeat_previous,
     table_row,
+    verdict,
 )
 
 import smartplay_tools as sp
@@ -50,16 +52,14 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
     save_figure,
 )
-from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
+from smartplay_tools.evaluation.analysis.pairs import paired_difference, score, values, way_to
 from smartplay_tools.evaluation.analysis.remembering import WORK
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games.specs import lockers_setting
-from smartplay_tools.records import Record
-from smartplay_tools.records.best_choices import best_choice
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
+from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, mean_estimate
 from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
@@ -190,18 +190,13 @@ def _play(out: Path, seed: int, trials: int, stage: Stage, way: Way) -> None:
 
 
 def rows_of(out: Path, ways: Iterable[Way] = WAYS) -> Iterator[Row]:
-    """Yield the rows of everything that was played into a folder, with what their tables need."""
+    """Yield the rows of everything that was played into a folder."""
     for stage in (*STAGES, *CURVE):
         for way in ways:
             for longest in (CAP, LONGER):
                 folder = RunFolder(_folder(out, stage, way, longest))
                 for row in folder.rows() if folder.path.exists() else ():
-                    facts = {"stage": stage.name, "way": way.name, "questions_up_to": longest, "best": None}
-                    if way.name == DROPPING and (
-                        best := best_choice(Record.head(folder.transcript(row["key"])).config)
-                    ):
-                        facts["best"] = asdict(best)
-                    yield {**row, **facts}
+                    yield {**row, "stage": stage.name, "way": way.name, "questions_up_to": longest}
 
 
 def _is_here(name: str, load: Callable[[], object]) -> bool:
@@ -318,9 +313,21 @@ def acts(way: str, rows: Iterable[Row]) -> bool:
 def scores_table(cells: Cells, longest: int) -> str:
     """The score of dropping, and the difference of every other way to it; with the higher cap where that decides."""
     ways = [way for way in names_in(cells) if longest == CAP or any(each[1:] == (longest, way) for each in cells)]
-    stages = [stage.name for stage in STAGES]
-    lines = ([way, *(_score(cells, stage, way, longest) for stage in stages)] for way in ways)
-    return markdown_table(["strategy", *stages], (line for line in lines if any(line[1:])))
+    lines = (_line(cells, way, longest) for way in ways)
+    columns = [*(stage.name for stage in STAGES), "way to best"]
+    return markdown_table(["strategy", *columns], (line for line in lines if any(line[1:-1])))
+
+
+def _line(cells: Cells, way: str, longest: int = CAP) -> list[str]:
+    return [way, *(_score(cells, stage.name, way, longest) for stage in STAGES), _way_to_best(cells, way, longest)]
+
+
+def _way_to_best(cells: Cells, way: str, longest: int) -> str:
+    """The mean over the games in which the best choice wins something, if the way was played in all of them."""
+    share, names = way_to("with_return"), [stage.name for stage in STAGES]
+    winning = [name for name in names if values(cells.get((name, CAP, DROPPING), ()), share)]
+    shares = [values(rows_in(cells, name, way, longest), share) for name in winning]
+    return interval(mean_estimate([*chain(*shares)])) if winning and all(shares) else ""
 
 
 def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
@@ -415,7 +422,11 @@ def dots(cells: Cells) -> Figure:
             draw_dots(panel, means, places, Series.number(look), whose, early)
             marks += early
             counts |= {each.episodes for each in means}
-        panel.set(title=stage.name, xlabel="score", yticks=range(len(names)))
+        others = {name for name in names if name not in (*CONTROLS, *BEST)}
+        less_dropping = [each for name in others if (each := less(cells, stage.name, name, CAP))]
+        more, worse = (sum(verdict(each) == said for each in less_dropping) for said in ("more", "less"))
+        found = f"{stage.name}: of {len(less_dropping)} others,\n{more} above dropping, {worse} below"
+        panel.set(title=found, xlabel="score", yticks=range(len(names)))
         panel.set_yticklabels(names if panel is axes[0] else [])
     legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
     return drawn
@@ -464,10 +475,8 @@ def play_alone(way: Way, out: Path, trials: int = TRIALS) -> list[Row]:
         print(f"{name}\n\n{written}\n", flush=True)
     for name, drawn in figures(rows).items():
         save_figure(drawn, out / name, formats=["svg"])
-    cells = cells_of(rows)
-    sent = [way.name, *(_score(cells, stage.name, way.name, CAP) for stage in STAGES)]
     print(f"The figures are in {out}, with the records, which --replay proves without your code.")
-    print(f"The row to send in a pull request:\n{table_row(sent)}")
+    print(f"The row to send in a pull request:\n{table_row(_line(cells_of(rows), way.name))}")
     return rows
 
 
