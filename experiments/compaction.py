@@ -164,8 +164,11 @@ WAYS = (
 )
 """The first is what the others are compared with; the first three are of this library."""
 DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:3])
-BEST = {"best choice": "without_return", "best choice, with return": "with_return"}
-"""Rows of the best choice of whole turns, and the fields of `records.best_choices` that they show."""
+BEST = {"best choice": "with_return"}
+"""Rows of the best choice of whole turns, and the fields of `records.best_choices` that they show.
+
+Under this cap the best choice without bringing turns back scores the same in every world.
+"""
 
 
 def play(out: Path, seed: int, trials: int, ways: Sequence[Way] = WAYS, stages: Sequence[Stage] = ()) -> Iterator[Row]:
@@ -341,9 +344,9 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
 
 
 def difference(each: MeanEstimate | None) -> str:
-    """Return a difference with its interval, which also says what pairs that are all equal can exclude."""
-    if each is None or each.low is None or each.high is None:
-        return "" if each is None else f"{each.mean:+.2f}"
+    """Return a difference with its interval; if all pairs are equal, how many there are."""
+    if each is None or each.low is None or each.high is None or each.is_zero:
+        return "" if each is None else f"equal in all {each.episodes}" if each.is_zero else f"{each.mean:+.2f}"
     return f"{each.mean:+.2f} [{each.low:+.2f}, {each.high:+.2f}]"
 
 
