@@ -151,7 +151,8 @@ class Report:
         if own is not None and type(event.get("index")) is int:
             event["index"] += 1
         if kind == "message_start" and isinstance(message := event.get("message"), Mapping):
-            self._usage = dict(message.get("usage") or {})
+            given = message.get("usage")
+            self._usage = dict(given) if isinstance(given, Mapping) else {}
         yield self._told(event) if kind == "message_delta" else event
         if kind == "message_start":
             yield from self._blocks()

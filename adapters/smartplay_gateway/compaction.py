@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import math
 import uuid
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -42,6 +43,11 @@ NOT_ASKED = ("stream", "stream_options", "background", "stop_sequences", "output
 
 Kind = Literal["threshold", "pause", "summarize", "trigger", "compact"]
 """Above a threshold, and then on or not; or at once: a request of Messages, an item of Responses, a path of its own."""
+
+
+class _Summary(dict[str, Any]):
+    """The message with a summary of ours, which is no word of a user even where a user's words begin alike."""
+
 
 Ask = Callable[[Json], Awaitable[Json]]
 """Asks the model: a request whose prompt has been fitted, and the answer."""
@@ -126,7 +132,7 @@ class Wish:
             return []
         items = (item for item in self.surface.conversation(body) or () if isinstance(item, Mapping))
         words = [item for item in items if item.get("role") in ("user", "system", "developer")]
-        return [item for item in words if not _text(item).startswith(SUMMARY)]
+        return [item for item in words if not isinstance(item, _Summary)]
 
     def shown(self, body: Json, summary: str | None) -> Json | None:
         """Return the item or the block with a summary."""
@@ -158,7 +164,8 @@ def _opened_items(items: list[Any]) -> list[Any]:
     if not (isinstance(summary, str) and isinstance(kept, list) and all(isinstance(each, Mapping) for each in kept)):
         problem = f"The encrypted content of input[{at}] could not be verified; send the item as it came."
         raise RefusedError(problem, param=f"input[{at}]", code="invalid_encrypted_content")
-    return [*kept, {"type": "message", "role": "user", "content": SUMMARY + summary}, *items[at + 1 :]]
+    own = _Summary(type="message", role="user", content=SUMMARY + summary)
+    return [*kept, own, *items[at + 1 :]]
 
 
 def _opened_blocks(messages: list[Any], betas: Sequence[str]) -> list[Any]:
@@ -297,11 +304,17 @@ async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -
         own = {"role": "user", "content": SUMMARY + summary}
         return [*kept, own | ({"type": "message"} if surface.form == "responses" else {})]
 
-    def is_over(summary: str) -> bool:
-        """Whether what stands in the place of the conversation would not fit."""
-        return not wish.is_now and cap is not None and surface.count(body, standing(summary), manager) > cap
+    def size(summary: str) -> int:
+        """The tokens of what would stand in the place of the conversation."""
+        return surface.count(body, standing(summary), manager)
 
-    if await asyncio.to_thread(is_over, ""):
+    least = await asyncio.to_thread(size, "")
+    if cap is not None and least > cap and wish.is_now and kept:
+        raise RefusedError(
+            f"A compaction keeps the words of users, which take {least:,} of {cap:,} tokens; nothing was asked.",
+            param=field,
+        )
+    if not wish.is_now and least > min(wish.rule.trigger, math.inf if cap is None else cap):
         return None
     try:
         answer = await ask(wish.question(body))
@@ -310,7 +323,7 @@ async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -
             raise
         return None
     summary, stop = read_summary(surface.form, answer)
-    if summary is not None and await asyncio.to_thread(is_over, summary):
+    if summary is not None and not wish.is_now and cap is not None and await asyncio.to_thread(size, summary) > cap:
         summary = None
     if summary is None and wish.kind in ("trigger", "compact"):
         raise NoSummaryError(f"The model gave no summary; its answer ended with {stop!r}.")

@@ -79,6 +79,8 @@ def passing_app(
         body, form = None if surface is None else object_in(content), surface or CHAT
         try:
             if surface is None or body is None:
+                if surface is not None and _is_too_deep(content):
+                    raise InvalidArgumentError("The request is nested too deeply to be counted.")
                 content = _countable(request, content)
                 return await _passed(await _sent(client, request, _target(base, request), content), surface)
             return await _managed(_Exchange(client, request, base, surface, manager, told), body, content)
@@ -158,6 +160,17 @@ def _record_count(manager: ContextManager, prompt: FittedPrompt, tokens: int) ->
         warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
 
 
+def _is_too_deep(content: bytes) -> bool:
+    """Whether a body may be JSON that its server can read, but that cannot be read here."""
+    try:
+        json.loads(content)
+    except RecursionError:
+        return True
+    except ValueError:
+        pass
+    return False
+
+
 def _countable(request: Request, content: bytes) -> bytes:
     """A request to count a prompt, as the upstream can read it: with our own compactions as words."""
     surface = next((surface for end, surface in COUNTED.items() if request.url.path.endswith(end)), None)
@@ -203,7 +216,12 @@ class _Exchange:
         target = _target(self.base, self.request).replace("/responses/compact", "/responses")
         answer = await _sent(self.client, self.request, target, content, is_read=True)
         passed = await _passed(answer, self.surface, counted, is_read=True)
-        read = b"".join([piece async for piece in passed.body_iterator if isinstance(piece, bytes)])
+        try:
+            read = b"".join([piece async for piece in passed.body_iterator if isinstance(piece, bytes)])
+        except (httpx2.TransportError, httpx2.DecodingError) as error:
+            problem = f"The upstream's answer to the question for a summary broke off: {type(error).__name__} {error}"
+            told = self.surface.refusal(InvalidArgumentError(problem.rstrip()))
+            raise _UnansweredError(_json(told, 502, {"x-should-retry": "false"})) from None
         value = object_in(read)
         if answer.status_code != 200 or value is None:
             headers = {"content-type": answer.headers.get("content-type", "")}

@@ -64,7 +64,7 @@ class Content:
                     f"has content of the type {type(part).__name__}, which is no text and no part"
                 )
             else:
-                (pictures if part.get("type") in PICTURES else closed if _is_closed(part) else others).append(part)
+                (pictures if _type(part) in PICTURES else closed if _is_closed(part) else others).append(part)
         return cls("".join(texts), tuple(pictures), tuple(closed), tuple(others))
 
 
@@ -386,6 +386,4 @@ def _type(part: Any) -> str:
 def _is_closed(part: Given) -> bool:
     """Whether only its provider can count a part; a document of plain text is readable."""
     source = part.get("source")
-    return part.get("type") in CLOSED and not (
-        isinstance(source, Mapping) and source.get("type") in ("text", "content")
-    )
+    return _type(part) in CLOSED and not (isinstance(source, Mapping) and source.get("type") in ("text", "content"))

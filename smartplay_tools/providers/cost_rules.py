@@ -103,7 +103,7 @@ def _named(name: str) -> CostRule:
 def _read(value: str) -> Any:
     try:
         return json.loads(value)
-    except ValueError:
+    except (ValueError, RecursionError):
         return value
 
 

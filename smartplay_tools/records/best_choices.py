@@ -150,10 +150,11 @@ class BestChoice:
     @classmethod
     def of(cls, world: World) -> BestChoice:
         """Return the scores of a world."""
-        kept = world.score(world.kept())
+        dropping = world.score(world.dropped())
+        kept = max(dropping, world.score(world.kept()))  # dropping brings nothing back, either
         at_most = min(world.most(), world.score(world.possible()))
         at_most = kept if math.isclose(kept, at_most, abs_tol=1e-9) else at_most
-        return cls(world.score(world.dropped()), kept, at_most, world.score(world.brought_back()))
+        return cls(dropping, kept, at_most, world.score(world.brought_back()))
 
 
 def best_choice(config: EpisodeConfig) -> BestChoice | None:

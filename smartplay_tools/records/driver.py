@@ -39,6 +39,9 @@ Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 BUDGET_ENDS = ("prompt_tokens", "episode_tokens", "episode_cost", "strategy_error")
 """Reasons for which an episode ends when the next prompt is requested."""
 
+UNSENT_ENDS = ("prompt_tokens", "episode_tokens", "episode_cost")
+"""Those of these that a prompt causes which is not on record, nor, often, how a compactor has rewritten it."""
+
 EXTERNAL_ENDS = ("player_error", "run_budget", "host", "closed")
 """End reasons from outside the game and the budgets: a replay takes them from the record, and an episode can be
 continued after them in a new record."""
@@ -87,6 +90,7 @@ class Driver:
         self.recorded = [event for event in recorded if event["event"] not in NOT_REPLAYED]
         compacted = is_compacted(recorded)
         stand_in = _NotCalled() if compacted and compactor == "recorded" else None
+        self._has_rewritings = stand_in is not None
         self.record = MemoryRecord()
         """The new record."""
         config = config or EpisodeConfig.from_event(recorded[0])
@@ -216,9 +220,10 @@ class Driver:
 
     def _end(self, result: Mapping[str, Any]) -> None:
         reason = result["end_reason"]
-        if reason in BUDGET_ENDS and self.conversation is not None:
+        is_unknown = self._has_rewritings and not self._rewritings and reason in UNSENT_ENDS
+        if reason in BUDGET_ENDS and self.conversation is not None and not is_unknown:
             self.conversation.prompt()
-        elif reason in EXTERNAL_ENDS:
+        elif reason in EXTERNAL_ENDS or is_unknown:
             self.episode.end(reason, detail=result.get("detail"))
 
     def differences(self, *, to_end: bool = True) -> Iterator[str]:
