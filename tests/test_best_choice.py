@@ -62,6 +62,12 @@ def test_no_choice_is_better_than_the_bound_and_the_one_that_is_found_can_be_mad
     assert exact > 200
 
 
+def test_dropping_the_oldest_is_a_choice_that_brings_nothing_back():
+    asked = [Asked(2, frozenset([0]), 1, 0), Asked(3, frozenset([1]), 1, 0), Asked(4, frozenset([1]), 1, 0)]
+    found = BestChoice.of(World([3, 1, 1, 1, 1], 4, asked))
+    assert found.dropping == found.without_return == found.at_most == 2
+
+
 def test_where_turns_are_equal_and_needed_once_the_best_is_exact():
     for seed in range(200):
         world = small(random.Random(seed), equal=True)

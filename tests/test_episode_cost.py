@@ -130,6 +130,23 @@ def test_a_host_that_sends_its_own_prompts_cannot_keep_a_budget_in_money() -> No
         sp.Episode(CARDS, seed=1, context="host", budget=sp.Budget(episode_cost=1_000))
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [{"episode_cost": cost} for cost in range(800, 3_000, 200)]
+    + [{"episode_tokens": n} for n in range(700, 2_700, 300)],
+)
+def test_an_episode_of_a_compactor_whose_prompt_could_not_be_paid_replays(limits: dict[str, float]) -> None:
+    events: list[Any] = []
+    budget = sp.Budget(history=None, strategy="compact_20260112:trigger=450", **limits)  # type: ignore[arg-type]
+    conversation = sp.Conversation(sp.Episode("Hanoi3Disk-v0", seed=1, budget=budget, transcript=events))
+    look = {"id": "1", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
+    while (prompt := conversation.prompt()) is not None:
+        calls = {"tool_calls": [look]} if prompt.purpose == "play" else {}
+        conversation.receive({"role": "assistant", "content": "<summary>Nothing yet.</summary>", **calls})
+    assert conversation.episode.result.end_reason == next(iter(limits))
+    assert replay(events).identical
+
+
 def test_the_tables_of_a_run_say_what_was_spent(tmp_path: Path) -> None:
     budgets = [sp.Budget(history=None, episode_cost=cap, cost_rule="openai-5-5") for cap in (8_000, None)]
     run = sp.evaluate([CARDS], ["rule"], budgets=budgets, trials=2, out=tmp_path / "run", executor="inline")

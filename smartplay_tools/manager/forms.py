@@ -132,10 +132,13 @@ class Chat(MessageForm):
     }  # fmt: skip
 
     def kind(self, message: Given) -> Kind:
-        role = message.get("role")
-        if kind := self._KINDS.get(role):
-            return kind
-        raise InvalidArgumentError(f"has the role {role!r}, which is none of {', '.join(self._KINDS)}")
+        role, calls = message.get("role"), message.get("tool_calls") or []
+        kind = self._KINDS.get(role) if isinstance(role, str) else None
+        if kind is None:
+            raise InvalidArgumentError(f"has the role {role!r}, which is none of {', '.join(self._KINDS)}")
+        if not (isinstance(calls, list | tuple) and all(map(_is_call, calls))):
+            raise InvalidArgumentError("has tool_calls that are no list of calls")
+        return kind
 
     def calls(self, message: Given) -> Sequence[str]:
         return [str(call.get("id") or "") for call in message.get("tool_calls") or ()]
@@ -339,7 +342,7 @@ def form_of(messages: Sequence[Given]) -> MessageForm:
         content = message.get("content")
         if isinstance(content, list | tuple):
             for part in content:
-                kind = part.get("type") if isinstance(part, Mapping) else None
+                kind = _type(part)
                 if kind in _BLOCKS or (kind == "image" and "source" in part):
                     return FORMS["anthropic"]
                 if kind in ("input_text", "output_text", "input_image", "input_file"):
@@ -377,6 +380,13 @@ def _text(part: Any) -> str | None:
     if isinstance(part, Mapping) and part.get("type", "text") in ("text", "input_text", "output_text", "refusal"):
         return next((part[name] for name in ("text", "refusal") if isinstance(part.get(name), str)), None)
     return None
+
+
+def _is_call(call: Any) -> bool:
+    """Whether a call of chat completions has the parts that are read."""
+    if not isinstance(call, Mapping):
+        return False
+    return isinstance(call.get("function") or call.get("custom") or {}, Mapping)
 
 
 def _type(part: Any) -> str:

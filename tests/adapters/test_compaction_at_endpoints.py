@@ -426,6 +426,48 @@ def test_a_summary_that_does_not_fit_is_none(upstream: Upstream):
     assert len(sent(upstream)[1]["messages"]) > 3
 
 
+CHAT = [
+    {"role": role, "content": text} for _ in range(14) for role, text in (("user", "word " * 30), ("assistant", "ok"))
+]
+
+
+def test_nothing_is_asked_where_the_words_of_users_leave_no_room(upstream: Upstream):
+    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(400)) as endpoint:
+        answer = httpx2.post(f"{endpoint.base_url}/responses/compact", json={"model": "m", "input": CHAT})
+        assert answer.status_code == 400
+        assert "keeps the words of users" in answer.json()["error"]["message"]
+        assert not upstream.requests
+        script(upstream, REPLIED)
+        entry = [{"type": "compaction", "compact_threshold": 100}]
+        httpx2.post(f"{endpoint.base_url}/responses", json={"model": "m", "input": CHAT, "context_management": entry})
+    assert INSTRUCTIONS not in str(sent(upstream))
+
+
+def test_words_of_a_user_that_begin_like_a_summary_are_kept(endpoint: ContextEndpoint, upstream: Upstream):
+    pasted = {"role": "user", "content": f"{SUMMARY}which I have pasted."}
+    script(upstream, said("<summary>Page 3 is next.</summary>"))
+    asked = {"model": "m", "input": [*items(2), pasted]}
+    made = httpx2.post(f"{endpoint.base_url}/responses/compact", json=asked).json()["output"]
+    script(upstream, REPLIED)
+    httpx2.post(f"{endpoint.base_url}/responses", json={"model": "m", "input": made})
+    read = [item["content"] for item in sent(upstream)[-1]["input"]]
+    assert read.count(pasted["content"]) == 1
+    assert f"{SUMMARY}Page 3 is next." in read
+
+
+def test_an_answer_that_cannot_be_read_is_told_in_the_providers_form(endpoint: ContextEndpoint, upstream: Upstream):
+    upstream.script = [(b"no gzip", {**JSON, "content-encoding": "gzip"})]
+    answer = httpx2.post(f"{endpoint.base_url}/responses/compact", json={"model": "m", "input": items(1)})
+    assert (answer.status_code, answer.headers["x-should-retry"]) == (502, "false")
+    assert "broke off" in answer.json()["error"]["message"]
+
+
+def test_a_body_that_is_too_deep_to_be_counted_is_refused(endpoint: ContextEndpoint, upstream: Upstream):
+    deep = b'{"model": "m", "input": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+    answer = httpx2.post(f"{endpoint.base_url}/responses", content=deep, headers=JSON)
+    assert (answer.status_code, upstream.requests) == (400, [])
+
+
 def test_an_error_of_the_upstream_is_the_client_s(endpoint: ContextEndpoint, upstream: Upstream):
     script(upstream, [{"type": "error"}])
     answer = httpx2.post(

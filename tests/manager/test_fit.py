@@ -272,11 +272,21 @@ def test_repairs_can_be_refused_with_the_position():
         ({"type": "item_reference", "id": "rs_1"}, "Message 2 is a reference"),
         ({"role": "user", "content": {1, 2}}, "Message 2 has content of the type set"),
         ({"content": "no role"}, "Message 2 has the role None"),
+        ({"role": [], "content": "a list as a role"}, r"Message 2 has the role \[\]"),
+        ({"role": "assistant", "tool_calls": 5}, "Message 2 has tool_calls that are no list of calls"),
+        ({"role": "assistant", "tool_calls": ["read"]}, "Message 2 has tool_calls that are no list of calls"),
+        ({"role": "assistant", "tool_calls": [{"function": "read"}]}, "Message 2 has tool_calls that are no list"),
     ],
 )
 def test_what_is_no_message_is_refused_by_position(message: Any, sentence: str):
     with pytest.raises(InvalidArgumentError, match=f"^{sentence}"):
         manager(1_000).fit([*HEAD, message])
+
+
+@pytest.mark.parametrize("kind", [{}, [], 5, None])
+def test_a_part_of_a_type_that_nobody_knows_is_kept_as_it_is(kind: Any):
+    strange = {"role": "user", "content": [{"type": kind}]}
+    assert manager(1_000).fit([*HEAD, strange]).messages[-1] is strange
 
 
 def test_objects_of_a_client_are_read_and_kept():
