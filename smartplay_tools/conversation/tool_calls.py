@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from smartplay_tools.context.prompts import naming
 from smartplay_tools.context.prompts.history import sent_head
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.strategies.choices import Strategy
@@ -345,8 +344,7 @@ class ToolConversation(BaseConversation):
         self._builder.add(message, position)
 
     def _answer_idle_reply(self, usage: Mapping[str, Any]) -> None:
-        offered = (spec.name for spec in self.episode.ledger.session.tools.game_specs)
-        self._add({"role": "user", "content": naming(self.episode.words("idle"), offered)}, "library", None)
+        self._add({"role": "user", "content": self.episode.words("idle")}, "library", None)
         if self._idle_in_a_row == IDLE_REPLIES:
             why = next((words for name, words in UNUSUAL_ENDS.items() if usage.get(name)), None)
             self.episode.end("no_tool_call", detail=None if why is None else f"The last reply was {why}.")

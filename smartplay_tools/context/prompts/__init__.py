@@ -24,7 +24,6 @@ __all__ = [
     "checked_marks",
     "head",
     "last_markable",
-    "naming",
     "received",
     "stable_end",
     "with_pictures_below",
@@ -131,13 +130,6 @@ def head(
     ]
     task = [words("task"), *([] if observation is None else [observation])]
     return [{"role": "system", "content": "\n\n".join(paragraphs)}, {"role": "user", "content": "\n\n".join(task)}]
-
-
-def naming(sentence: str, offered: Iterable[str]) -> str:
-    """Return a sentence that lists the three tools with those of them that are offered."""
-    names = [f"`{name}`" for name in sorted(offered)]
-    listed = " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-    return sentence.replace("`act`, `observe` or `read_manual`", listed)
 
 
 def _without(tools: Iterable[str], sentence: str) -> str:
