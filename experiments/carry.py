@@ -72,7 +72,10 @@ def compared(rows: Sequence[Row]) -> list[tuple[PlayedCell, Pairs, MeanEstimate]
     """
     cells = by_cell(rows)
     without = {(cell.game, cell.player): members for cell, members in cells if cell.rules["carry"] is None}
-    carrying = [(cell, members) for cell, members in cells if cell.rules["carry"] is not None]
+    carries = ((cell, members) for cell, members in cells if cell.rules["carry"] is not None)
+    carrying = [(cell, members) for cell, members in carries if (cell.game, cell.player) in without]
+    if not carrying:
+        return []
     later = [[row for row in members if row["trial"] % CHAIN] for _, members in carrying]
     paired = [
         pairs(members, without[cell.game, cell.player]) for (cell, _), members in zip(carrying, later, strict=True)
@@ -118,9 +121,9 @@ def score_against_trial(rows: Sequence[Row]) -> Figure:
             counts += [estimate.episodes for estimate in estimates]
             at = [place + 1 + spread(index, len(own)) for place, _ in places]
             draw_estimates(panel, at, estimates, Series.number(index), _name(cell))
-        said = ", ".join(f"{cell.player} {verdict(difference)}" for cell, _, difference in verdicts[game])
+        said = ", ".join(f"{cell.player} {verdict(difference)}" for cell, _, difference in verdicts.get(game, ()))
         panel.set(
-            title=f"{game.removesuffix('-v0')}\ncarried notes: {said}",
+            title=game.removesuffix("-v0") + (f"\ncarried notes: {said}" if said else ""),
             xlabel="trial of the chain",
             ylabel="score (points)",
         )

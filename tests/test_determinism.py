@@ -17,7 +17,7 @@ from smartplay_tools.transcript.file import comparable
 
 for spec in sp.GAMES.values():
     spec = dataclasses.replace(spec, rollout=min(spec.rollout, 20))
-    for player in ("random", "rule"):
+    for player in ("random", "reader" if spec.id.startswith("Lockers") else "rule"):
         events = []
         with sp.Episode(spec, seed=5, budget=sp.Budget(prompt_tokens=4000, slack=0.3), transcript=events) as episode:
             result = sp.play(episode, sp.get_player(player, seed=5))
