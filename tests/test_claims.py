@@ -78,6 +78,7 @@ def has(row, wanted):
     return all(row.get(name, row.get("budget", {}).get(name)) == value for name, value in wanted.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim["name"])
 def test_a_claim_is_what_its_rows_say(claim, rows, tables):
     for page, says in claim["says"].items():
