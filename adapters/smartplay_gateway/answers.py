@@ -133,7 +133,7 @@ class Report:
         )
 
     def _events(self, event: Json) -> Iterator[Json]:
-        """Yield what stands in the place of an event."""
+        """Yield the events that the client gets for an event of the upstream."""
         kind, own = event.get("type"), self.compaction
         if self.form == "responses":
             if own is not None and not self._has_begun and ("output_index" in event or kind in ENDS):

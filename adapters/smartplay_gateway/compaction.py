@@ -42,11 +42,11 @@ NOT_ASKED = ("stream", "stream_options", "background", "stop_sequences", "output
 """Fields of a request that a question for a summary does not have."""
 
 Kind = Literal["threshold", "pause", "summarize", "trigger", "compact"]
-"""Above a threshold, and then on or not; or at once: a request of Messages, an item of Responses, a path of its own."""
+"""Above a threshold, without or with a pause; or at once, by Messages, by an item of Responses, or by its path."""
 
 
 class _Summary(dict[str, Any]):
-    """The message with a summary of ours, which is no word of a user even where a user's words begin alike."""
+    """The message with a summary of ours; a user's message may begin with the same text."""
 
 
 Ask = Callable[[Json], Awaitable[Json]]
@@ -388,11 +388,6 @@ def _type(part: Any) -> str:
 def _parts(message: Mapping[str, Any]) -> list[Any]:
     content = message.get("content")
     return [part for part in content if isinstance(part, Mapping)] if isinstance(content, list) else []
-
-
-def _text(message: Mapping[str, Any]) -> str:
-    parts = (part.get("text") for part in _parts(message))
-    return content if isinstance(content := message.get("content"), str) else "".join(filter(None, map(str, parts)))
 
 
 def _names(betas: str) -> list[str]:

@@ -54,7 +54,7 @@ class Surface:
         return manager.fit(given, **self._beside(body))
 
     def count(self, body: Mapping[str, Any], messages: Sequence[Any], manager: ContextManager) -> int:
-        """Return the tokens of a request's prompt with these messages in the place of its own, whole."""
+        """Return the tokens of a request's prompt if these were its messages, of which none is left out."""
         return manager.count(messages, **self._beside(body))
 
     def _beside(self, body: Mapping[str, Any]) -> Json:

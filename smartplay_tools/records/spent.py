@@ -66,7 +66,7 @@ class _Sum:
     replies: int = 0
     prompt_tokens: int = 0
     peak_prompt_tokens: int = 0
-    """The tokens of the largest prompt to play; a question can have a cap of its own."""
+    """The tokens of the largest prompt to play; questions can have a separate cap."""
     reply_tokens: int = 0
     costs: list[float] = field(default_factory=list)
     """The cost of each, if there is a price."""

@@ -160,7 +160,7 @@ class Drawn:
         return self.form, self.cap, *self.options.values()
 
     def manager(self, **asked: Any) -> sp.ContextManager:
-        """A manager that was asked nothing; without `asked`, its strategy has a memo of its own."""
+        """A manager that was asked nothing; without `asked`, its strategy has a separate memo."""
         asked = asked or {"ask": ask, "memo": {}}
         asked = asked if self.options["strategy"] else {}
         return sp.ContextManager(self.cap, form=self.form, tokenizer=Letters(), **self.options, **asked)
