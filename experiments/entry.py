@@ -127,7 +127,7 @@ def entry_table(cells: Cells) -> str:
 
 
 def knee(cells: Cells, player: str, bound: str) -> str:
-    """The least cap or history at which, and above which, a player reaches nine tenths of its score with all in view."""
+    """The least cap or history from which on a player reaches nine tenths of its score with all in view."""
     best, found = mean_score(cells[player, LOCKERS, IN_VIEW]).mean, "none"
     for way in reversed([way for way in CURVES if way.startswith(bound) and (player, LOCKERS, way) in cells]):
         if mean_score(cells[player, LOCKERS, way]).mean < ENTRY * best:
