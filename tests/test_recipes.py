@@ -297,8 +297,8 @@ def test_an_adapter_is_added_by_the_documented_steps(tmp_path):
     (folder / "py.typed").touch()
     add(tmp_path / "pyproject.toml", 'trl = ["trl', "toy = []\n")
     add(tmp_path / "pyproject.toml", '    "adapters/smartplay_trl",', '    "adapters/smartplay_toy",\n')
-    listed = "| `smartplay_toy` | `run` | the budget |\n"
-    add(tmp_path / "docs" / "budgets.md", "| `smartplay_verifiers.", listed)
+    with (tmp_path / "tests" / "asks_a_model.toml").open("a", encoding="utf-8") as places:
+        places.write('[[place]]\nmodule = "smartplay_toy"\nfunctions = ["run"]\nat_most = "the budget"\n')
     run(tmp_path, PLAY_TOY)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_architecture.py", "-k", "adapter or asks"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
