@@ -187,7 +187,7 @@ for name, stream in product(("Gemini", "Kimi", "Mistral", "Ollama"), (False, Tru
         print(name)
 runpy.run_module("tests.dialects.page", run_name="__main__")
 rows = [line for page in PAGES for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-for named in ("`thought_text` | Gemini", "`max_output_tokens` | Kimi", "Mistral, Ollama, OpenAI |"):
+for named in ("`thought_text` | Gemini", "`max_output_tokens` (Kimi)", "Mistral, Ollama, OpenAI |"):
     print(*(named for line in rows if named in line))
 """
 
@@ -334,4 +334,4 @@ def test_a_provider_has_changed_a_field(tmp_path):
             (tmp_path / file).write_text(changed, encoding="utf-8")
         shown.append(run(tmp_path, PLAY_CHANGED).split())
     assert shown[0] == ["Gemini", "Gemini", "Kimi", "Kimi", "Ollama", "Ollama"], "Mistral has not changed"
-    assert " ".join(shown[1]) == "`thought_text` | Gemini `max_output_tokens` | Kimi Mistral, Ollama, OpenAI |"
+    assert " ".join(shown[1]) == "`thought_text` | Gemini `max_output_tokens` (Kimi) Mistral, Ollama, OpenAI |"

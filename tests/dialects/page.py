@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def fields() -> Iterator[list[str]]:
 
 def names() -> Iterator[list[str]]:
     """What providers call what a request or an answer has."""
-    yield ["what", "name", "server"]
+    yield ["what", "names (servers)"]
     listed = {"cap on a reply": each("cap"), "why a reply ended": each("end_fields")}
     listed |= {f"tokens: {kind}": each("usage", kind) for kind in ("cached", "written", "written_1h", "reasoning")}
     for kind in ("cut", "refused", "paused", "broken_calls"):
@@ -102,9 +103,9 @@ def names() -> Iterator[list[str]]:
     listed["a request does without"] = ((who, row["name"]) for who, row in rows_of("optional"))
     listed["goes back"] = ((who, f"{row['most']:,} {row['what']}") for who, row in rows_of("limit"))
     for what, said in listed.items():
-        for who, called in said:
-            called = [called] if isinstance(called, str) else called
-            yield [what, ", ".join(f"`{name}`" for name in called), who]
+        calls = ((who, [called] if isinstance(called, str) else called) for who, called in said)
+        same = grouped(((who, ", ".join(f"`{name}`" for name in called)) for who, called in calls), itemgetter(1))
+        yield [what, "; ".join(f"{names} ({', '.join(who for who, _ in own)})" for names, own in same.items())]
 
 
 def renewed(page: str) -> str:
