@@ -15,7 +15,6 @@ from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
 
 PAGES = [Path(__file__).parents[2] / "docs" / name for name in ("openai.md", "servers.md")]
-KINDS = {"refuses": "refuses", "overlooks": "does not read", "says": "answers with", "streams": "streams"}
 
 
 def table(rows: Iterable[Iterable[str]]) -> str:
@@ -53,14 +52,13 @@ def to_set() -> Iterator[list[str]]:
         yield [str(number), ", ".join(limit.ways), limit.limit, limit.set]
 
 
-def rules() -> Iterator[list[str]]:
-    """What each server does, or several alike; `rules.toml` has the source of each rule."""
-    yield ["server", *KINDS.values()]
-    same = grouped(RULES, lambda rule: (rule.kind, rule.rule))
+def refusals() -> Iterator[list[str]]:
+    """What each server refuses, or several alike; `rules.toml` has the source of each rule."""
+    yield ["server", "refuses"]
+    same = grouped((rule for rule in RULES if rule.kind == "refuses"), lambda rule: rule.rule)
     servers = {rule: tuple(dict.fromkeys(name for each in own for name in each.dialects)) for rule, own in same.items()}
     for names, own in grouped(servers, servers.__getitem__).items():
-        texts = grouped(own, lambda rule: rule[0])
-        yield [", ".join(names), *("; ".join(text for _, text in texts.get(kind, ())) for kind in KINDS)]
+        yield [", ".join(names), "; ".join(own)]
 
 
 def errors() -> Iterator[list[str]]:
@@ -113,7 +111,7 @@ def renewed(page: str) -> str:
     tables = {name: matrix(name) for name in ("chat", "responses", "messages")} | {
         "set": to_set(),
         "errors": errors(),
-        "rules": rules(),
+        "refusals": refusals(),
         "fields": fields(),
         "names": names(),
     }
