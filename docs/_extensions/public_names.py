@@ -50,7 +50,7 @@ NAPOLEON = Config(napoleon_use_ivar=True)
 
 
 class PublicNames(SphinxDirective):
-    """`public-names MODULE`: all of it, one `kind`, or the `names` that are listed, in their order, after where from."""
+    """`public-names MODULE`: all of it, one `kind`, or the `names` that are listed, in their order, and where from."""
 
     required_arguments = 1
     option_spec: ClassVar = {
