@@ -132,6 +132,9 @@ WAYS = (
     Way("dropping"),
     Way("masking", fields={"history": 10, "beyond_history": "mask"}),
     Way("our summary", fields={"summary_tokens": 2 * CAP // 5, "slack": 0.5}),
+    Way("blind, random", "keep-random"),
+    Way("blind, spread", "keep-spread"),
+    Way("blind, half newest", "keep-spread:newest=0.5"),
     Way("LangChain, summary", "langchain-summary", asks=True),
     Way("deepagents, summary", "deepagents-summary", asks=True),
     Way("langmem, summary", "langmem-summary", asks=True),
@@ -162,8 +165,8 @@ WAYS = (
     Way("memory, BM25", "memory-bm25"),
     Way("memory, WordLlama", "memory-wordllama"),
 )
-"""The first is what the others are compared with; the first three are of this library."""
-DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:3])
+"""The first is what the others are compared with; the first six are of this library."""
+DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:6])
 BEST = {"best choice": "with_return"}
 """Rows of the best choice of whole turns, and the fields of `records.best_choices` that they show.
 
@@ -295,7 +298,7 @@ def rows_in(cells: Cells, stage: str, way: str, longest: int) -> list[Row]:
 def names_in(cells: Cells) -> list[str]:
     """Return the ways that were played, in the order of `WAYS`; a way of somebody else comes last."""
     played = {way for _, _, way in cells}
-    known = [way for way in (*CONTROLS, *BEST, *(way.name for way in WAYS[3:])) if way in played]
+    known = [way for way in (*CONTROLS, *BEST, *(way.name for way in WAYS[len(CONTROLS) :])) if way in played]
     return [*known, *sorted(played - {*known})]
 
 
