@@ -360,9 +360,8 @@ def work_table(cells: Cells) -> str:
         rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
         if way not in (*CONTROLS, *BEST) and acts(way, rows):
             means = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
-            shown = (f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)
-            lines.append([way, *shown, f"{sum(bool(ends_of([row])) for row in rows)} of {len(rows)}"])
-    return markdown_table(["strategy", *WORK, "ended early"], lines)
+            lines.append([way, *(f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)])
+    return markdown_table(["strategy", *WORK], lines)
 
 
 def curves(cells: Cells) -> dict[str, list[list[Row]]]:
@@ -383,7 +382,7 @@ def curve_table(cells: Cells) -> str:
 
 
 def _asked(row: Row) -> int:
-    return int(row.get("questions") or row.get("summaries") or 0)
+    return int(WORK["sent"](row) or row.get("summaries") or 0)
 
 
 def claims_table(cells: Cells) -> str:
@@ -416,7 +415,7 @@ def _groups(names: Iterable[str]) -> list[tuple[str, list[str]]]:
 def dots(cells: Cells) -> Figure:
     """Draw the score of every way in three games, with the lower cap on questions."""
     stages = [STAGES[at] for at in (1, 2, 4)]
-    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 6.6))
+    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 7.2))
     names = names_in(cells)[::-1]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):

@@ -174,7 +174,7 @@ def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
     compacting = [(cell, members) for cell, members in groups if any(map(has_compactor, members))]
     if compacting:
         notes = {id(members): compactor_note(members) for _, members in compacting}
-        yield _table("what the compactor did in an episode", compacting, WORK | {MONEY: question_cost}, None, notes)
+        yield _table("what the compactor did in an episode", compacting, {**WORK, MONEY: question_cost}, None, notes)
     beside = [
         (cell, members) for cell, members in groups if any(m(row) for m in BESIDE_PLAY.values() for row in members)
     ]
