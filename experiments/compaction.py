@@ -28,7 +28,6 @@ from page_tables import (
     Experiment,
     arguments,
     complete,
-    in_steps,
     interval,
     markdown_table,
     mean_score,
@@ -340,7 +339,7 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
     rows = cells.get((stage, longest, way), [])
     if not rows:
         return ""
-    early = in_steps(rows)
+    early = EARLY * bool(ends_of(rows))
     if way == DROPPING:
         return interval(mean_score(rows)) + early
     return difference(less(cells, stage, way, longest)) + early if acts(way, rows) else "never acts"
@@ -360,7 +359,7 @@ def work_table(cells: Cells) -> str:
         rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
         if way not in (*CONTROLS, *BEST) and acts(way, rows):
             means = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
-            lines.append([way, *(f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)])
+            lines.append([way, *(f"{mean:,.{0 if mean >= 100 else 1}f}" if mean else "" for mean in means)])
     return markdown_table(["strategy", *WORK], lines)
 
 
