@@ -36,9 +36,9 @@ def settings(rng: random.Random) -> dict[str, Any]:
         "history": past,
         "beyond_history": "drop" if past is None else rng.choice(["drop", "mask"]),
         "head": rng.choice(["task", "task", "system"]),
-        "result_tokens": rng.choice(["auto", "auto", None]),
-        "own_words": rng.choice([None, None, 2]),
-        "first_turns": rng.choice([None, None, 2]),
+        "result_tokens": rng.choice(["auto", None]),
+        "own_words": rng.choice([None, None, None, 2]),
+        "first_turns": rng.choice([None, None, None, 2]),
         "strategy": None,
     }
     if rng.random() < 0.06:
