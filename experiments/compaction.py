@@ -346,9 +346,9 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
 
 
 def difference(each: MeanEstimate | None) -> str:
-    """Return a difference with its interval; if all pairs are equal, how many there are."""
+    """Return a difference with its interval, or that all pairs are equal."""
     if each is None or each.low is None or each.high is None or each.is_zero:
-        return "" if each is None else f"equal in all {each.episodes}" if each.is_zero else f"{each.mean:+.2f}"
+        return "" if each is None else "equal" if each.is_zero else f"{each.mean:+.2f}"
     return f"{each.mean:+.2f} [{each.low:+.2f}, {each.high:+.2f}]"
 
 
