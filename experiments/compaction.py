@@ -414,7 +414,7 @@ def _groups(names: Iterable[str]) -> list[tuple[str, list[str]]]:
 def dots(cells: Cells) -> Figure:
     """Draw the score of every way in three games, with the lower cap on questions."""
     stages = [STAGES[at] for at in (1, 2, 4)]
-    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 7.2))
+    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 9.6))
     names = names_in(cells)[::-1]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):
