@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
 from tests.evaluation.runs import play_row
@@ -169,6 +170,18 @@ def test_what_a_provider_did_to_the_context_is_read(answer: Any, managed: tuple[
     usage = (so.responses_reply if "output" in answer else anthropic_reply)(told).usage
     assert usage is not None
     assert (usage.managed, usage.edits, usage.cleared) == managed
+
+
+@pytest.mark.parametrize("kind", ["type", "part_kind"])
+def test_a_compaction_in_a_reply_is_told_whoever_has_sent_it(kind: str):
+    """As a provider's item, or deep in the reply as a framework keeps it."""
+    item = {"type": "pydantic-ai", "response": {"parts": [{kind: "compaction", "content": "Short."}]}}
+    with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
+        conversation = sp.Conversation(episode)
+        assert conversation.prompt() is not None
+        conversation.receive({**call("act", action="Rock"), "provider_items": [item]})
+    assert episode.result.tokens.provider is not None
+    assert (episode.result.tokens.provider.managed, episode.result.tokens.provider.edits) == (1, 1)
 
 
 @pytest.mark.parametrize(
