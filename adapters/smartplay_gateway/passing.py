@@ -32,7 +32,7 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.answers import Report
+from smartplay_gateway.answers import GONE, Report, left
 from smartplay_gateway.compaction import NoSummaryError, is_managed, managed, opened
 from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
@@ -210,7 +210,21 @@ class _Exchange:
         return prompt, partial(_record_count, self.manager, prompt, is_managed(body, self.surface))
 
     async def ask(self, body: Json) -> Json:
-        """Return the upstream's whole answer to a request that the endpoint makes itself."""
+        """Return the upstream's whole answer to a request that the endpoint makes itself.
+
+        Once the client has gone, nothing is asked any more.
+        """
+        asking, gone = asyncio.create_task(self._ask(body)), asyncio.create_task(left(self.request))
+        try:
+            await asyncio.wait({asking, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if gone.done():
+                raise _UnansweredError(Response(status_code=GONE))
+            return asking.result()
+        finally:
+            asking.cancel()
+            gone.cancel()
+
+    async def _ask(self, body: Json) -> Json:
         prompt, counted = await self.fitted(body)
         messages = body[self.surface.messages] if prompt is None else prompt.messages
         content = json.dumps({**body, self.surface.messages: messages}).encode()

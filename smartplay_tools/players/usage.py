@@ -33,7 +33,18 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
         written_1h=min(counts["written"], counts["written_1h"]),
         reasoning=counts["reasoning"],
     )
-    return read.checked(reported_in([usage], "total_tokens"))
+    read = read.checked(reported_in([usage], "total_tokens"))
+    for each in compactions_in(usage):  # which the other counts are without
+        if (more := read_usage(each, interface)) is not None:
+            read += more.model_copy(update={"requests": 0})
+    return read
+
+
+def compactions_in(usage: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return what Anthropic reports of the questions for a summary beside the reply's own tokens."""
+    listed = usage.get("iterations")
+    mappings = [each for each in listed if isinstance(each, Mapping)] if isinstance(listed, list) else []
+    return [each for each in mappings if each.get("type") == "compaction"]
 
 
 @cache

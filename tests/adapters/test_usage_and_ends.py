@@ -77,6 +77,16 @@ def test_the_total_says_whether_thoughts_are_a_part_of_the_reply(reported, count
     assert so.responses_reply({"output": [], "usage": renamed}).usage == usage
 
 
+def test_a_compaction_is_billed_beside_the_reply_of_which_it_is_no_part():
+    own = {"input_tokens": 90, "output_tokens": 10, "cache_read_input_tokens": 0}
+    asked = {"type": "compaction", "input_tokens": 400, "output_tokens": 30, "cache_read_input_tokens": 70}
+    iterations = [asked, {"type": "message", **own}, None]
+    block = {"type": "compaction", "content": "Short."}
+    usage = anthropic_reply({"content": [block], "usage": {**own, "iterations": iterations}}).usage
+    assert usage is not None
+    assert (usage.prompt, usage.reply, usage.cached, usage.requests, usage.managed) == (560, 40, 70, 1, 1)
+
+
 def test_thoughts_that_are_more_than_their_reply_are_no_count():
     assert not sp.Usage(prompt=9, reply=10, reasoning=400).is_possible
 
