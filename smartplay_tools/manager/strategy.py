@@ -12,7 +12,7 @@ import copy
 import hashlib
 import inspect
 import threading
-from collections.abc import Callable, Generator, MutableMapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -27,6 +27,7 @@ from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
 from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.counting import MessageCounter
 from smartplay_tools.manager.forms import MessageForm
+from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Reading, Unit
 from smartplay_tools.manager.strategy_window import AgentWindow, Entry, KeptCompacting, Lead, Restored
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
@@ -181,7 +182,7 @@ class StrategyRunner:
         budget: ResolvedBudget,
         counter: TokenCounter,
         messages: MessageCounter,
-        memo: MutableMapping[str, str],
+        memo: Texts,
         *,
         goes_on: bool,
     ) -> None:
