@@ -66,15 +66,9 @@ class Drafts:
             lead = (
                 [(at, each.part) for at, each in enumerate(shown)][leading:] if self._asking.strategy.compacts else []
             )
-            asked = AskedStrategy.of(
-                reading,
-                newest,
-                seed=self._seed(data[:begin], form, beside),
-                room=None if math.isinf(room) else int(room),
-                lead=lead,
-                form=form,
-                lacks_user=lacks_user,
-            )
+            seed, late = self._seed(data[:begin], form, beside), reading.unit_of(newest)
+            tokens = None if math.isinf(room) else int(room)
+            asked = AskedStrategy(reading.copy(), seed, late, tokens, lead, lacks_user)
             head = shown[: len(shown) - len(lead)]
             return Draft(head, (), parts, repaired, len(reading.made), None, asked, lacks_user)
         needs_user = lacks_user and not has_summary
