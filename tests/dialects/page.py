@@ -84,7 +84,7 @@ def fields() -> Iterator[list[str]]:
         same = tuple(row[key] for key in ("interface", "name", "pieces", "empty"))
         has = tuple("yes" if row.get(key, True) else "no" for key in ("counted", "sent"))
         senders.setdefault((*same, has, row.get("holds")), []).append(provider)
-    order = ("chat", "Responses", "Messages")
+    order = ("chat", "responses", "messages")
     for same in sorted(senders, key=lambda same: (order.index(same[0]), same[1] == "any other", same[5] is None)):
         interface, name, pieces, empty, has, holds = same
         shown = name if name == "any other" else f"`{name}`"
