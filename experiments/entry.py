@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models import QWEN, TAUGHT, UNTAUGHT, rows_of, write_records
-from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score
+from page_tables import HERE, Experiment, arguments, complete, interval, markdown_table, mean_score
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.style import (
@@ -113,7 +113,7 @@ def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: 
     """Play worlds with fields of the budget; what was played is not played again."""
     budget = sp.Budget(**{"history": None, "reply_tokens": 80, **fields})
     given: Any = {"trials": worlds, "seed": seed, "executor": "inline", **RULES}
-    done = sp.evaluate([game], [player], budgets=budget, out=folder, **given)
+    done = complete([game], [player], budgets=budget, out=folder, **given)
     print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
 
 

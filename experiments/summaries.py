@@ -20,7 +20,7 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
-from compaction import FILES
+from compaction import FILES, acts
 from entry import EIGHT, IN_VIEW, Cells, play_cell, player_of
 from in_view import rank_correlation
 from models import QWEN, rows_of, write_records
@@ -33,11 +33,11 @@ from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
 
 SEED, ROUNDS, READER = 29_112_526, (4, 8, 16), "reader"
-CAP, SUMMARY = 620, 120
+CAP, SUMMARY = 740, 120
 """The cap on prompts, in tokens, and on a summary.
 
-The cap was chosen before the model played: the least of 560, 620, 680 and so on under which `reader` ends no episode
-early in any of the ways, in four other worlds.
+The cap was chosen before the model played any of the ways: the least of 560, 620, 680, 740 and so on under which, in
+four other worlds, `reader` ends no episode early and is asked at most four times an episode, in each of the ways.
 """
 WAYS: Mapping[str, Mapping[str, Any]] = {
     IN_VIEW: {"prompt_tokens": None},
@@ -93,11 +93,12 @@ def _cells(cells: Cells, player: str, way: str) -> str:
 
 
 def agreement(cells: Cells) -> tuple[float, float, float, int]:
-    """The rank correlation of the ways' means between the two players, its interval, and the number of ways.
+    """The rank correlation of the ways' means between the two players, its interval, and the number of ways that act.
 
     The interval is that of percentiles over resampled worlds, the same worlds for all ways and both players.
     """
-    both = {way: [_scores(cells, player, way) for player in (QWEN, READER)] for way in WAYS if way != IN_VIEW}
+    acting = [way for way in WAYS if way != IN_VIEW and acts(way, cells.get((READER, EIGHT, way), ()))]
+    both = {way: [_scores(cells, player, way) for player in (QWEN, READER)] for way in acting}
     both = {way: sides for way, sides in both.items() if all(sides)}
     shared = sorted(set.intersection(*({*side} for sides in both.values() for side in sides)))
     scores = np.array([[[side[world] for world in shared] for side in sides] for sides in both.values()])
