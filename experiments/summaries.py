@@ -75,7 +75,7 @@ def ways_table(cells: Cells) -> str:
     """The score of both players in every way, and the difference to dropping in the same worlds."""
     lines = []
     for way in WAYS:
-        both = [cells.get((player, EIGHT, way), []) for player in (QWEN, READER)]
+        both = [cells.get((player, way), []) for player in (QWEN, READER)]
         if not all(both):
             continue
         asked = fmean(row.get("questions") or row.get("summaries") or 0 for row in both[0])
@@ -86,8 +86,8 @@ def ways_table(cells: Cells) -> str:
 
 
 def _cells(cells: Cells, player: str, way: str) -> str:
-    rows = cells[player, EIGHT, way]
-    less = paired_difference(rows, cells.get((player, EIGHT, "dropping"), []), score)
+    rows = cells[player, way]
+    less = paired_difference(rows, cells.get((player, "dropping"), []), score)
     beside = f"; {interval(less, '+')}, {verdict(less)}" if less is not None and way != "dropping" else ""
     return interval(mean_score(rows)) + beside
 
@@ -97,7 +97,7 @@ def agreement(cells: Cells) -> tuple[float, float, float, int]:
 
     The interval is that of percentiles over resampled worlds, the same worlds for all ways and both players.
     """
-    acting = [way for way in WAYS if way != IN_VIEW and acts(way, cells.get((READER, EIGHT, way), ()))]
+    acting = [way for way in WAYS if way != IN_VIEW and acts(way, cells.get((READER, way), ()))]
     both = {way: [_scores(cells, player, way) for player in (QWEN, READER)] for way in acting}
     both = {way: sides for way, sides in both.items() if all(sides)}
     shared = sorted(set.intersection(*({*side} for sides in both.values() for side in sides)))
@@ -109,12 +109,12 @@ def agreement(cells: Cells) -> tuple[float, float, float, int]:
 
 
 def _scores(cells: Cells, player: str, way: str) -> Mapping[int, float]:
-    return {row["trial"]: score(row) for row in cells.get((player, EIGHT, way), ())}
+    return {row["trial"]: score(row) for row in cells.get((player, way), ())}
 
 
 def tables(rows: Iterable[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
-    cells = grouped(rows, lambda row: (row["player"], row["game"], row["way"]))
+    cells = grouped(rows, lambda row: (row["player"], row["way"]))
     rho, low, high, count = agreement(cells)
     line = [f"{count}", f"{rho:.2f} [{low:.2f}, {high:.2f}]"]
     return {
