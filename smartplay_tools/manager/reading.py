@@ -10,6 +10,7 @@ before is not read again; read from nothing, it is the same.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
@@ -31,6 +32,8 @@ class Part:
     """Its number in the list; None for one that was made here."""
     message: Given
     cost: Cost = field(default_factory=lambda: Cost(0))
+    is_given: bool = False
+    """Whether it is the message of the list as it is there, whichever object says it."""
 
 
 @dataclass(slots=True)
@@ -125,6 +128,12 @@ class Reading:
         self._keys = keys
         self._append(self._grouped(messages, start), messages, keys, start)
 
+    def copy(self) -> Reading:
+        """Return it as it is now: another list may be read while a model is asked about this one."""
+        copied = copy.copy(self)
+        vars(copied).update({name: [*value] for name, value in vars(self).items() if isinstance(value, list)})
+        return copied
+
     def unit_of(self, message: int | None) -> int:
         """Return the unit of a message; the newest for one that is in none."""
         numbers = range(len(self.units) - 1, -1, -1) if message is not None else ()
@@ -200,8 +209,8 @@ class Reading:
             is_whole = is_whole and not unit.open
             self._complete(unit, number)
             for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
-                is_given = part.source is not None and part.message is messages[part.source]
-                key = keys[part.source] if is_given and part.source is not None else repr(part.message)
+                part.is_given = part.source is not None and part.message is messages[part.source]
+                key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
                 try:
                     part.cost = self.counter.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
