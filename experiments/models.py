@@ -4,7 +4,6 @@
     python experiments/models.py --qwen FILE --pilot     # ten worlds, from which the questions were chosen
     python experiments/models.py --qwen FILE             # other worlds; continues where it stopped
     python experiments/models.py --qwen FILE --publish   # both, with three records of every cell
-    python experiments/models.py --controls              # the scripts alone, in seconds
     python experiments/tables.py models                  # the tables of the page, from the published rows
 
 It needs the extras `local`, `popgym`, `evaluation`, `langchain` and `pydantic-ai`. Qwen2.5-Coder-1.5B-Instruct plays as
@@ -20,6 +19,7 @@ import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +42,6 @@ from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
 from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
@@ -207,15 +206,14 @@ def cells_of(rows: Sequence[Row]) -> Cells:
     return grouped(rows, lambda row: (row["worlds"], row["player"], row["game"], row["way"]))
 
 
-def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> str:
-    """The mean score of players at the games of the models in every way, with its interval and the number of worlds."""
-    lines, games = [], {game for worlds, player, game, _ in cells if worlds == "fresh" and player in MODELS}
-    for player in players:
-        for game, name in GAMES.items():
-            own = [cells.get(("fresh", player, game, way), []) for way in ways]
-            if any(own) and game in games:
-                lines.append([player, name, *map(_score, own)])
-    return markdown_table(["player", "game", *ways], lines)
+def scores_table(cells: Cells) -> str:
+    """The mean score of the models in the ways of the questions, with its interval and the number of worlds."""
+    lines = []
+    for player, game in product(MODELS, GAMES):
+        own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
+        if any(own):
+            lines.append([player, GAMES[game], *map(_score, own)])
+    return markdown_table(["player", "game", *ASKED], lines)
 
 
 def baselines_table(cells: Cells) -> str:
@@ -224,17 +222,12 @@ def baselines_table(cells: Cells) -> str:
     for game in READING:
         own = cells.get(("fresh", TAUGHT, game, DROPPING), [])
         lines.append([GAMES[game], f"**{TAUGHT}**", *_facts(own), "", ""])
-        for player in (*baselines(game), "blind", "rule", "random"):
+        for player in (*READING[game], *fixed_actions(game), "blind", "rule", "random"):
             rows = _under(cells, player, game, DROPPING)
             less = (interval(paired_difference(own, rows, measure), "+") for measure in (score, reward))
             lines.append([GAMES[game], player, *_facts(rows), *less])
     headings = ["game", "player", "score", "points", "steps", "model less it, score [95 %]", "points [95 %]"]
     return markdown_table(headings, lines)
-
-
-def baselines(game: str) -> Sequence[str]:
-    """Return the baselines of one line that can play a game."""
-    return (*READING.get(game, ()), *fixed_actions(game))
 
 
 def _under(cells: Cells, player: str, game: str, way: str) -> list[Row]:
@@ -265,21 +258,14 @@ QUESTIONS: tuple[Question, ...] = (
 """Written down after the pilot, before the models that they ask about had played the worlds of `SEED`."""
 
 
-def difference(cells: Cells, worlds: str, asked: Question, method: Method = USUAL) -> MeanEstimate | None:
-    """Estimate by how much a model scores more in one way than in the other, on the same worlds."""
-    player, game, way, other = asked
-    rows, reference = (cells.get((worlds, player, game, each), []) for each in (way, other))
-    return paired_difference(rows, reference, score, method)
-
-
 def questions_table(cells: Cells) -> str:
     """Every question with its answer; the intervals hold together."""
     lines, together = [], bonferroni(len(QUESTIONS))
-    for asked in QUESTIONS:
-        each = difference(cells, "fresh", asked, together)
+    for player, game, way, other in QUESTIONS:
+        compared = (cells.get(("fresh", player, game, each), []) for each in (way, other))
+        each = paired_difference(*compared, score, together)
         if each is None:
             continue
-        player, game, way, other = asked
         shown = f"{mde(each.sd, each.episodes, confidence=together.confidence):.1f}" if each.sd else ""
         names = [player, GAMES[game], way, other, f"{each.episodes}"]
         lines.append([*names, interval(each, "+"), verdict(each), shown])
@@ -292,7 +278,7 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
     return {
-        "models": scores_table(cells, MODELS, ASKED),
+        "models": scores_table(cells),
         "models-baselines": baselines_table(cells),
         "models-questions": questions_table(cells),
     }
@@ -306,13 +292,10 @@ def main() -> None:
     parser = arguments(__doc__, "runs/models")
     parser.add_argument("--pilot", action="store_true", help="play the worlds from which the questions were chosen")
     parser.add_argument("--qwen", default="", help="the file of Qwen2.5-Coder-1.5B-Instruct in four bits")
-    parser.add_argument("--controls", action="store_true", help="play the scripts alone")
     asked = parser.parse_args()
-    if not (asked.controls or asked.publish or asked.qwen):
-        parser.error("name the file of Qwen2.5-Coder with --qwen, or play the scripts alone with --controls")
-    if asked.controls:
-        play_controls(asked.out / "fresh")
-    elif not asked.publish:
+    if not (asked.publish or asked.qwen):
+        parser.error("name the file of Qwen2.5-Coder with --qwen")
+    if asked.qwen:
         stages, seed = (PILOT, PILOT_SEED) if asked.pilot else (STAGES, SEED)
         play(asked.out / ("pilot" if asked.pilot else "fresh"), stages, seed, asked.qwen)
         play_controls(asked.out / "fresh")
