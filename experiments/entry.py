@@ -133,7 +133,7 @@ def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: 
     print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
 
 
-Cells = Mapping[tuple[str, ...], list[Row]]
+Cells = Mapping[tuple[str, str], list[Row]]
 
 
 def cells_of(rows: Iterable[Row], entry: str) -> Cells:

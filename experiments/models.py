@@ -155,7 +155,7 @@ def play_controls(out: Path) -> None:
         scripted = "reader" if sp.GAMES[game].memory else "rule"
         worlds = max(8, *(stage.worlds for stage in STAGES if game in stage.games))
         capped = ASKED if game in READING else CAPS
-        players = dict.fromkeys(("random", *fixed_actions(game)), (WIDEST,))
+        players: dict[str, Sequence[str]] = dict.fromkeys(("random", *fixed_actions(game)), (WIDEST,))
         players |= dict.fromkeys((*READING.get(game, ()), scripted), capped)
         players |= {f"blind:{out / scripted / game / WIDEST}": (WIDEST,)}
         for name, ways in players.items():
@@ -262,8 +262,8 @@ def questions_table(cells: Cells) -> str:
     """Every question with its answer; the intervals hold together."""
     lines, together = [], bonferroni(len(QUESTIONS))
     for player, game, way, other in QUESTIONS:
-        compared = (cells.get(("fresh", player, game, each), []) for each in (way, other))
-        each = paired_difference(*compared, score, together)
+        rows, reference = (cells.get(("fresh", player, game, each), []) for each in (way, other))
+        each = paired_difference(rows, reference, score, together)
         if each is None:
             continue
         shown = f"{mde(each.sd, each.episodes, confidence=together.confidence):.1f}" if each.sd else ""
