@@ -2,10 +2,10 @@
 
 Edits that clear are applied to the messages before these are fitted. Then a summary by the model stands in the place of
 a conversation: Anthropic's `compact_20260112` and `compaction` of Messages, and OpenAI's `compaction` and
-`/responses/compact` of Responses, with any model behind the endpoint, which keeps nothing: the summary is in the answer,
-as an item or a block that clients send back and that is read here. A provider's own item, which is not, stays as it is,
-and the compaction of its conversation stays with the provider. docs/provider-edits.md has the definitions, and what we
-chose.
+`/responses/compact` of Responses, with any model behind the endpoint. The endpoint keeps nothing: the summary is in the
+answer, as an item or a block that clients send back and that is read here. A provider's own item, which is not, stays
+as it is, and the compaction of its conversation stays with the provider. docs/provider-edits.md has the definitions,
+and what we chose.
 """
 
 from __future__ import annotations
