@@ -281,9 +281,12 @@ class ContextManager:
         begin = self._drafts.first_reply(conversation.data, conversation.form) if thread is None else 0
         return self._threads.record(thread, conversation.data[:begin])
 
-    def reported(self, prompt: FittedPrompt, tokens: int) -> None:
-        """Record how many tokens the provider has counted in a prompt of this manager."""
+    def reported(self, prompt: FittedPrompt, tokens: int, *, managed: bool = False) -> None:
+        """Record how many tokens the provider has counted in a prompt of this manager.
+
+        `managed` says that the provider was asked to manage the context itself: it has then counted another prompt.
+        """
         if prompt.recorded_as is not None and self._threads is not None:
             thread, number = prompt.recorded_as
             with self._lock:
-                self._threads.record(thread).usage(number, tokens)
+                self._threads.record(thread).usage(number, tokens, managed=managed)

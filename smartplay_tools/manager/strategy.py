@@ -75,6 +75,7 @@ class StrategyMaker:
                 "choose(past, room) or compact(history, room), or a function of history and room."
             )
         self.compacts, self.remembers = compacts(made), bool(getattr(made, "remembers", True))
+        self.reads_thoughts = bool(getattr(made, "reads_thoughts", False))
 
     def __call__(self) -> Any:
         """Return an object for one conversation."""
@@ -228,6 +229,7 @@ class StrategyRunner:
         cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for _, part in lead)
         budget = self._budget.model_copy(update={"prompt_tokens": cap})
         window = AgentWindow(budget, self._counter, self._messages, asked.form, lead)
+        window.shows_thoughts = self._make.reads_thoughts
         restored = Restored(window, asked.units[asked.begin :], lead)
         return _Fold(window, restored, self._make(), lead)
 
