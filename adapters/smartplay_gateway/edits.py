@@ -6,12 +6,11 @@ what was cleared, as the provider's would, whole or streamed. docs/provider-edit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools import InvalidArgumentError
-from smartplay_tools.context.strategies import provider_edits
-from smartplay_tools.context.strategies.provider_edits import ClearThinking, Compact, clearing_edits
+from smartplay_tools.context.strategies.provider_edits import ClearThinking, Compact, applied as cleared, clearing_edits
 
 __all__ = ["BETA", "applied"]
 
@@ -22,7 +21,7 @@ BETA = "context-management-2025-06-27"
 Json = dict[str, Any]
 
 
-def applied(body: Json, betas: str, count: provider_edits.Count) -> tuple[Json, list[Json] | None]:
+def applied(body: Json, betas: str, count: Callable[[Sequence[Any]], int]) -> tuple[Json, list[Json] | None]:
     """Return a request without the edits that were applied to it, and what they cleared; None if it asks for none.
 
     `betas` is the header `anthropic-beta`. Edits that the provider would refuse are an `InvalidArgumentError`.
@@ -41,7 +40,7 @@ def applied(body: Json, betas: str, count: provider_edits.Count) -> tuple[Json, 
         raise InvalidArgumentError(f"`{ClearThinking.name}` strategy requires `thinking` to be enabled.")
     if not all(isinstance(message, Mapping) for message in body["messages"]):
         return body, None  # the upstream says what is wrong with it
-    messages, reports = provider_edits.applied(edits, body["messages"], count)
+    messages, reports = cleared(edits, body["messages"], count)
     edited = {name: value for name, value in body.items() if name != FIELD} | {"messages": messages}
     rest = [edit for edit in given or () if edit["type"] == Compact.name]
     return edited | ({FIELD: {**wanted, "edits": rest}} if rest else {}), reports
