@@ -44,8 +44,6 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
 
-if TYPE_CHECKING:
-    pass
 
 SEED, PILOT_SEED = 27_112_026, 11
 CALLS = 20
