@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from page_tables import (
     HERE,
@@ -43,7 +43,6 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
-
 
 SEED, PILOT_SEED = 27_112_026, 11
 CALLS = 20
@@ -214,18 +213,50 @@ def scores_table(cells: Cells) -> str:
     return markdown_table(["player", "game", *ASKED], lines)
 
 
+def points_table(cells: Cells) -> str:
+    """The points that the two games of the questions have paid, which are not their scores."""
+    lines = []
+    for player, game in product((*MODELS, "rule"), READING):
+        own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
+        if any(own):
+            paid = [f"{mean_of(rows, reward):+.2f}" if rows else "" for rows in own]
+            lines.append([player, GAMES[game], *paid])
+    return markdown_table(["player", "game", *ASKED], lines)
+
+
 def baselines_table(cells: Cells) -> str:
     """Every baseline of one line in the worlds of the taught model under the smallest cap, and the model less it."""
     lines = []
     for game in READING:
         own = cells.get(("fresh", TAUGHT, game, DROPPING), [])
         lines.append([GAMES[game], f"**{TAUGHT}**", *_facts(own), "", ""])
-        for player in (*READING[game], *fixed_actions(game), "blind", "rule", "random"):
+        for player in (*baselines(game), "blind", "rule", "random"):
             rows = _under(cells, player, game, DROPPING)
             less = (interval(paired_difference(own, rows, measure), "+") for measure in (score, reward))
             lines.append([GAMES[game], player, *_facts(rows), *less])
     headings = ["game", "player", "score", "points", "steps", "model less it, score [95 %]", "points [95 %]"]
     return markdown_table(headings, lines)
+
+
+def best_table(cells: Cells) -> str:
+    """Every model under the smallest cap beside the baseline of one line that scores most in the same worlds."""
+    lines = []
+    for player, game in product(MODELS, GAMES):
+        if own := cells.get(("fresh", player, game, DROPPING), []):
+            worlds = {row["trial"] for row in own}
+            known = {each: _under(cells, each, game, DROPPING) for each in baselines(game)}
+            known = {each: [row for row in rows if row["trial"] in worlds] for each, rows in known.items()}
+            best = max(known, key=lambda each: mean_of(known[each], score))
+            named = f"{best} ({mean_of(known[best], score):.2f})"
+            less = interval(paired_difference(own, known[best], score), "+")
+            lines.append([player, GAMES[game], f"{len(own)}", f"{mean_of(own, score):.2f}", named, less])
+    headings = ["player", "game", "worlds", "score", "best baseline", "model less it, score [95 %]"]
+    return markdown_table(headings, lines)
+
+
+def baselines(game: str) -> Sequence[str]:
+    """Return the baselines of one line that can play a game."""
+    return (*READING.get(game, ()), *fixed_actions(game))
 
 
 def _under(cells: Cells, player: str, game: str, way: str) -> list[Row]:
@@ -277,7 +308,9 @@ def tables(rows: Sequence[Row]) -> dict[str, str]:
     cells = cells_of(rows)
     return {
         "models": scores_table(cells),
+        "models-points": points_table(cells),
         "models-baselines": baselines_table(cells),
+        "models-best": best_table(cells),
         "models-questions": questions_table(cells),
     }
 
