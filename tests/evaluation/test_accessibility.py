@@ -72,7 +72,7 @@ def records(folder: Path) -> list[str]:
 
 
 def test_the_site(opened, runs):
-    with view.ViewServer(view.RunList([runs]), annotate=True) as server:
+    with view.ViewServer(view.RunList([runs])) as server:
         page = opened(f"{server.url}#run=one")
         page.locator("#rows a").first.wait_for()
         assert_accessible(page)

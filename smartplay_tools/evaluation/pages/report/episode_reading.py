@@ -21,7 +21,7 @@ from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import as_list, current_place, read_notes
+from smartplay_tools.evaluation.run_folder.folder import current_place
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
@@ -87,7 +87,6 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
         "drawing": drawings.draw(record),
         "pictures": drawings.pictures(record),
         "run": letter,
-        "notes": as_list(read_notes(source.transcript)),
     }
     if source.turns is not None:
         data = excerpt(data, *source.turns)

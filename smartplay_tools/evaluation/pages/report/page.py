@@ -62,7 +62,6 @@ SCRIPTS = (
         "snapshot.js",
         "why.js",
         "search.js",
-        "notes.js",
         "player.js",
         "compare.js",
         "page.js",

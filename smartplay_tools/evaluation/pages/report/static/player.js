@@ -63,7 +63,6 @@ function render() {
   if (!isThread(episode)) {
     renderGame();
     renderTurn();
-    renderNote();
   }
   renderContext();
   renderCurves();
