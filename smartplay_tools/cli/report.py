@@ -37,8 +37,6 @@ def report(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that read records, where there are many.")
     ] = None,
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
     tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
@@ -48,13 +46,11 @@ def report(
     Example: smartplay-tools report runs/first --out first.html
     """
     # Reading records and drawing games needs imports that no other command needs.
-    from smartplay_tools.evaluation.costs.tariffs import tariffs_of
     from smartplay_tools.evaluation.pages.report.page import write_report
 
     options.import_games(game)
     processes = workers or os.cpu_count() or 1
-    tariffs = tariffs_of(cache, caches=caches) if cache else ()
-    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes, tariffs=tariffs)
+    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes)
     size = path.stat().st_size / 1e6
     say(f"{path} ({size:.1f} MB): open it in a browser.")
 

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from smartplay_tools.cli import options, runs
-from smartplay_tools.cli.cost import check_columns, cost_columns
+from smartplay_tools.cli import runs
 from smartplay_tools.cli.episode_options import GRID, EpisodeOptions, listed, with_episode_options
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
@@ -39,8 +38,6 @@ def sweep(
         typer.Option("--single", help="Print intervals that hold for each difference alone, not for all together."),
     ] = False,
     form: FormatOption = Format.TEXT,
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
     *,
     run: runs.RunCommand,
     episode: EpisodeOptions,
@@ -52,7 +49,6 @@ def sweep(
     configs = run.players(listed("--players", players))
     cells = grid(listed("--games", games), configs, vary=episode.vary, **episode.of_cells)
     form = Format.JSON if run.as_json else form
-    check_columns(cache, caches, form)
     for reason in cells.left_out:
         say(f"Left out: {reason}", err=True)
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
@@ -62,7 +58,7 @@ def sweep(
     written = swept.write()
     took = took_tables(swept.comparisons, latencies(swept.rows, done.folder.timings()))
     tables = [windows_table(swept.comparisons, single=single), *took, *remembering_tables(swept.rows)]
-    print_tables(form, [*tables, *cost_columns([run.out], cache, caches)], swept.summary, swept.summary)
+    print_tables(form, tables, swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)
     runs.conclude(done, quiet=run.as_json)
