@@ -29,10 +29,9 @@ TABLES = {
         "what an episode and a point of score cost",
         "which window is cheapest",
     ],
-    "compare sweep --margin 0.1h --format latex": ["compared", "over all games"],
+    "compare sweep --format latex": ["compared", "over all games"],
     "results sweep --all --format latex": [
         "scores",
-        "baselines",
         "capabilities, the paper's weights",
         "how it went",
         "what it took",

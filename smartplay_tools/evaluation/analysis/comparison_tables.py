@@ -6,17 +6,14 @@ from collections.abc import Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.beside import (
     EARLY,
-    POINTS,
     WAY,
     Beside,
     column_notes,
     early_notes,
-    shows_points,
     shows_steps,
 )
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Side
-from smartplay_tools.evaluation.analysis.decisions import Verdict
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
@@ -27,19 +24,11 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.statistics.intervals import MeanEstimate
-from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % interval",
     "W/T/L: pairs won, tied and lost by score; tokens: of an episode, prompts and replies",
-)
-
-VERDICT_NOTES = (
-    "W/T/L: pairs won, tied and lost by score",
-    "different: the interval excludes 0, or p < 0.05",
-    "equivalent: the 90 % interval is within the margin; undecided: neither",
-    "MDE: the smallest difference that as many pairs show in four of five such comparisons",
 )
 
 
@@ -48,38 +37,17 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     names = side_names(comparison)
     games = dict.fromkeys(each.game for each in comparison.pairings)
     rows = sections((game, _game_rows(comparison, game, names)) for game in games)
-    judged = comparison.is_judged
-    last = Column("verdict", words=True) if judged else Column("tokens")
     beside = list(_beside(comparison).values())
     way = ["to best"] if _has_best(comparison) else []
-    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", *way, "+-", "W/T/L"), last)
-    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes(beside, points=False)]
+    steps = ["steps"] if shows_steps(beside) else []
+    headings = columns("", "pairs", *steps, "score", *way, "+-", "W/T/L", "tokens")
+    notes = [*NOTES, *column_notes(beside, points=False)]
     notes += [WAY] if way else []
     notes += [*_notes(comparison), *early_notes(beside)]
     tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
-    if shows_points(beside):
-        tables.append(_points_table(comparison, names))
     if len(games) > 1:
         tables.append(_overall_table(comparison, names))
     return tables
-
-
-def _points_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
-    """The points of every side, and their differences, where points are not what scores count."""
-    beside = _beside(comparison)
-    games = grouped(comparison.pairings, lambda each: each.game)
-    rows: list[tuple[str, ...]] = []
-    for game, members in games.items():
-        rows.append((game,))
-        for reference, pairings in grouped(members, lambda each: each.reference).items():
-            paid = fixed(beside[game, reference].points, 2, "+")
-            rows.append((f"  {_named(game, reference, names, beside)}", paid, "reference"))
-            for each in pairings:
-                paid = fixed(each.means["reward"].mean, 2, "+")
-                less = with_interval(each.differences.get("reward"), 2, sign="+")
-                rows.append((f"    {_named(game, each.side, names, beside)}", paid, less))
-    notes = (NOTES[0], POINTS, *early_notes(beside.values()))
-    return TextTable(_title("points", comparison, names), columns("", "points", "+-"), tuple(rows), notes)
 
 
 def _named(game: str, side: Side, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]) -> str:
@@ -123,13 +91,12 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
         )
 
     for side, means in references:
-        last = "" if comparison.is_judged else _tokens(means)
-        yield line(side, NOTHING, means, "reference", "", last)
+        yield line(side, NOTHING, means, "reference", "", _tokens(means))
         for each in pairings:
             if each.reference == side:
-                told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
                 difference = with_interval(each.differences.get("score"), points, sign="+")
-                shown = "identical" if each.is_identical else difference, f"{each.wins}/{each.ties}/{each.losses}", told
+                outcome = f"{each.wins}/{each.ties}/{each.losses}"
+                shown = "identical" if each.is_identical else difference, outcome, _tokens(each.means)
                 name, *own = line(each.side, f"{each.pairs}", each.means, *shown)
                 yield f"  {name}", *own
 
@@ -138,14 +105,6 @@ def _has_best(comparison: Comparison) -> bool:
     """Whether a best choice of whole turns is known of any side."""
     means = [*(each.means for each in comparison.pairings), *(means for *_, means in comparison.references)]
     return any("way_to_best" in each for each in means)
-
-
-def _verdict(verdict: Verdict | None) -> str:
-    if verdict is None:
-        return NOTHING
-    if verdict.word == "undecided":
-        return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
-    return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
 
 
 def _tokens(means: Mapping[str, MeanEstimate]) -> str:
