@@ -53,8 +53,7 @@ def evaluate(
     names = asked.names("players", [config.name for config in file.configs()])
     configs = run.players(list(dict.fromkeys(names)), file.configs())
     done = run.play(_plan(asked, configs, episode, repeats), configs, run_file=text)
-    if done is not None:
-        print_run(done, as_json=run.as_json)
+    print_run(done, as_json=run.as_json)
 
 
 def _plan(asked: _OptionValues, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:
