@@ -1,6 +1,6 @@
-"""Draw what prompts show under several strategies: the turns of one prompt, and the parts of every prompt.
+"""Draw what prompts show under several strategies: the turns of a prompt, and the parts of every prompt.
 
-Under one cap and on one seed the same player plays with each strategy. Both figures are made of the records alone.
+Under one cap and on one seed the same player plays with each strategy. The figures are made of the records alone.
 """
 
 from pathlib import Path
@@ -54,10 +54,16 @@ if __name__ == "__main__":
     game = "RockPaperScissorBasic-v0"
     rows = [(name, played(game, way, Speaker(), Path(f"few-{name}.jsonl")), 16) for name, way in FEW.items()]
     save_figure(prompt_rows(rows), "one-prompt", formats=["png"])
+    rows = []
+    for slack in (0.0, 0.5):
+        budget = sp.Budget(prompt_tokens=600, slack=slack)
+        record = played(game, budget, sp.get_player("rule"), Path(f"slack-{slack}.jsonl"))
+        rows += [(f"slack {slack:g}, prompt {turn}", record, turn) for turn in range(9, 13)]
+    save_figure(prompt_rows(rows), "window", formats=["png"])
     game, notes = "RockPaperScissorDifferentScore-v0", "rule-notes"
     records = {
         name: played(game, way, sp.get_player(notes, words=False), Path(f"whole-{name}.jsonl"))
         for name, way in WHOLE.items()
     }
     save_figure(tokens_by_part(records), "where-tokens-went", formats=["png"])
-    print("one-prompt.png and where-tokens-went.png are here, and the records that they show.")
+    print("one-prompt.png, window.png and where-tokens-went.png are here, and the records that they show.")

@@ -140,18 +140,24 @@ def play_learned(stage: Stage, lab: Lab, name: str, out: Path, *, trials: int, s
 def curves_table(rows: Sequence[Row]) -> str:
     """Every strategy beside dropping under the same cap, in Markdown; intervals of differences hold together.
 
-    Costs are in percent of those of dropping under the middle cap, one for each cache.
+    Costs are in percent of those of dropping under the middle cap, one for each cache. What is decided under no cap is
+    named below the table.
     """
     lines = compared_lines(rows, (*STRATEGIES, "slack"), without=[CONTROL])
     dropping = {_place(line): _costs(line) for line in lines if line.compared.is_reference}
     whole = {_place(line)[:2]: interval(line.compared.means["score"]) for line in lines if _cap(line) is None}
-    decides = {_place(line)[:2] for line in lines if _cap(line) is not None and _is_decided(line)}
     table: dict[tuple[str, str, str], dict[int | None, Line]] = {}
     for line in lines:
-        if _cap(line) is not None and _place(line)[:2] in decides:
+        if _cap(line) is not None:
             table.setdefault((*_place(line)[:2], way_name(line.compared.cell)), {})[_cap(line)] = line
+    decided = {key for key, cells in table.items() if any(map(_is_decided, cells.values()))}
     shown: list[list[str]] = []
+    undecided: dict[str, list[str]] = {}
     for (game, player, way), cells in table.items():
+        if (game, player, way) not in decided and way != "dropping":
+            undecided.setdefault(f"`{player}` at `{game}`", []).append(way)
+        if (game, player, way) not in decided | {(*key[:2], "dropping") for key in decided}:
+            continue
         caps = STAGES[game].caps
         effects = [score_or(TOGETHER[1])(cells[cap]) if cap in cells else "" for cap in caps]
         middle = cells.get(caps[1])
@@ -159,9 +165,8 @@ def curves_table(rows: Sequence[Row]) -> str:
         name = f"{way} (full context {whole[game, player]})" if way == "dropping" else way
         shown.append([f"`{game}`", player, name, *effects, cost])
     headings = ["game", "player", "strategy", "smallest cap", "middle cap", "largest cap", "/".join(CACHES)]
-    undecided = sorted({f"`{player}` at `{game}`" for game, player in whole if (game, player) not in decides})
-    none = [f"No difference is decided for {', '.join(undecided)}."] if undecided else []
-    return "\n".join([markdown_table(headings, shown), *(["", *none] if none else [])])
+    none = (f"- {where}: {'; '.join(ways)}" for where, ways in undecided.items())
+    return "\n".join([markdown_table(headings, shown), "", "Undecided under every cap:", "", *none])
 
 
 def _is_decided(line: Line) -> bool:

@@ -28,7 +28,6 @@ from page_tables import (
     Experiment,
     arguments,
     complete,
-    in_steps,
     interval,
     markdown_table,
     mean_score,
@@ -132,6 +131,9 @@ WAYS = (
     Way("dropping"),
     Way("masking", fields={"history": 10, "beyond_history": "mask"}),
     Way("our summary", fields={"summary_tokens": 2 * CAP // 5, "slack": 0.5}),
+    Way("blind, random", "keep-random"),
+    Way("blind, spread", "keep-spread"),
+    Way("blind, half newest", "keep-spread:newest=0.5"),
     Way("LangChain, summary", "langchain-summary", asks=True),
     Way("deepagents, summary", "deepagents-summary", asks=True),
     Way("langmem, summary", "langmem-summary", asks=True),
@@ -162,8 +164,8 @@ WAYS = (
     Way("memory, BM25", "memory-bm25"),
     Way("memory, WordLlama", "memory-wordllama"),
 )
-"""The first is what the others are compared with; the first three are of this library."""
-DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:3])
+"""The first is what the others are compared with; the first six are of this library."""
+DROPPING, *_ = CONTROLS = tuple(way.name for way in WAYS[:6])
 BEST = {"best choice": "with_return"}
 """Rows of the best choice of whole turns, and the fields of `records.best_choices` that they show.
 
@@ -295,7 +297,7 @@ def rows_in(cells: Cells, stage: str, way: str, longest: int) -> list[Row]:
 def names_in(cells: Cells) -> list[str]:
     """Return the ways that were played, in the order of `WAYS`; a way of somebody else comes last."""
     played = {way for _, _, way in cells}
-    known = [way for way in (*CONTROLS, *BEST, *(way.name for way in WAYS[3:])) if way in played]
+    known = [way for way in (*CONTROLS, *BEST, *(way.name for way in WAYS[len(CONTROLS) :])) if way in played]
     return [*known, *sorted(played - {*known})]
 
 
@@ -337,7 +339,7 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
     rows = cells.get((stage, longest, way), [])
     if not rows:
         return ""
-    early = in_steps(rows)
+    early = EARLY * bool(ends_of(rows))
     if way == DROPPING:
         return interval(mean_score(rows)) + early
     return difference(less(cells, stage, way, longest)) + early if acts(way, rows) else "never acts"
@@ -357,9 +359,8 @@ def work_table(cells: Cells) -> str:
         rows = [row for stage in STAGES for row in cells.get((stage.name, CAP, way), ())]
         if way not in (*CONTROLS, *BEST) and acts(way, rows):
             means = [fmean(float(measure(row) or 0) for row in rows) for measure in WORK.values()]
-            shown = (f"{mean:,.{0 if mean >= 100 else 1}f}" for mean in means)
-            lines.append([way, *shown, f"{sum(bool(ends_of([row])) for row in rows)} of {len(rows)}"])
-    return markdown_table(["strategy", *WORK, "ended early"], lines)
+            lines.append([way, *(f"{mean:,.{0 if mean >= 100 else 1}f}" if mean else "" for mean in means)])
+    return markdown_table(["strategy", *WORK], lines)
 
 
 def curves(cells: Cells) -> dict[str, list[list[Row]]]:
@@ -380,7 +381,7 @@ def curve_table(cells: Cells) -> str:
 
 
 def _asked(row: Row) -> int:
-    return int(row.get("questions") or row.get("summaries") or 0)
+    return int(WORK["sent"](row) or row.get("summaries") or 0)
 
 
 def claims_table(cells: Cells) -> str:
@@ -413,7 +414,7 @@ def _groups(names: Iterable[str]) -> list[tuple[str, list[str]]]:
 def dots(cells: Cells) -> Figure:
     """Draw the score of every way in three games, with the lower cap on questions."""
     stages = [STAGES[at] for at in (1, 2, 4)]
-    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 6.6))
+    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 7.2))
     names = names_in(cells)[::-1]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):

@@ -50,6 +50,9 @@ TARIFFS: dict[str, list[Tariff]] = {
 }
 """The rules of caches under which the episodes of a question are priced, in uncached tokens of the input."""
 
+ALIKE = ("MessengerL1-v0", "MessengerL2-v0")
+"""Games in which no window is shown to matter, and which no table has."""
+
 
 def table(name: str, rows: Sequence[Row]) -> str:
     """The answer to a question, in Markdown."""
@@ -67,7 +70,7 @@ def table(name: str, rows: Sequence[Row]) -> str:
     varied = {"prompt-tokens": "prompt_tokens", "slack": "slack"}.get(name, "history")
     place: Column = varied.replace("_", " "), lambda line: _limit(line.compared.cell.budget[varied])
     if players == {"rule", "rule-notes"}:
-        return _with_notes(rows, along, [GAME, place], effect)
+        return _with_notes([row for row in rows if row["game"] not in ALIKE], along, [GAME, place], effect)
     columns = [*heads, place, SCORE, effect, TOKENS, STABLE]
     table = comparison_table(rows, along, columns, without=[CONTROL] if name == "history" else [])
     return "\n".join([table, *(["", *_control(rows)] if name == "history" else [])])

@@ -75,14 +75,14 @@ def best_line(played: Mapping[str, Sequence[Row]]) -> tuple[str, Sequence[Row]]:
 
 
 def points(rows: Sequence[Row]) -> str:
-    """The points of the settings that pay others than their score counts, with the steps where they differ."""
+    """The points of the settings that pay others than their score counts, with the mean number of steps."""
     lines = []
     for game, cells in grouped(by_cell(rows), lambda group: group[0].game).items():
         played = {cell.player: own for cell, own in cells}
         shown = [played["random"], best_line(played)[1], played["rule"]]
         played_rows = [row for own in shown for row in own]
         if any(map(reward, played_rows)) and any(reward(row) != score(row) for row in played_rows):
-            told = [f"{mean_of(own, reward):+.2f} in {mean_of(own, steps):,.0f} steps" for own in shown]
+            told = [f"{mean_of(own, reward):+.2f} ({mean_of(own, steps):,.0f})" for own in shown]
             lines.append((f"`{game}`", *told))
     return markdown_table(("setting", *HEADINGS), lines)
 

@@ -596,7 +596,7 @@ def test_an_option_of_the_player_names_the_other_player_of_a_run(tmp_path):
     assert len(requests_of(record).requests) == len(record.views)
     usages = [event for event in sp.read_transcript(run.transcript(row["key"])) if event["event"] == "usage"]
     asked = [usage["prompt"] + usage["reply"] for usage in usages if usage.get("purpose") == "compaction"]
-    assert record.totals.cost == pytest.approx(sum(asked) / 1e6)  # the first player has no price
+    assert record.totals.cost == record.cost == record.question_cost == pytest.approx(sum(asked) / 1e6)
     with pytest.raises(InvalidArgumentError, match="compactor_player is the name of a player"):
         sp.evaluate([RPS], ["random"], out=tmp_path / "2", **{**given, "player_options": {"compactor_player": 3}})
 

@@ -21,7 +21,7 @@ from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "experiments" / "context.py"
 MARK = re.compile(r"<!-- table: (\S+) -->")
-OF_SERVERS = {"chat", "responses", "messages", "set", "errors", "rules", "names", "fields"}
+OF_SERVERS = {"chat", "responses", "messages", "set", "errors", "refusals", "names", "fields"}
 """Tables of what clients do with servers' replies, which have tests of their own."""
 
 pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")

@@ -187,7 +187,7 @@ for name, stream in product(("Gemini", "Kimi", "Mistral", "Ollama"), (False, Tru
         print(name)
 runpy.run_module("tests.dialects.page", run_name="__main__")
 rows = [line for page in PAGES for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
-for named in ("`thought_text` | Gemini", "`max_output_tokens` | Kimi", "Mistral, Ollama, OpenAI |"):
+for named in ("`thought_text` | Gemini", "`max_output_tokens` (Kimi)", "Mistral, Ollama, OpenAI |"):
     print(*(named for line in rows if named in line))
 """
 
@@ -297,8 +297,8 @@ def test_an_adapter_is_added_by_the_documented_steps(tmp_path):
     (folder / "py.typed").touch()
     add(tmp_path / "pyproject.toml", 'trl = ["trl', "toy = []\n")
     add(tmp_path / "pyproject.toml", '    "adapters/smartplay_trl",', '    "adapters/smartplay_toy",\n')
-    listed = "| `smartplay_toy` | `run` | the budget |\n"
-    add(tmp_path / "docs" / "budgets.md", "| `smartplay_verifiers.", listed)
+    with (tmp_path / "tests" / "asks_a_model.toml").open("a", encoding="utf-8") as places:
+        places.write('[[place]]\nmodule = "smartplay_toy"\nfunctions = ["run"]\nat_most = "the budget"\n')
     run(tmp_path, PLAY_TOY)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_architecture.py", "-k", "adapter or asks"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -334,4 +334,4 @@ def test_a_provider_has_changed_a_field(tmp_path):
             (tmp_path / file).write_text(changed, encoding="utf-8")
         shown.append(run(tmp_path, PLAY_CHANGED).split())
     assert shown[0] == ["Gemini", "Gemini", "Kimi", "Kimi", "Ollama", "Ollama"], "Mistral has not changed"
-    assert " ".join(shown[1]) == "`thought_text` | Gemini `max_output_tokens` | Kimi Mistral, Ollama, OpenAI |"
+    assert " ".join(shown[1]) == "`thought_text` | Gemini `max_output_tokens` (Kimi) Mistral, Ollama, OpenAI |"

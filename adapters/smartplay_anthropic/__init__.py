@@ -4,7 +4,7 @@
         result = sp.play(episode, sp.get_player("anthropic:MODEL"))
 
 `request` and `reply` turn a prompt into a request and an answer into a reply, for loops written by hand, and need no
-client; `tools` are an episode's tools for the client's own `tool_runner`.
+client.
 """
 
 from __future__ import annotations
@@ -15,11 +15,7 @@ from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
     from smartplay_anthropic.codec import reply as reply, request as request
-    from smartplay_anthropic.player import (
-        AnthropicPlayer as AnthropicPlayer,
-        async_tools as async_tools,
-        tools as tools,
-    )
+    from smartplay_anthropic.player import AnthropicPlayer as AnthropicPlayer
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,15 +1,7 @@
-"""The player `anthropic:MODEL`, and the tools of an episode for the `tool_runner` of the `anthropic` client.
+"""The player `anthropic:MODEL`.
 
 The environment's proxies are not used for a server on this machine. The client's own retries are switched off, because
 `ModelPlayer` retries and counts attempts.
-
-The client's runner calls tools by itself:
-
-    runner = client.beta.messages.tool_runner(model=..., max_tokens=1024, messages=[...], tools=tools(episode))
-    runner.until_done()
-
-A runner manages the context, so the episode needs `context="host"`. The model gets a refused call as a result with
-`is_error`.
 """
 
 from __future__ import annotations
@@ -24,10 +16,9 @@ from smartplay_tools.errors import extra_named
 
 with extra_named("smartplay_anthropic", "anthropic"):
     import anthropic
-    from anthropic.lib.tools import BetaAsyncBuiltinFunctionTool, BetaBuiltinFunctionTool, ToolError
 
 from smartplay_anthropic import codec
-from smartplay_tools import Episode, InvalidArgumentError, Prompt, Reply, ToolResult, ToolSpec, schema
+from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.players import (
     BrokenAnswerError,
@@ -145,58 +136,3 @@ class AnthropicPlayer(ModelPlayer):
     async def asend(self, client: anthropic.AsyncAnthropic, request: dict[str, Any]) -> Reply:
         """Send a request and read the reply as `send` does, without blocking the event loop."""
         return codec.reply(await client.messages.create(**request))
-
-
-class _RunnerTool:
-    """A tool of an episode; its schema is passed on unchanged, and the episode validates the arguments."""
-
-    def __init__(self, episode: Episode, spec: ToolSpec) -> None:
-        self._episode, self._spec = episode, spec
-
-    def to_dict(self) -> Any:
-        """Return the tool in the form that requests have."""
-        return schema(self._spec, "anthropic")
-
-
-class EpisodeTool(_RunnerTool, BetaBuiltinFunctionTool):
-    """A tool of an episode for `Anthropic`."""
-
-    def call(self, input: object) -> str:  # noqa: A002 - the client's name for it
-        """Play a call; raise `ToolError` if it is refused."""
-        return _text(self._episode.call(self._spec.name, _arguments(input)))
-
-
-class AsyncEpisodeTool(_RunnerTool, BetaAsyncBuiltinFunctionTool):
-    """A tool of an episode for `AsyncAnthropic`; the game is played in a thread."""
-
-    async def call(self, input: object) -> str:  # noqa: A002 - the client's name for it
-        """Play a call; raise `ToolError` if it is refused."""
-        return _text(await self._episode.acall(self._spec.name, _arguments(input)))
-
-
-def tools(episode: Episode) -> list[EpisodeTool]:
-    """Return the tools of an episode for `Anthropic().beta.messages.tool_runner`."""
-    _check(episode)
-    return [EpisodeTool(episode, spec) for spec in episode.tools]
-
-
-def async_tools(episode: Episode) -> list[AsyncEpisodeTool]:
-    """Return the tools of an episode for `AsyncAnthropic().beta.messages.tool_runner`."""
-    _check(episode)
-    return [AsyncEpisodeTool(episode, spec) for spec in episode.tools]
-
-
-def _check(episode: Episode) -> None:
-    if episode.config.context != "host":
-        raise InvalidArgumentError('A tool runner manages the context; make the episode with context="host".')
-    episode.refuse_pictures("This tool runner")
-
-
-def _arguments(sent: object) -> Any:
-    return dict(sent) if isinstance(sent, Mapping) else sent
-
-
-def _text(result: ToolResult) -> str:
-    if result.is_error:
-        raise ToolError(result.text)
-    return result.text

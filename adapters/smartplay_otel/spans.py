@@ -69,6 +69,10 @@ def trace_record(record: str | Path, tracer_provider: TracerProvider | None = No
     return times.count(None)
 
 
+VIEWED = ("turn", "prefix_tokens", "shown_steps", "dropped_turns")
+"""The fields of a prompt's event that are attributes of the reply's span."""
+
+
 class _EpisodeSpans:
     """The spans of one episode."""
 
@@ -77,7 +81,9 @@ class _EpisodeSpans:
         self._root: Span | None = None
         self._context: Context | None = None
         self._chat: Span | None = None
-        self._key = self._model = ""
+        self._model = ""
+        self._common: dict[str, str] = {}
+        """The attributes of the span of the episode and of those of its replies."""
         self._reply: Message | None = None
         """The reply whose usage is to come."""
         self._ids: Sequence[str] = ()
@@ -112,35 +118,28 @@ class _EpisodeSpans:
 
     def _begin(self, start: Mapping[str, Any], now: int) -> None:
         config = EpisodeConfig.from_event(start)
-        self._key = config.key
         player = config.player or "host"
         name, _, model = player.partition(":")
         self._model = model or name
-        self._provider = PROVIDERS.get(name, "smartplay")
+        self._common = {
+            "gen_ai.provider.name": PROVIDERS.get(name, "smartplay"),
+            "gen_ai.request.model": self._model,
+            "gen_ai.conversation.id": config.key,
+        }
         attributes: dict[str, Any] = {
             "gen_ai.operation.name": "invoke_agent",
-            "gen_ai.provider.name": self._provider,
             "gen_ai.agent.name": player,
-            "gen_ai.request.model": self._model,
-            "gen_ai.conversation.id": self._key,
             "smartplay.game": config.game,
             "smartplay.seed": config.seed,
+            **self._common,
         }
         self._root = self._tracer.start_span(f"invoke_agent {player}", attributes=attributes, start_time=now)
         self._context = trace.set_span_in_context(self._root)
 
     def _ask(self, view: Mapping[str, Any], now: int) -> None:
-        attributes: dict[str, Any] = {
-            "gen_ai.operation.name": "chat",
-            "gen_ai.provider.name": self._provider,
-            "gen_ai.request.model": self._model,
-            "gen_ai.conversation.id": self._key,
-            "smartplay.turn": view["turn"],
-            "smartplay.prompt_tokens": view["tokens"],
-            "smartplay.prefix_tokens": view["prefix_tokens"],
-            "smartplay.shown_steps": view["shown_steps"],
-            "smartplay.dropped_turns": view["dropped_turns"],
-        }
+        attributes: dict[str, Any] = {"gen_ai.operation.name": "chat", **self._common}
+        attributes |= {f"smartplay.{name}": view[name] for name in VIEWED}
+        attributes["smartplay.prompt_tokens"] = view["tokens"]
         if concerns_summary(view):
             attributes["smartplay.summary"] = True
         if view["max_tokens"] is not None:

@@ -50,7 +50,7 @@ NAPOLEON = Config(napoleon_use_ivar=True)
 
 
 class PublicNames(SphinxDirective):
-    """`public-names MODULE`: all of it, one `kind`, or the `names` that are listed, in their order."""
+    """`public-names MODULE`: all of it, one `kind`, or the `names` that are listed, in their order, and where from."""
 
     required_arguments = 1
     option_spec: ClassVar = {
@@ -67,7 +67,8 @@ class PublicNames(SphinxDirective):
         if missing := set(asked) - set(offered):
             raise self.error(f"{module.__name__} does not offer {', '.join(sorted(missing))}.")
         described = [name for name in asked if belongs(getattr(module, name))]
-        text = "\n\n".join(_describe(module, name) for name in described)
+        begin = [f"From ``{module.__name__}``:"] if "names" in self.options else []
+        text = "\n\n".join([*begin, *(_describe(module, name) for name in described)])
         return self.parse_text_to_nodes(f"```{{eval-rst}}\n{text}\n```")
 
 

@@ -30,12 +30,14 @@ from smartplay_tools.evaluation.runs.players import check_no_credentials
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player, is_model
 from smartplay_tools.players.opening import enter_player
-from smartplay_tools.players.player_registry import second_player, without_second
-from smartplay_tools.providers.prices import Price, find_price
+from smartplay_tools.players.player_registry import second_name, second_player, without_second
+from smartplay_tools.providers.prices import find_price
+from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import warnings
 from smartplay_tools.streams import own_output
 from smartplay_tools.terminal import Console, say
-from smartplay_tools.types import EpisodeResult, Usage
+from smartplay_tools.transcript.events import Event
+from smartplay_tools.types import EpisodeResult
 from smartplay_tools.types.messages import text_of
 
 
@@ -69,10 +71,11 @@ def play(
     """
     given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
     second = second_player(given, seed=seed)
-    who, paid = (
-        get_player(player, seed=seed, **without_second(given)),
-        runs.prices(price).get(player) or find_price(player, given),
-    )
+    who = get_player(player, seed=seed, **without_second(given))
+    known = runs.prices(price)
+    prices = {who.name: known.get(player) or find_price(player, given)}
+    if (answering := second_name(given)) is not None:
+        prices.setdefault(answering, known.get(answering) or find_price(answering, {}))
     settings = {**episode.conditions, **episode.options}
     protocol, spec = settings.pop("protocol"), get_spec(game)
     # A person has a screen, and would see here what has left the window.
@@ -80,11 +83,12 @@ def play(
     console = None if silent else Console()
     first: list[str] = []
     with ExitStack() as stack:
-        record, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
+        path, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
+        events: list[Event] = []
         new_episode = Episode(
             spec if steps is None else replace(spec, rollout=steps),
             seed=seed,
-            transcript=record,
+            transcript=path or events,
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
@@ -99,7 +103,9 @@ def play(
                     webbrowser.open(page)
             interrupted = _run(played, who, protocol, second, console, pace, first)
         assert played.result is not None
-        _print(played.result, paid, as_json=as_json)
+        priced = {name: found for name, found in prices.items() if found}
+        record = Record.read(path, priced) if path else Record(events, prices=priced)
+        _print(played.result, record, as_json=as_json)
     has_failed = played.result.end_reason in FAILED  # the result says why
     if not has_failed:
         for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: "".join(first)):
@@ -121,16 +127,11 @@ def _player_options(
     return config.options
 
 
-def _print(result: EpisodeResult, price: Price | None, *, as_json: bool) -> None:
+def _print(result: EpisodeResult, record: Record, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.model_dump(mode="json"), indent=2), file=own_output())
     else:
-        print_result(Console(), result, None if price is None else price.cost(_charged(result)))
-
-
-def _charged(result: EpisodeResult) -> Usage:
-    provider, tokens = result.tokens.provider, result.tokens
-    return provider if provider is not None and provider.prompt else Usage(prompt=tokens.prompt, reply=tokens.reply)
+        print_result(Console(), result, record.cost, record.question_cost)
 
 
 def _run(

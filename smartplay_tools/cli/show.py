@@ -57,8 +57,8 @@ def print_turn(console: Console, conversation: BaseConversation) -> None:
             console.print(f"  [dim]{bar}[/] {escape(line)}", highlight=False, soft_wrap=True, markup=True)
 
 
-def print_result(console: Console, result: EpisodeResult, cost: float | None = None) -> None:
-    """Print a result as a small table; `cost` is in US dollars, None if it is not known."""
+def print_result(console: Console, result: EpisodeResult, cost: float | None, question_cost: float | None) -> None:
+    """Print a result as a small table; costs are in US dollars, None if they are not known."""
     # A command that prints no result imports no statistics.
     from smartplay_tools.evaluation.analysis.remembering import work_in_words
 
@@ -79,9 +79,10 @@ def print_result(console: Console, result: EpisodeResult, cost: float | None = N
     table.add_row("end", result.end_reason + (f": {result.error}" if result.error else ""))
     table.add_row("steps", f"{result.steps} in {result.turns} turns")
     table.add_row("tokens", f"{tokens.prompt:,} in prompts ({stable} prefix-stable), {tokens.reply:,} in replies")
-    if cost is not None:
+    if cost:
         table.add_row("cost", f"${cost:.4f}")
-    if did := work_in_words(result.model_dump() | {"budget": {"strategy": "strategy" in result.deviations}}):
+    also = {"budget": {"strategy": "strategy" in result.deviations}, "question_cost": question_cost}
+    if did := work_in_words(result.model_dump() | also):
         table.add_row("compactor", did)
     table.add_row("mistakes", ", ".join(f"{count} {name}" for name, count in mistakes.items() if count) or "none")
     for at, (name, values) in enumerate(result.deviations.items()):

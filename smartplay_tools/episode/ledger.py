@@ -50,7 +50,7 @@ class Ledger:
         self.result: EpisodeResult | None = None
         self.if_closed: tuple[EndReason, Exception | None, str | None] | None = None
         self.lock = threading.RLock()
-        self.queue = SerialQueue(is_slow=self.game.is_slow)
+        self.queue = SerialQueue()
         """Runs the calls of asynchronous callers one after the other."""
         self.on_step: Callable[[TextGame], None] | None = None
         self.at_end: Callable[[], None] | None = None

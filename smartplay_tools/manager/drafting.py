@@ -43,7 +43,7 @@ class Drafts:
         tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
         begin = self.first_reply(data, form)
         messages_of_head, left_out = self._head_of(data[:begin], form)
-        shown = [Shown(Part(n, m, self._cost(n, m, form, keys)), m) for n, m in messages_of_head]
+        shown = [Shown(Part(n, m, self._cost(n, m, form, keys), m is data[n]), m) for n, m in messages_of_head]
         head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(each.tokens for each in shown)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._asking.summaries is None else {**parts, "summary": self._asking.summaries.reserve}

@@ -115,7 +115,7 @@ class Draft:
         changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
         for each in shown:
             source = each.part.source
-            is_given = source is not None and each.message is conversation.data[source]
+            is_given = each.part.is_given and each.message is each.part.message
             out.append(conversation.given[source] if is_given and source is not None else each.message)
             if each.change not in (None, "rewritten") and source is not None:
                 changed[str(each.change)].append(source)

@@ -31,6 +31,8 @@ class Part:
     """Its number in the list; None for one that was made here."""
     message: Given
     cost: Cost = field(default_factory=lambda: Cost(0))
+    is_given: bool = False
+    """Whether it is the message of the list as it is there, whichever object says it."""
 
 
 @dataclass(slots=True)
@@ -200,8 +202,8 @@ class Reading:
             is_whole = is_whole and not unit.open
             self._complete(unit, number)
             for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
-                is_given = part.source is not None and part.message is messages[part.source]
-                key = keys[part.source] if is_given and part.source is not None else repr(part.message)
+                part.is_given = part.source is not None and part.message is messages[part.source]
+                key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
                 try:
                     part.cost = self.counter.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls

@@ -164,6 +164,8 @@ def best_choice(config: EpisodeConfig) -> BestChoice | None:
     """
     if config.budget.prompt_tokens is None or config.protocol == "paper" or config.observation != "text":
         return None
+    if config.first_observation == "prompt" and config.budget.history is not None:  # the head shrinks as it ages
+        return None
     fields: dict[str, Any] = {
         "carry": None,
         "chain": None,
@@ -196,12 +198,13 @@ def world_of(config: EpisodeConfig) -> World | None:
         return None
     asked, rest = [], 0.0
     shown = {step: turn for turn, steps in enumerate(right.shows) for step in steps}
+    in_head = 0 if config.first_observation == "prompt" else None
     for turn, (needs, chance, gained, lost) in enumerate(
         zip(right.needs, right.chances, right.rewards, wrong.rewards, strict=True)
     ):
         guessed = chance * gained + (1 - chance) * lost
         if needs and (right.history is None or min(needs) >= right.shows[turn][-1] - right.history):
-            earlier = frozenset(shown[step] for step in needs) - {turn}
+            earlier = frozenset(shown[step] for step in needs) - {turn, in_head}
             asked.append(Asked(turn, earlier, gained, guessed))
         else:
             rest += guessed if needs else gained
@@ -236,9 +239,11 @@ class _Play:
         with Episode.from_config(config, transcript=events, is_recorded=True) as episode:
             game, conversation = episode.game, Conversation(episode)
             assert isinstance(game, ReadableGame)
-            message = call("observe")
+            is_told = config.first_observation == "prompt"
+            message = None if is_told else call("observe")
             while conversation.prompt() is not None:
-                conversation.receive(message)
+                if message is not None:
+                    conversation.receive(message)
                 if episode.done:
                     break
                 if game.needs is None:
@@ -262,4 +267,6 @@ class _Play:
         sizes = [sum(form.tokens(episode.counter) for form in turn.whole) for turn in turns]
         room = episode.budget.prompt_tokens - record.views[0]["tokens"]
         shows = [turn.shows for turn in turns]
+        if is_told:  # the first prompt has no turn, and what it shows stays in the head
+            sizes, shows = [0, *sizes[:-1]], [(0,), *shows[:-1]]
         return cls(episode.budget.history, room, sizes, shows, [*seen.values()], needs, chances, rewards)

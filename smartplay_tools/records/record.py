@@ -51,7 +51,6 @@ from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
 from smartplay_tools.types.messages import Message
-from smartplay_tools.types.sums import added
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""
@@ -351,10 +350,12 @@ class Record:
     @property
     def cost(self) -> float | None:
         """The cost of the episode in US dollars: 0 if no provider reported any tokens, None if a price is not known."""
-        whole = self._counts.whole
-        if self._counts.price is not None:
-            return added(whole.costs)
-        return None if whole.is_unpriced else 0.0
+        return self._counts.whole.spent().cost
+
+    @property
+    def question_cost(self) -> float | None:
+        """The part of it that a compactor's questions cost."""
+        return self._counts.questions.spent().cost
 
     @property
     def peak_prompt_tokens(self) -> int:

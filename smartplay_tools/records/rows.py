@@ -45,10 +45,10 @@ OPTIONAL = ("scoring", "memory", "best")
 """The fields of a row about what its game declares: what scores can be (`Scoring`), the shares of `remembered`, and the
 scores of `best_choice`."""
 
-COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost")
+COUNTED = ("peak_prompt_tokens", "limited_prompts", "play_sha256", "cost", "question_cost")
 """The fields of a row that are counted from the record's events; `Record` has their meanings."""
 
-LATER = frozenset({"peak_prompt_tokens", "limited_prompts", "play_sha256", "observation", *FILES, *OPTIONAL})
+LATER = frozenset({*COUNTED, "observation", *FILES, *OPTIONAL} - {"cost"})
 """The fields that rows of older versions do not have."""
 
 _UNSAID: Mapping[str, Any] = {**Rules.later, **dict.fromkeys((*FILES, "scoring"))}
@@ -59,13 +59,15 @@ def row_of(record: Record, trial: int) -> Row:
     """Return the row of a finished episode, from its record."""
     facts = record.facts
     copied = {name: facts[name] for name in COPIED if name not in _UNSAID or facts[name] != _UNSAID[name]}
-    counted = {name: getattr(record, name) for name in COUNTED}
+    result = record.result_data or {}
+    names = COUNTED if result.get("questions") else [name for name in COUNTED if name != "question_cost"]
+    counted = {name: getattr(record, name) for name in names}
     declared: Row = {}
     if (shares := remembered(record)) is not None:
         declared["memory"] = shares
         if (best := best_choice(record.config)) is not None:
             declared["best"] = vars(best)
-    return {"key": record.key, **(record.result_data or {}), **copied, "trial": trial, **counted, **declared}
+    return {"key": record.key, **result, **copied, "trial": trial, **counted, **declared}
 
 
 def has_reported_tokens(row: Row) -> bool:
@@ -170,6 +172,7 @@ class _Row(RecordedResult):
     limited_prompts: Count | None = None
     play_sha256: str | None = None
     cost: Amount | None
+    question_cost: Amount | None = None
 
 
 class Timing(BaseModel):

@@ -131,7 +131,7 @@ class RecordCounts:
         self.price: Price | None = None
         self._second_price: Price | None = None
         """The price of the player that answers a compactor's questions."""
-        self.whole, self.own = _Sum(), _Sum()
+        self.whole, self.own, self.questions = _Sum(), _Sum(), _Sum()
         self.play = _Play()
         self.steps = 0
         self.declares = False
@@ -152,8 +152,8 @@ class RecordCounts:
             case "usage":
                 usage = self._parsed(event)
                 price = self._second_price if usage.get("purpose") == "compaction" else self.price
-                self.whole.add(usage, price)
-                self.own.add(usage, price)
+                for each in (self.whole, self.own, self.questions)[: 3 if usage.get("purpose") == "compaction" else 2]:
+                    each.add(usage, price)
             case "sent":
                 sent = self._parsed(event)
                 usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}

@@ -3,8 +3,7 @@
 Some frameworks pass the text as the model wrote it, others the object that they parsed from it. `read` treats the two
 alike, so that the same call counts the same tokens, compares equal and is recorded in the same form everywhere.
 
-JSON is written as Python's `json` writes it, but faster: `json` creates an encoder in C for every call, which takes
-longer than encoding a small value, and a turn encodes a dozen of these. Here an encoder is created once.
+JSON is written as Python's `json` writes it.
 """
 
 from __future__ import annotations
@@ -49,16 +48,9 @@ def encoder(
 
     An object that contains itself is a RecursionError.
     """
-    slow = json.JSONEncoder(
+    return json.JSONEncoder(
         check_circular=False, sort_keys=sort_keys, separators=separators, ensure_ascii=ensure_ascii, allow_nan=nan
-    )
-    make = getattr(json.encoder, "c_make_encoder", None)
-    if make is None:  # not CPython
-        return slow.encode
-    text = json.encoder.encode_basestring_ascii if ensure_ascii else json.encoder.encode_basestring
-    item, key = separators
-    parts = make(None, slow.default, text, None, key, item, sort_keys, False, nan)
-    return lambda value: "".join(parts(value, 0))
+    ).encode
 
 
 canonical_text = encoder(sort_keys=True, separators=(",", ":"))

@@ -2,8 +2,8 @@
 
     python -m tests.adapters.fitted_fuzz langchain --prompts 25000 --seed 1
 
-The others are `agents`, `inspect` and `pydantic-ai`. A conversation is written in the framework's own messages and sent
-twice through the adapter: by a fresh manager, and asynchronously or streamed by one that has been asked others before.
+The others are `agents`, `inspect` and `pydantic-ai`. A conversation grows in the framework's own messages, and each of
+its prompts goes through the adapter, synchronously, asynchronously or streamed, some of them again by a new manager.
 What the model is sent is read by code of this module, and counted, paired and compared by that of the judges.
 """
 
@@ -15,6 +15,7 @@ import json
 import random
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
+from itertools import pairwise
 from typing import Any, Protocol
 
 import smartplay_tools as sp
@@ -359,56 +360,71 @@ HOSTS: dict[str, tuple[type[Host], int]] = {
 """The frameworks, and in how many ways a request is made: sync or async, and streamed."""
 
 
-async def judged(host: Host, ways: int, number: int, seed: int, used: dict[Any, sp.ContextManager]) -> Counter[str]:
-    """Counts of one conversation. `used` keeps the managers that have been asked before."""
-    rng, row = random.Random(f"{seed}:{number}"), Counter[str](prompts=1)
+def stretches(conversation: Messages) -> list[Messages]:
+    """What is new at each request of an agent: it is made before a reply, and at the end."""
+    roles = [message["role"] for message in conversation]
+    starts = [at for at in range(2, len(roles)) if roles[at] == "assistant" != roles[at - 1]]
+    return [conversation[first:stop] for first, stop in pairwise([0, *starts, len(roles)])]
+
+
+async def judged(host: Host, ways: int, number: int, seed: int) -> Counter[str]:
+    """Counts of one conversation as it grows, each of whose prompts one manager makes."""
+    rng, row = random.Random(f"{seed}:{number}"), Counter[str](conversations=1)
     cap, options = rng.choice(CAPS), settings(rng)
-    given = chat(rng, KINDS[number % 5])
-    stored = host.stored(given)
-    before, objects = repr(stored), [*map(id, stored)]
 
     def manager() -> sp.ContextManager:
         asked: dict[str, Any] = {"ask": ask, "memo": {}} if options["strategy"] else {}
         return sp.ContextManager(cap, tokenizer=Letters(), **options, **asked)
 
-    sent: list[Messages | None] = []
-    other = used.setdefault((cap, *options.values()), manager())
-    for each, way in ((manager(), 0), (other, 1 + number // 5 % (ways - 1))):
+    async def sent_by(manager: sp.ContextManager, way: int) -> Messages | None:
         try:
-            sent.append(host.read(await host.send(each, stored, way)))
+            return host.read(await host.send(manager, stored, way))
         except PromptOverflowError:
-            sent.append(None)
-    row["fault: what the framework keeps is changed"] = repr(stored) != before or [*map(id, stored)] != objects
-    row["fault: another prompt when asked again"] = sent[0] != sent[1]
-    shown = sent[0]
-    if shown is None:
-        return row + Counter({f"refused at {cap}": 1})
-    whole = host.read(stored)
-    tokens = total(host.form, shown) + tools_tokens([FUNCTION], n)
-    row["of fewer messages"] = len(shown) < len(whole)
-    row["fault: over the cap"] = tokens > cap
-    row["fault: calls apart from results"] = is_broken(host.form, shown)
-    row["fault: the task or the newest words lost"] = not keeps_task(host.form, whole, shown, options["head"])
+            return None
+
+    tools, used = tools_tokens([FUNCTION], n), manager()
+    stored, before, whole = list[Any](), list[str](), list[dict[str, Any]]()
+    for stretch in stretches(chat(rng, KINDS[number % 5])):
+        new = host.stored(stretch)
+        stored, before, whole = [*stored, *new], [*before, *map(repr, new)], [*whole, *host.read(new)]
+        objects, way = [*map(id, stored)], rng.randrange(ways)
+        shown = await sent_by(used, way)
+        row["prompts"] += 1
+        if rng.random() < 0.05:
+            row["asked again"] += 1
+            again = await sent_by(manager(), (way + 1) % ways)
+            row["fault: another prompt when asked again"] += shown != again
+        row["fault: what the framework keeps is changed"] += [*map(id, stored)] != objects
+        if shown is None:
+            row[f"refused at {cap}"] += 1
+            continue
+        row["of fewer messages"] += len(shown) < len(whole)
+        row["fault: over the cap"] += total(host.form, shown) + tools > cap
+        row["fault: calls apart from results"] += is_broken(host.form, shown)
+        row["fault: the task or the newest words lost"] += not keeps_task(host.form, whole, shown, options["head"])
+    row["fault: what the framework keeps is changed"] += [*map(repr, stored)] != before
     return row
 
 
-async def some(name: str, first: int, stop: int, seed: int) -> Counter[str]:
-    """Counts of consecutive conversations."""
+async def some(name: str, prompts: int, seed: int) -> Counter[str]:
+    """Counts of at least so many prompts."""
     kind, ways = HOSTS[name]
-    host, rows, used = kind(), Counter[str](), dict[Any, sp.ContextManager]()
-    for number in range(first, stop):
-        row = await judged(host, ways, number, seed, used)
+    host, rows, number = kind(), Counter[str](), 0
+    while rows["prompts"] < prompts:
+        row = await judged(host, ways, number, seed)
         rows.update(row)
         if faults(row):
             print(f"{seed}:{number}: {', '.join(name for name in row if row[name])}")
+        number += 1
     return rows
 
 
 async def check_some(name: str) -> None:
-    """Check that forty prompts of a framework have no fault, and that many of them are cut."""
-    rows = await some(name, 0, 40, seed=6)
+    """Check that four hundred prompts of a framework have no fault, and that many of them are cut."""
+    rows = await some(name, 400, seed=6)
     assert not faults(rows), rows
-    assert rows["of fewer messages"] > 20
+    assert rows["of fewer messages"] > 150
+    assert rows["asked again"] > 10
 
 
 def faults(rows: Counter[str]) -> int:
@@ -422,7 +438,7 @@ def main() -> None:
     parser.add_argument("--prompts", type=int, default=1_000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    rows = asyncio.run(some(options.framework, 0, options.prompts, options.seed))
+    rows = asyncio.run(some(options.framework, options.prompts, options.seed))
     for name, count in sorted(rows.items()):
         print(f"{name:48}{count:>10,}")
     raise SystemExit(bool(faults(rows)))

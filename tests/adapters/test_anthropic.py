@@ -7,7 +7,7 @@ from pathlib import Path
 
 import anthropic
 import pytest
-from smartplay_anthropic import AnthropicPlayer, async_tools, reply, request, tools
+from smartplay_anthropic import AnthropicPlayer, reply, request
 
 import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
@@ -135,63 +135,6 @@ def test_a_missing_key_is_one_sentence(monkeypatch, tmp_path: Path):
     monkeypatch.setenv("ANTHROPIC_CONFIG_DIR", str(tmp_path))
     with pytest.raises(sp.InvalidArgumentError, match="finds no key: Config file not found"):
         sp.get_player("anthropic:m")
-
-
-# The client's tool runner.
-
-
-def runner_options(episode, made):
-    return {
-        "model": "m",
-        "max_tokens": 100,
-        "messages": [{"role": "user", "content": "Play."}],
-        "system": "You play.",
-        "tools": made,
-    }
-
-
-def with_ids(message, number):
-    """The message with call ids of its own, as the interface always has them."""
-    return {**message, "tool_calls": [{**call, "id": f"toolu_{number}"} for call in message["tool_calls"]]}
-
-
-PLAYED = [with_ids(calling(act(move)), number) for number, move in enumerate(("A->C", "Fly", "A->B"))]
-WITH_LAST_WORDS = [*PLAYED, calling(say="Well.")]
-
-
-def check_runner(stub, episode):
-    latest = [body["messages"][-1]["content"] for body in stub.bodies[1:]]
-    refused = [block.get("is_error", False) for (block,) in latest]
-    assert refused == [False, True, False]
-    assert (episode.stats.steps, episode.stats.illegal_actions) == (2, 1)
-    assert stub.bodies[0]["tools"] == [sp.schema(tool, "anthropic") for tool in episode.tools]
-
-
-class Unchecked(AnthropicStub):
-    """A runner sends the first words as a text, which is allowed and which the players never do."""
-
-    is_strict = False
-
-
-def test_the_clients_own_runner_plays():
-    episode, _ = fresh(context="host")
-    with Unchecked(WITH_LAST_WORDS) as stub, episode, anthropic.Anthropic(base_url=stub.url, api_key="k") as client:
-        client.beta.messages.tool_runner(**runner_options(episode, tools(episode))).until_done()
-        check_runner(stub, episode)
-
-
-async def test_the_clients_own_runner_plays_on_an_event_loop():
-    episode, _ = fresh(context="host")
-    with Unchecked(WITH_LAST_WORDS) as stub, episode:
-        async with anthropic.AsyncAnthropic(base_url=stub.url, api_key="k") as client:
-            await client.beta.messages.tool_runner(**runner_options(episode, async_tools(episode))).until_done()
-        check_runner(stub, episode)
-
-
-def test_a_runner_owns_the_context():
-    episode, _ = fresh()
-    with pytest.raises(sp.InvalidArgumentError, match="tool runner manages the context"):
-        tools(episode)
 
 
 # The provider's cache.

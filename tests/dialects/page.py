@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from tests.dialects.rules import DIALECTS, LIMITS, RULES, limits
 from tests.dialects.ways import WAYS
 
 PAGES = [Path(__file__).parents[2] / "docs" / name for name in ("openai.md", "servers.md")]
-KINDS = {"refuses": "refuses", "overlooks": "does not read", "says": "answers with", "streams": "streams"}
 
 
 def table(rows: Iterable[Iterable[str]]) -> str:
@@ -52,14 +52,13 @@ def to_set() -> Iterator[list[str]]:
         yield [str(number), ", ".join(limit.ways), limit.limit, limit.set]
 
 
-def rules() -> Iterator[list[str]]:
-    """What each server does, or several alike; `rules.toml` has the source of each rule."""
-    yield ["server", *KINDS.values()]
-    same = grouped(RULES, lambda rule: (rule.kind, rule.rule))
+def refusals() -> Iterator[list[str]]:
+    """What each server refuses, or several alike; `rules.toml` has the source of each rule."""
+    yield ["server", "refuses"]
+    same = grouped((rule for rule in RULES if rule.kind == "refuses"), lambda rule: rule.rule)
     servers = {rule: tuple(dict.fromkeys(name for each in own for name in each.dialects)) for rule, own in same.items()}
     for names, own in grouped(servers, servers.__getitem__).items():
-        texts = grouped(own, lambda rule: rule[0])
-        yield [", ".join(names), *("; ".join(text for _, text in texts.get(kind, ())) for kind in KINDS)]
+        yield [", ".join(names), "; ".join(own)]
 
 
 def errors() -> Iterator[list[str]]:
@@ -94,7 +93,7 @@ def fields() -> Iterator[list[str]]:
 
 def names() -> Iterator[list[str]]:
     """What providers call what a request or an answer has."""
-    yield ["what", "name", "server"]
+    yield ["what", "names (servers)"]
     listed = {"cap on a reply": each("cap"), "why a reply ended": each("end_fields")}
     listed |= {f"tokens: {kind}": each("usage", kind) for kind in ("cached", "written", "written_1h", "reasoning")}
     for kind in ("cut", "refused", "paused", "broken_calls"):
@@ -102,9 +101,9 @@ def names() -> Iterator[list[str]]:
     listed["a request does without"] = ((who, row["name"]) for who, row in rows_of("optional"))
     listed["goes back"] = ((who, f"{row['most']:,} {row['what']}") for who, row in rows_of("limit"))
     for what, said in listed.items():
-        for who, called in said:
-            called = [called] if isinstance(called, str) else called
-            yield [what, ", ".join(f"`{name}`" for name in called), who]
+        calls = ((who, [called] if isinstance(called, str) else called) for who, called in said)
+        same = grouped(((who, ", ".join(f"`{name}`" for name in called)) for who, called in calls), itemgetter(1))
+        yield [what, "; ".join(f"{names} ({', '.join(who for who, _ in own)})" for names, own in same.items())]
 
 
 def renewed(page: str) -> str:
@@ -112,7 +111,7 @@ def renewed(page: str) -> str:
     tables = {name: matrix(name) for name in ("chat", "responses", "messages")} | {
         "set": to_set(),
         "errors": errors(),
-        "rules": rules(),
+        "refusals": refusals(),
         "fields": fields(),
         "names": names(),
     }

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.headline import TERMS
-from smartplay_tools.evaluation.analysis.remembering import ANSWERS, WORK, remembering_tables
+from smartplay_tools.evaluation.analysis.remembering import ANSWERS, MONEY, WORK, question_cost, remembering_tables
 from smartplay_tools.evaluation.pages.report.page import write_report
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games import with_action_list
 from smartplay_tools.players.prompt_reading import call
+from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record, replay
 from smartplay_tools.records.contents import PLACES, stands_in
 from smartplay_tools.records.remembered import answers, remembered
@@ -204,7 +207,8 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
     budgets = [sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:{name}") for name in names]
     run = sp.evaluate([told], ["random"], budgets=budgets, trials=2, executor="inline", out=tmp_path / "run")
     table = next(table for table in remembering_tables(run.rows) if table.title.startswith("what the compactor"))
-    assert [column.heading for column in table.columns][1:] == [*WORK]
+    assert [column.heading for column in table.columns][1:] == [*WORK, MONEY]
+    assert [line[-1] for line in table.rows[1:]] == ["0", "unknown", "0"]
     assert [line[0].rpartition(", ")[2] for line in table.rows[1:]][1:] == ["wrote without asking", "never acts"]
     assert "-" not in [line[1] for line in table.rows[1:]]
     report = write_report([tmp_path / "run"], tmp_path / "report.html").read_text(encoding="utf-8")
@@ -212,16 +216,37 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
     assert "never acts" in report
 
 
+def test_what_questions_cost_is_told_beside_the_episode_and_never_guessed(told, tmp_path):
+    """Rows of older versions lack it: nothing where nothing was asked or all was free, otherwise unknown."""
+    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+    folder, second = tmp_path / "run", {"compactor_player": {"name": "rule-notes", "words": True}}
+    budget = sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:Asked")
+    players = [PlayerConfig(name="random", options=second)]
+    prices = {"random": Price.per_million(1, 1), "rule-notes": Price.per_million(20, 30)}
+    given = {"budgets": [budget], "trials": 1, "executor": "inline"}
+    (row,) = sp.evaluate([told], players, **given, prices=prices, out=folder).rows
+    tokens = row["tokens"]
+    asked = (20 * tokens["question_prompt"] + 30 * tokens["question_reply"]) / 1e6
+    played = sum(tokens[part] - tokens[f"question_{part}"] for part in ("prompt", "reply")) / 1e6
+    assert (row["question_cost"], row["cost"]) == pytest.approx((asked, asked + played))
+    assert MONEY in command.run("results", folder, "--all", "--format", "markdown")[1]
+    assert MONEY in write_report([folder], tmp_path / "page.html").read_text(encoding="utf-8")
+    older = {name: value for name, value in row.items() if name != "question_cost"}
+    assert question_cost(older) is None
+    assert question_cost(older | {"cost": 0.0}) == question_cost(older | {"questions": 0, "tokens": {}}) == 0
+
+
 def test_play_says_what_a_compactor_did_and_the_score_where_it_has_failed(tmp_path):
     (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
 
-    def printed(name: str) -> str:
+    def printed(name: str, *more: str) -> str:
         strategy = f"{tmp_path}/kept.py:{name}"
-        options = ("--player", "reader", "--prompt-tokens", 1_600, "--strategy", strategy)
-        return command.run("play", "Lockers6-v0", *options)[1]
+        options = ("--player", "reader", "--prompt-tokens", 1_600, "--strategy", strategy, *more)
+        return " ".join(re.sub("│", "", command.run("play", "Lockers6-v0", *options)[1]).split())
 
-    assert "rewritings" in (asked := printed("Quoting"))
-    assert "questions" in asked
+    assert "rewritings" in (asked := printed("Quoting", "--price", "reader=20,30"))
+    assert "questions cost $0." in asked
+    assert "what its words cost is not known" in printed("Blind")
     assert "strategy_error" in (wrong := printed("Wrong"))
     assert "the episode failed" not in wrong
 

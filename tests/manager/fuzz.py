@@ -1,9 +1,9 @@
 """Fits random conversations under random settings, and has every prompt judged.
 
-    python -m tests.manager.fuzz --prompts 1000000 --seed 1 [--processes 2]
+    python -m tests.manager.fuzz --prompts 1000000 --seed 1
 
-A conversation is fitted by a fresh manager, and by one that has been asked many others before: grown, changed in place,
-cut at both ends. Prints how many prompts there were, and every fault.
+A conversation grows as that of an agent does, and one manager fits each of its prompts, those of other conversations
+between them. Prints how many prompts there were, and every fault.
 """
 
 from __future__ import annotations
@@ -11,19 +11,17 @@ from __future__ import annotations
 import argparse
 import copy
 import hashlib
-import json
 import random
 from collections import Counter
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import smartplay_tools as sp
 from smartplay_tools.context import ContextOverflowError
 from smartplay_tools.errors import PromptOverflowError
 from tests.manager.histories import FORMS, KINDS, Messages, history
-from tests.manager.judge import Letters, chosen, faults, total
+from tests.manager.judge import Judge, Letters, kind as kind_of, total
 
 CAPS = (400, 1_000, 2_000, 4_000, 8_000)
 SUMMARY, QUESTION = 60, 700
@@ -38,18 +36,18 @@ def settings(rng: random.Random) -> dict[str, Any]:
         "history": past,
         "beyond_history": "drop" if past is None else rng.choice(["drop", "mask"]),
         "head": rng.choice(["task", "task", "system"]),
-        "result_tokens": rng.choice(["auto", "auto", None]),
-        "own_words": rng.choice([None, None, 2]),
-        "first_turns": rng.choice([None, None, 2]),
+        "result_tokens": rng.choice(["auto", None]),
+        "own_words": rng.choice([None, None, None, 2]),
+        "first_turns": rng.choice([None, None, None, 2]),
         "strategy": None,
     }
-    if rng.random() < 0.3:
+    if rng.random() < 0.06:
         options |= {"beyond_history": "drop", "first_turns": None, "strategy": rng.choice(STRATEGIES)}
         if options["strategy"] is not Chosen:
             options |= {"own_words": None, "question_tokens": QUESTION}
         return options
     is_at_every_step = not options["slack"] or (past and options["slack"] * past < 1)
-    if not is_at_every_step and rng.random() < 0.4:
+    if not is_at_every_step and rng.random() < 0.3:
         options["strategy"] = sp.Summaries(SUMMARY, question_tokens=QUESTION)
     return options
 
@@ -138,6 +136,10 @@ def fitted(manager: sp.ContextManager, messages: Messages) -> sp.FittedPrompt | 
         return str(error)
 
 
+TOGETHER = 4
+"""How many conversations one manager fits, in turn."""
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A random conversation, and the settings under which it is fitted."""
@@ -151,13 +153,9 @@ class Drawn:
 
     @classmethod
     def of(cls, number: int, seed: int) -> Drawn:
-        rng = random.Random(f"{seed}:{number}")
-        kind, form, cap, options = KINDS[number % 5], rng.choice([*FORMS]), rng.choice(CAPS), settings(rng)
+        shared, rng = random.Random(f"{seed}:{number // TOGETHER}"), random.Random(f"{seed}:{number}:own")
+        kind, form, cap, options = KINDS[number % 5], shared.choice([*FORMS]), shared.choice(CAPS), settings(shared)
         return cls(kind, form, cap, options, history(rng, kind, form), rng)
-
-    @property
-    def key(self) -> Any:
-        return self.form, self.cap, *self.options.values()
 
     def manager(self, **asked: Any) -> sp.ContextManager:
         """A manager that was asked nothing; without `asked`, its strategy has a separate memo."""
@@ -165,69 +163,106 @@ class Drawn:
         asked = asked if self.options["strategy"] else {}
         return sp.ContextManager(self.cap, form=self.form, tokenizer=Letters(), **self.options, **asked)
 
+    @property
+    def ends(self) -> list[int]:
+        """The lengths at which a request is made: before each reply, at the end, and where an agent is interrupted."""
+        kinds = [kind_of(self.form, message) for message in self.given]
+        replies = [at for at in range(2, len(kinds)) if kinds[at] == "reply" != kinds[at - 1]]
+        return sorted({*replies, len(kinds), *self.rng.choices(range(1, len(kinds)), k=2)})
+
 
 def digests(numbers: Iterable[int], seed: int) -> dict[int, str]:
     """The digest of each conversation's prompt, where one manager for each settings is asked in this order."""
-    used, found = dict[Any, sp.ContextManager](), dict[int, str]()
+    used, found = dict[int, sp.ContextManager](), dict[int, str]()
     for number in numbers:
         drawn = Drawn.of(number, seed)
-        manager = used.setdefault(drawn.key, drawn.manager())
+        manager = used.setdefault(number // TOGETHER, drawn.manager())
         found[number] = hashlib.sha256(repr(fitted(manager, drawn.given)).encode()).hexdigest()
     return found
 
 
-def judged(number: int, seed: int, used: dict[Any, Any]) -> tuple[Counter[str], list[str]]:
-    """Counts and faults of one conversation. `used` keeps the managers that have been asked before."""
-    drawn, row, found = Drawn.of(number, seed), Counter[str](), list[str]()
-    kind, form, cap, options, given, rng = (getattr(drawn, field.name) for field in fields(drawn))
-    before = json.dumps(given)
-    fresh = drawn.manager
-    memo: Any = used.setdefault("memo", {})
-    manager = used.setdefault(drawn.key, fresh(ask=ask, memo=memo))
-    if number % 4 == 0:
-        changed = copy.deepcopy(given)
-        at = rng.randrange(len(changed))
-        if isinstance(changed[at].get("content"), str):
-            changed[at]["content"] = "changed"
-        ends = sorted(rng.choices(range(1, len(given) + 1), k=3))
-        others = [*(given[:end] for end in ends), changed, given[:2] + given[rng.randrange(2, len(given) + 1) :]]
-        for other in others:
-            row["asked before"] += 1
-            if fitted(manager, other) != fitted(fresh(), other):
-                found.append("another prompt from a manager that was asked before")
-    prompt = fitted(fresh(), given)
-    if prompt != fitted(manager, given):
-        found.append("another prompt from a manager that was asked before")
-    if options["strategy"] and prompt != fitted(fresh(ask=nobody, memo=memo), given):
-        found.append("another prompt from another manager with the same memo")
-    row["prompts"] += 1
-    if isinstance(prompt, str):
-        row[f"refused at {cap}"] += 1
-    else:
-        found += faults(form, given, before, prompt, cap, options)
+class Asked:
+    """Conversations that one manager fits, in turn, as they grow; every prompt is judged.
+
+    That a prompt is the same from a manager that was asked nothing, from one with the memo alone, and after others of
+    the conversation, changed in place and cut at both ends, is seen at a drawn part of the prompts.
+    """
+
+    def __init__(self, first: int, seed: int) -> None:
+        self.drawn = {number: Drawn.of(number, seed) for number in range(first, first + TOGETHER)}
+        self.seed, self.rows, self.found = seed, Counter[str](), list[str]()
+        self._memo: dict[str, str] = {}
+        self._manager = self.drawn[first].manager(ask=ask, memo=self._memo)
+
+    def judge(self) -> None:
+        """Fit and judge all prompts; the shortest conversations come first."""
+        judges = {n: Judge(each.form, each.given, each.cap, each.options) for n, each in self.drawn.items()}
+        requests = sorted((end, number) for number, each in self.drawn.items() for end in each.ends)
+        for end, number in requests:
+            self._judge(number, end, judges[number])
+        for number, judge in judges.items():
+            self._name(number, judge.changed())
+
+    def _name(self, number: int, faults: Iterable[str]) -> None:
+        each = self.drawn[number]
+        where = f"{self.seed}:{number} {each.kind} {each.form} {each.cap} {each.options}"
+        self.found += [f"{where}: {fault}" for fault in faults]
+
+    def _judge(self, number: int, end: int, judge: Judge) -> None:
+        drawn, row = self.drawn[number], self.rows
+        given = drawn.given[:end]
+        if is_drawn := drawn.rng.random() < 0.05:
+            self._ask_others(number, given)
+        prompt = fitted(self._manager, given)
+        row["prompts"] += 1
+        if is_drawn:
+            self._compare(number, given, prompt)
+        if isinstance(prompt, str):
+            row[f"refused at {drawn.cap}"] += 1
+            return
+        self._name(number, judge.faults(end, prompt))
+        row["of fewer messages"] += bool(prompt.dropped)
         row["with summaries"] += bool(prompt.summary)
         row["with cuts"] += bool(prompt.cut)
         row["repaired"] += bool(prompt.repaired or prompt.made)
-        row["by a strategy"] += options["strategy"] in STRATEGIES
-        row["with rewritten messages"] += bool(prompt.rewritten)
-        is_defined = options["strategy"] not in STRATEGIES and all(
-            options[name] is None for name in ("result_tokens", "own_words", "first_turns")
-        )
-        if kind != "broken" and is_defined and not prompt.cut:
+        row["by a strategy"] += drawn.options["strategy"] in STRATEGIES
+        row["rewritten"] += bool(prompt.rewritten)
+        if drawn.kind != "broken" and judge.is_defined and not (prompt.cut or prompt.made):
             row["compared with the definition"] += 1
-            wanted = chosen(form, given, cap, options)
+            wanted = judge.chosen(end)
             if wanted != {source for source in prompt.sources if source is not None}:
-                found.append(f"shows {prompt.sources}, and should show {sorted(wanted or ())}")
-    return row, [f"{seed}:{number} {kind} {form} {cap} {options}: {fault}" for fault in found]
+                self._name(number, [f"shows {prompt.sources}, and should show {sorted(wanted or ())}"])
+
+    def _ask_others(self, number: int, given: Messages) -> None:
+        """Ask the manager for other prompts of the conversation, and compare them with those of a new one."""
+        drawn, changed = self.drawn[number], copy.deepcopy(given)
+        rng = drawn.rng
+        at = rng.randrange(len(changed))
+        if isinstance(changed[at].get("content"), str):
+            changed[at]["content"] = "changed"
+        others = [changed, given[: rng.randrange(1, len(given) + 1)], given[:2] + given[rng.randrange(len(given)) :]]
+        for other in others:
+            self.rows["asked before"] += 1
+            if fitted(self._manager, other) != fitted(drawn.manager(), other):
+                self._name(number, ["another prompt from a manager that was asked before"])
+
+    def _compare(self, number: int, given: Messages, prompt: sp.FittedPrompt | str) -> None:
+        drawn = self.drawn[number]
+        self.rows["made again by a new manager"] += 1
+        if prompt != fitted(drawn.manager(), given):
+            self._name(number, ["another prompt from a manager that was asked before"])
+        if drawn.options["strategy"] and prompt != fitted(drawn.manager(ask=nobody, memo=self._memo), given):
+            self._name(number, ["another prompt from another manager with the same memo"])
 
 
 def some(first: int, stop: int, seed: int) -> tuple[Counter[str], list[str]]:
     """Counts and faults of consecutive conversations."""
-    rows, found, used = Counter[str](), list[str](), dict[Any, Any]()
-    for number in range(first, stop):
-        row, faulty = judged(number, seed, used)
-        rows += row
-        found += faulty
+    rows, found = Counter[str](), list[str]()
+    for number in range(first, stop, TOGETHER):
+        asked = Asked(number, seed)
+        asked.judge()
+        rows += asked.rows
+        found += asked.found
     return rows, found
 
 
@@ -235,17 +270,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prompts", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    share = min(2_000, -(-options.prompts // options.processes))
-    firsts = range(0, options.prompts, share)
-    rows, found = Counter[str](), list[str]()
-    with ProcessPoolExecutor(options.processes) as pool:
-        tasks = [pool.submit(some, first, min(first + share, options.prompts), options.seed) for first in firsts]
-        for task in tasks:
-            row, faulty = task.result()
-            rows += row
-            found += faulty
+    rows, found, number = Counter[str](), list[str](), 0
+    while rows["prompts"] < options.prompts:
+        row, faulty = some(number, number + TOGETHER, options.seed)
+        rows, number = rows + row, number + TOGETHER
+        found += faulty
+    rows["conversations"] = number
     for name, count in sorted(rows.items()):
         print(f"{name:32}{count:>12,}")
     print(f"{'faults':32}{len(found):>12,}")

@@ -1,6 +1,7 @@
 """A judge of fitted prompts, written from docs/any-agent.md: it counts, pairs and chooses by its own code.
 
-`faults` names what is wrong with a prompt. Its tokenizer is its own, too: the manager gets it as an object.
+`Judge` names what is wrong with the prompts of a conversation. Its tokenizer is its own, too: the manager gets it as an
+object.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from itertools import accumulate
 from typing import Any
 
 from smartplay_tools import FittedPrompt, Summaries
@@ -137,72 +139,6 @@ def units(form: str, messages: Messages, begin: int) -> list[list[int]]:
     return found
 
 
-def chosen(form: str, messages: Messages, cap: int, options: dict[str, Any]) -> set[int] | None:
-    """The messages that a prompt has to show of a list in which nothing is broken; None if it does not fit.
-
-    Results are not cut (`result_tokens=None`), and a unit that has to be is not judged here.
-    """
-    replies = [number for number, message in enumerate(messages) if kind(form, message) == "reply"]
-    begin = replies[0] if replies else len(messages)
-    if options["head"] == "system":
-        begin = next((i for i, m in enumerate(messages) if m.get("role") not in ("system", "developer")), len(messages))
-    has_summaries = options["strategy"] is not None
-    if has_summaries:
-        cap -= 3 + n("user") + n(SUMMARY) + options["strategy"].tokens
-    whole = units(form, messages, begin)
-    head = 3 + sum(tokens(form, message) for message in messages[:begin])
-    steps, step = [], 0
-    for unit in whole:
-        step += any(kind(form, messages[number]) == "result" for number in unit)
-        steps.append(step)
-    history, slack, masks = options["history"], options["slack"], options["beyond_history"] == "mask"
-    jump = math.floor(slack * history) + 1 if history is not None else 1
-    oldest = 0 if history is None or step <= history else math.ceil((step - history) / jump) * jump
-
-    def cost(at: int, *, shown: bool) -> int:
-        found = 0
-        for number in whole[at]:
-            message = messages[number]
-            if shown and steps[at] < oldest and kind(form, message) == "result":
-                message = masked(form, message)
-            found += tokens(form, message, opens=number == whole[at][0] or kind(form, message) != "reply")
-        return found
-
-    def newest(*roles: str) -> set[int]:
-        found = [
-            at
-            for at, unit in enumerate(whole)
-            if kind(form, messages[unit[0]]) == "word" and messages[unit[0]]["role"] in roles
-        ]
-        return set(found[-1:])
-
-    last = len(whole) - 1
-    pins = newest("user") | newest("system", "developer")
-    places = [sum(cost(at, shown=False) for at in range(unit)) for unit in range(len(whole))]
-    block = max(1, math.floor(slack * (cap - head)))
-    for first in range(len(whole)):
-        is_allowed = first == last or (places[first] % block == 0 or first == 0)
-        if first and not is_allowed:
-            is_allowed = places[first] // block > places[first - 1] // block
-        if first < last and not masks and steps[first] < oldest:
-            continue
-        starts_at_age = not masks and first and steps[first] >= oldest > steps[first - 1]
-        shown = {*range(first, len(whole)), *(pin for pin in pins if pin < first)}
-        if (is_allowed or starts_at_age) and head + sum(cost(at, shown=True) for at in shown) <= cap:
-            if has_summaries and first:
-                return {*range(begin), *(number for at in shown for number in whole[at])}
-            if options["head"] == "system" and kind(form, messages[whole[first][0]]) == "reply" and min(shown) == first:
-                first = next((at for at in range(first, len(whole)) if newest_user(form, messages, whole[at])), first)
-                shown = {*range(first, len(whole)), *(pin for pin in pins if pin < first)}
-            return {*range(begin), *(number for at in shown for number in whole[at])}
-    return None
-
-
-def newest_user(form: str, messages: Messages, unit: list[int]) -> bool:
-    """Whether a unit is words of a user."""
-    return kind(form, messages[unit[0]]) == "word" and messages[unit[0]]["role"] == "user"
-
-
 def masked(form: str, message: dict[str, Any]) -> dict[str, Any]:
     """A message whose results have left the history."""
     if form == "chat":
@@ -229,46 +165,144 @@ def keeps_task(form: str, given: Messages, shown: Messages, which: str) -> bool:
     return shown[: len(head)] == head and (not requests or requests[-1] in shown)
 
 
-def faults(
-    form: str, given: Messages, before: str, prompt: FittedPrompt, cap: int, options: dict[str, Any]
-) -> list[str]:
-    """What is wrong with a prompt; `before` is the given list as JSON, from before it was fitted."""
-    shown, found = prompt.messages, []
-    if json.dumps(given) != before:
-        found.append("the list that was given has changed")
-    own = total(form, shown)
-    if own > cap or prompt.tokens > cap:
-        found.append(f"over its cap of {cap}: {own}, by its own count {prompt.tokens}")
-    if prompt.tokens < own or (form != "responses" and prompt.tokens != own):
-        found.append(f"counted {prompt.tokens} instead of {own}")
-    if is_broken(form, shown):
-        found.append("calls and results are apart")
-    head = head_of(form, given, options["head"])
-    made = [message for message, source in zip(shown, prompt.sources, strict=True) if source is None]
-    summaries = [message for message in made if str(message.get("content")).startswith(SUMMARY)]
-    if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
-        found.append("there are several summaries, or it is not after the head")
-    left = [number for number in prompt.dropped if kind(form, given[number]) != "reply" or options["own_words"] is None]
-    if isinstance(options["strategy"], Summaries) and left and not summaries:
-        found.append("messages have left without a summary")
-    if not keeps_task(form, given, shown, options["head"]):
-        found.append("the head is not whole, or the user's newest words are lost")
-    kept = [number for number in range(len(given)) if number not in prompt.repaired]
-    if kept and kept[-1] not in {*prompt.sources, *prompt.rewritten}:
-        found.append("the newest message is lost")
-    changed = {*prompt.masked, *prompt.trimmed, *prompt.cut, *prompt.repaired, *prompt.rewritten}
-    for source, message in zip(prompt.sources, shown, strict=True):
-        if source is not None and source not in changed and message is not given[source]:
-            found.append(f"message {source} is another object")
-    accounted = {*(source for source in prompt.sources if source is not None), *prompt.dropped}
-    accounted |= {*prompt.repaired, *prompt.rewritten}
-    if accounted != {*range(len(given))}:
-        found.append("messages are neither shown nor named")
-    if options["history"] is not None:
-        results = sum(
-            any(name == "answer" for name, _ in events(form, m)) and MASKED not in json.dumps(m) for m in shown
-        )
-        replies_shown = [m for m in shown if kind(form, m) == "reply"]
-        if results and len(replies_shown) and form == "anthropic" and results > options["history"] + 2:
-            found.append("results are older than the history")
-    return found
+class Judge:
+    """Judges the prompts of a conversation that grows.
+
+    What a given message costs is counted once; that none was changed is seen at the end (`changed`).
+    """
+
+    def __init__(self, form: str, given: Messages, cap: int, options: dict[str, Any]) -> None:
+        self.form, self.given, self.cap, self.options = form, given, cap, options
+        self._before, self._kinds = json.dumps(given), [kind(form, message) for message in given]
+        self._sizes: dict[tuple[int, bool, bool], int] = {}
+
+    def changed(self) -> list[str]:
+        """What is wrong with the list that was given."""
+        return [] if json.dumps(self.given) == self._before else ["the list that was given has changed"]
+
+    def _size(self, number: int, *, opens: bool = True, is_masked: bool = False) -> int:
+        """The tokens of a given message, whole or with its results masked."""
+        key = number, opens, is_masked
+        if key not in self._sizes:
+            message = self.given[number]
+            self._sizes[key] = tokens(self.form, masked(self.form, message) if is_masked else message, opens=opens)
+        return self._sizes[key]
+
+    def _total(self, prompt: FittedPrompt) -> int:
+        """The tokens of a prompt without tools."""
+        found, before = 3, None
+        for message, source in zip(prompt.messages, prompt.sources, strict=True):
+            opens = self.form != "responses" or before is None or kind(self.form, before) != "reply"
+            is_given = source is not None and message is self.given[source]
+            found += self._size(source or 0, opens=opens) if is_given else tokens(self.form, message, opens=opens)
+            before = message
+        return found
+
+    def _is_user(self, number: int) -> bool:
+        return self._kinds[number] == "word" and self.given[number]["role"] == "user"
+
+    @property
+    def is_defined(self) -> bool:
+        """Whether `chosen` knows the rules that the options need."""
+        rules = (self.options[name] for name in ("result_tokens", "own_words", "first_turns"))
+        is_built_in = self.options["strategy"] is None or isinstance(self.options["strategy"], Summaries)
+        return is_built_in and all(rule is None for rule in rules)
+
+    def chosen(self, end: int) -> set[int] | None:
+        """The messages that a prompt has to show of the first `end`, if nothing is broken; None if it does not fit.
+
+        Results are not cut (`result_tokens=None`), and a unit that has to be is not judged here.
+        """
+        messages, cap, options = self.given[:end], self.cap, self.options
+        begin = next((at for at in range(end) if self._kinds[at] == "reply"), end)
+        if options["head"] == "system":
+            begin = next((i for i, m in enumerate(messages) if m.get("role") not in ("system", "developer")), end)
+        has_summaries = options["strategy"] is not None
+        if has_summaries:
+            cap -= 3 + n("user") + n(SUMMARY) + options["strategy"].tokens
+        whole = units(self.form, messages, begin)
+        if not whole:
+            return {*range(end)}
+        last, room = len(whole) - 1, cap - 3 - sum(self._size(number) for number in range(begin))
+        steps = [*accumulate(any(self._kinds[number] == "result" for number in unit) for unit in whole)]
+        step, history, slack = steps[-1], options["history"], options["slack"]
+        masks = options["beyond_history"] == "mask"
+        jump = math.floor(slack * history) + 1 if history is not None else 1
+        oldest = 0 if history is None or step <= history else math.ceil((step - history) / jump) * jump
+
+        def cost(at: int, *, shown: bool) -> int:
+            return sum(
+                self._size(
+                    number,
+                    opens=number == whole[at][0] or self._kinds[number] != "reply",
+                    is_masked=shown and steps[at] < oldest and self._kinds[number] == "result",
+                )
+                for number in whole[at]
+            )
+
+        def newest(*roles: str) -> set[int]:
+            words = (at for at in range(last, -1, -1) if self._kinds[whole[at][0]] == "word")
+            return {*[at for at in words if messages[whole[at][0]]["role"] in roles][:1]}
+
+        pins = newest("user") | newest("system", "developer")
+        sizes = [cost(at, shown=True) for at in range(last + 1)]
+        places = [0, *accumulate(cost(at, shown=False) for at in range(last + 1))]
+        block = max(1, math.floor(slack * room))
+        for first in range(last + 1):
+            is_allowed = first in (0, last) or places[first] % block == 0
+            if not is_allowed:
+                is_allowed = places[first] // block > places[first - 1] // block
+            if first < last and not masks and steps[first] < oldest:
+                continue
+            starts_at_age = not masks and first and steps[first] >= oldest > steps[first - 1]
+            before = {pin for pin in pins if pin < first}
+            if (is_allowed or starts_at_age) and sum(sizes[first:]) + sum(sizes[pin] for pin in before) <= room:
+                is_reply = self._kinds[whole[first][0]] == "reply"
+                if options["head"] == "system" and is_reply and not before and not (has_summaries and first):
+                    users = (at for at in range(first, last + 1) if self._is_user(whole[at][0]))
+                    first = next(users, first)
+                    before = {pin for pin in pins if pin < first}
+                shown = {*range(first, last + 1), *before}
+                return {*range(begin), *(number for at in shown for number in whole[at])}
+        return None
+
+    def faults(self, end: int, prompt: FittedPrompt) -> list[str]:
+        """What is wrong with a prompt of the first `end` messages."""
+        form, options, shown, found = self.form, self.options, prompt.messages, list[str]()
+        own = self._total(prompt)
+        if own > self.cap or prompt.tokens > self.cap:
+            found.append(f"over its cap of {self.cap}: {own}, by its own count {prompt.tokens}")
+        if prompt.tokens < own or (form != "responses" and prompt.tokens != own):
+            found.append(f"counted {prompt.tokens} instead of {own}")
+        if is_broken(form, shown):
+            found.append("calls and results are apart")
+        begin = next((at for at in range(end) if self._kinds[at] == "reply"), end)
+        head = head_of(form, self.given[:begin], options["head"])
+        made = [message for message, source in zip(shown, prompt.sources, strict=True) if source is None]
+        summaries = [message for message in made if str(message.get("content")).startswith(SUMMARY)]
+        if summaries and (summaries != [shown[len(head)]] or total(form, summaries) - 3 > prompt.parts["summary"]):
+            found.append("there are several summaries, or it is not after the head")
+        replies_may_go = options["own_words"] is not None
+        left = [number for number in prompt.dropped if self._kinds[number] != "reply" or not replies_may_go]
+        if isinstance(options["strategy"], Summaries) and left and not summaries:
+            found.append("messages have left without a summary")
+        request = next((number for number in range(end - 1, -1, -1) if self._is_user(number)), None)
+        if shown[: len(head)] != head or not (request is None or self.given[request] in shown):
+            found.append("the head is not whole, or the user's newest words are lost")
+        repaired = {*prompt.repaired}
+        newest = next((number for number in range(end - 1, -1, -1) if number not in repaired), None)
+        if newest is not None and newest not in {*prompt.sources, *prompt.rewritten}:
+            found.append("the newest message is lost")
+        changed = {*prompt.masked, *prompt.trimmed, *prompt.cut, *repaired, *prompt.rewritten}
+        for source, message in zip(prompt.sources, shown, strict=True):
+            if source is not None and source not in changed and message is not self.given[source]:
+                found.append(f"message {source} is another object")
+        accounted = {source for source in prompt.sources if source is not None}
+        if accounted | {*prompt.dropped} | repaired | {*prompt.rewritten} != {*range(end)}:
+            found.append("messages are neither shown nor named")
+        if options["history"] is not None and form == "anthropic":
+            answering = (m for m in shown if any(name == "answer" for name, _ in events(form, m)))
+            results = sum(MASKED not in json.dumps(message) for message in answering)
+            if results > options["history"] + 2 and any(kind(form, m) == "reply" for m in shown):
+                found.append("results are older than the history")
+        return found

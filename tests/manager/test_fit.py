@@ -294,8 +294,10 @@ def test_objects_of_a_client_are_read_and_kept():
 
     call, result = step(0)
     reply = ChatCompletionMessage.model_validate(call)
-    prompt = manager(1_000).fit([*HEAD, reply, result])
-    assert prompt.messages[2] is reply
+    window = manager(1_000)
+    for again in (reply.model_copy(), reply):
+        prompt = window.fit([*HEAD, again, result])
+        assert prompt.messages[2] is again
     assert prompt.tokens == manager(1_000).fit([*HEAD, call, result]).tokens
 
 

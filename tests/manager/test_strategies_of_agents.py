@@ -14,7 +14,7 @@ from smartplay_tools.errors import InvalidArgumentError, StrategyError
 from smartplay_tools.manager.record import read_thread
 from tests.manager.fuzz import Chosen, Rewritten, cleared
 from tests.manager.histories import FORMS, Messages
-from tests.manager.judge import Letters, faults, is_broken, total
+from tests.manager.judge import Judge, Letters, is_broken, total
 from tests.manager.test_fit import HEAD, step, steps
 
 CAP = 600
@@ -60,10 +60,11 @@ def test_prompts_are_those_of_a_game_that_is_played_from_its_beginning(strategy:
     grown, at_once, again, messages = Model(), Model(), Model(), FORMS[form](steps(40))
     memo: dict[str, str] = {}
     manager = managed(strategy, ask=grown, memo=memo)
+    judge = Judge(form, messages, CAP, {**OPTIONS, "strategy": strategy})
     for end in range(3, len(messages) + 1):
         prompt = manager.fit(messages[:end])
-        options = {**OPTIONS, "strategy": strategy}
-        assert not faults(form, messages[:end], json.dumps(messages[:end]), prompt, CAP, options)
+        assert not judge.faults(end, prompt)
+    assert not judge.changed()
     assert managed(strategy, ask=at_once).fit(messages) == prompt
     assert managed(strategy, ask=again, memo=memo).fit(messages) == prompt
     assert not again.asked

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
-from smartplay_tools.evaluation.analysis.numbers import interval_notes, with_interval
+from smartplay_tools.evaluation.analysis.numbers import amount, dollars, interval_notes, with_interval
 from smartplay_tools.evaluation.analysis.pairs import Measure, sample, score, way_to
 from smartplay_tools.records.contents import NOWHERE, PLACES
 from smartplay_tools.records.remembered import EVICTIONS, IN_PLACE, LOOKED, RULED, SEEN, UNRULED, UNSEEN
-from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import Bounds, mean_estimate
+from smartplay_tools.records.rows import Row, has_reported_tokens
+from smartplay_tools.statistics.intervals import Bounds, MeanEstimate, mean_estimate
 from smartplay_tools.types.groups import grouped
 
 SHARE = Bounds(0, 1)
@@ -76,9 +76,10 @@ def work_in_words(row: Row) -> str:
     """Return what a compactor did in an episode, in a line; empty if it did nothing and nothing was too long."""
     if not has_compactor(row):
         return ""
-    done = {name: measure(row) or 0 for name, measure in WORK.items()}
-    told = [f"{IN_WORDS[name]} {count:,.0f}" for name, count in done.items() if count]
-    return ", ".join(filter(None, [*told, compactor_note([row])]))
+    told = [f"{IN_WORDS[name]} {count:,.0f}" for name, measure in WORK.items() if (count := measure(row))]
+    cost = question_cost(row)
+    money = "what its words cost is not known" if cost is None else f"questions cost ${dollars(cost)}" if cost else ""
+    return ", ".join(filter(None, [*told, money, compactor_note([row])]))
 
 
 IN_WORDS = {
@@ -112,13 +113,14 @@ WORK: Mapping[str, Measure] = {
     "rewrites": lambda row: row.get("rewrites", 0),
     "too long": lambda row: row.get("over_prompts", 0),
     "blind": lambda row: row.get("blind_prompts", 0),
-    "sent": lambda row: row.get("questions", 0),
+    "sent": lambda row: row.get("questions", 0) - row.get("refused_questions", 0),
     "refused": lambda row: row.get("refused_questions", 0),
     "tokens": tokens_of("question_prompt", "question_reply"),
     "own words": tokens_of("texts"),
 }
 """What a compactor did in an episode."""
 
+MONEY = "USD of questions"
 FOREIGN = "wrote without asking"
 NEVER_ACTS = "never acts"
 
@@ -134,8 +136,28 @@ def compactor_note(rows: Sequence[Row]) -> str:
     did = [row for row in rows if row.get("rewrites") or row.get("questions") or row.get("refused_questions")]
     if not did:
         return NEVER_ACTS
-    is_foreign = any(row["tokens"].get("texts") and not row.get("questions") for row in did)
-    return FOREIGN if is_foreign else ""
+    return FOREIGN if any(map(_wrote_unasked, did)) else ""
+
+
+def _wrote_unasked(row: Row) -> bool:
+    return bool(row["tokens"].get("texts") and not row.get("questions"))
+
+
+def question_cost(row: Row) -> float | None:
+    """Return the US dollars of a compactor's questions; None if not known.
+
+    That is so where a price is missing, where words came from no question, and in rows of older versions, unless
+    nothing was asked or their episode cost nothing.
+    """
+    if _wrote_unasked(row):
+        return None
+    is_free = not WORK["sent"](row) or (row.get("cost") == 0 and not has_reported_tokens(row))
+    known: float | None = row.get("question_cost", 0.0 if is_free else None)
+    return known
+
+
+def _money(rows: Sequence[Row], estimate: MeanEstimate | None) -> str:
+    return "unknown" if None in map(question_cost, rows) else amount(estimate, dollars)
 
 
 def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
@@ -152,7 +174,7 @@ def remembering_tables(rows: Sequence[Row]) -> Iterator[TextTable]:
     compacting = [(cell, members) for cell, members in groups if any(map(has_compactor, members))]
     if compacting:
         notes = {id(members): compactor_note(members) for _, members in compacting}
-        yield _table("what the compactor did in an episode", compacting, WORK, None, notes)
+        yield _table("what the compactor did in an episode", compacting, {**WORK, MONEY: question_cost}, None, notes)
     beside = [
         (cell, members) for cell, members in groups if any(m(row) for m in BESIDE_PLAY.values() for row in members)
     ]
@@ -175,7 +197,10 @@ def _table(
     for label, (cell, members) in named:
         samples = [sample(members, measure, bounds) for measure in measures.values()]
         own = [mean_estimate(each.values, each.bounds) if each.values else None for each in samples]
-        shown = [with_interval(each, decimals, factor=100 if bounds else 1) for each in own]
+        shown = [
+            _money(members, each) if name == MONEY else with_interval(each, decimals, factor=100 if bounds else 1)
+            for name, each in zip(measures, own, strict=True)
+        ]
         note = (notes or {}).get(id(members), "")
         lines.append((cell.game, ("  " + ", ".join(filter(None, [cell.player, label, note])), *shown)))
         estimates += own

@@ -50,7 +50,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     **{name: (name, "int64") for name in ("peak_prompt_tokens", "limited_prompts")},
     **{f"provider_{name}_tokens": (f"tokens.provider.{name}", "int64") for name in _PROVIDER},
     "provider_requests": ("tokens.provider.requests", "int64"),
-    "cost": ("cost", "float64"),
+    **{name: (name, "float64") for name in ("cost", "question_cost")},
     **{name: (name, "string") for name in ("end_reason", "error", "detail")},
     **{f"budget_{name}": (f"budget.{name}", "int64") for name in _CAPS},
     **{f"budget_{name}": (f"budget.{name}", "float64") for name in ("slack", "episode_cost")},

@@ -143,6 +143,12 @@ def player_of(cell: CellConfig) -> str:
     return cell.player
 
 
+def priced_names(cells: Iterable[CellConfig]) -> Iterator[str]:
+    """Yield the names of players that can have a price: those of cells, and those that answer a compactor."""
+    for cell in cells:
+        yield from filter(None, (player_of(cell), second_name(cell.player_options)))
+
+
 def player_key(cell: CellConfig) -> str:
     """Return a player and its options as one text, which is equal for cells with the same player."""
     return f"{cell.player} {canonical_json(cell.player_options).decode('ascii')}"

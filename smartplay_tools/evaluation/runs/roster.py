@@ -19,7 +19,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.processes import check_may_start_processes
 from smartplay_tools.evaluation.runs.agents import FunctionAgent
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
-from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of
+from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of, priced_names
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.games.specs import GAMES
@@ -49,7 +49,7 @@ def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) 
     """Return the roster of a plan. Every player is made once, so that mistakes are found before the run."""
     configs = _configs(plan, players)
     part = plan if options.shard is None else plan.shard(*options.shard)
-    check_prices(options.prices or (), (config.name for config in configs.values()))
+    check_prices(options.prices or (), priced_names(plan.cells))
     prices = {**given_prices(configs.values()), **(options.prices or {})}
     episodes, tried = _by_executor(part, configs, options.executor)
     return Roster(part, configs, episodes, tried, prices)
