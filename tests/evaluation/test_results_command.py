@@ -174,7 +174,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
     commands = (
         ("results", whole.folder.path, "--csv", place),
         ("export", whole.folder.path, "--format", "sft-chains", "--out", place),
-        ("share", record, "--out", place.with_suffix(".html")),
+        ("report", record, "--out", place.with_suffix(".html")),
     )
     for command in commands:
         done = CliRunner().invoke(app, list(map(str, command)))

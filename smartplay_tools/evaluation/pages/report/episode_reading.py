@@ -17,7 +17,6 @@ from typing import Any
 from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
-from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth
@@ -88,8 +87,6 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
         "pictures": drawings.pictures(record),
         "run": letter,
     }
-    if source.turns is not None:
-        data = excerpt(data, *source.turns)
     row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
     facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
     facts["rules"] = rules(facts)

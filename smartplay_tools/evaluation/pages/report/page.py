@@ -87,26 +87,18 @@ def write_report(
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
     Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
-    number, "mistakes", "failed", keys with commas or "all"; not given, a page of a very large run holds the first
-    trials, with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
-    packages, which records name, are imported for the drawings and figures only with `plugins`. Records are read by up
-    to `workers` processes, where there are so many that it saves time; a script that asks for several needs `if
-    __name__ == "__main__":`.
+    number (the first trials) or "all"; not given, a page of a very large run holds the first trials, with a warning. An
+    existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
+    name, are imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes,
+    where there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
     """
     file = _html_file(out)
     page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
     return _write(file, page)
 
 
-def write_excerpt(
-    record: str | Path,
-    out: str | Path,
-    *,
-    turns: tuple[int, int] | None = None,
-    title: str | None = None,
-    plugins: bool = False,
-) -> Path:
-    """Write the page of one episode, or of its turns from the first to the last of `turns`; return the page's path.
+def write_excerpt(record: str | Path, out: str | Path, *, title: str | None = None, plugins: bool = False) -> Path:
+    """Write the page of one episode by itself; return the page's path.
 
     It has neither header nor lists, so that it is small and can be embedded. The other arguments are those of
     `write_report`.
@@ -114,7 +106,7 @@ def write_excerpt(
     file, record = _html_file(out), Path(record)
     if not record.is_file():
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
-    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record, turns=turns)]))
+    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record)]))
     with importing_packages(plugins):
         return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
