@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -29,6 +29,9 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.terminal import Console, Text, say
+
+NOW = ("calls", "steps", "tokens", "cost", "latest_error", "stalled", "began_again")
+"""The figures of a run that is being played."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None
 def _facts(run: _Shown) -> dict[str, Any]:
     now = run.snapshot
     counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
-    figures = {"now": asdict(now.figures())} if now.is_live else {}
+    figures = {"now": {name: getattr(now, name) for name in NOW}} if now.is_live else {}
     more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows, run.folder.first_reply)}
     facts = {"folder": str(run.folder.path), **counts, "failed_attempts": now.failed, **figures, **more}
     repeats = [repeats_json(each) for each in repeated(run.rows)]

@@ -5,7 +5,6 @@
     attempts/KEY.N.jsonl  the records of attempts without a result: failed, interrupted, or paused by a cap of the run
     running/KEY.N.jsonl   the records that are being written now
     results.jsonl         a row for every finished episode; no times in it
-    status.json           the current figures, while the run is played; deleted when it stops
     timings.jsonl         a row for every attempt: wall time, processor time of the game, why it began again
 
 Rows can always be computed again from the records. Reading works at any time, also during the run. Only
@@ -155,10 +154,6 @@ class Manifest(BaseModel):
         """Return the manifest as plain data; what there is not is left out."""
         optional = ("repeats", "run_file", "game_files", "strategy_files", "until", "spending")
         return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
-
-
-STATUS = "status.json"
-"""The name of the status file."""
 
 
 class RunFolder:

@@ -19,15 +19,13 @@ import shutil
 import socket
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, damage_named
-from smartplay_tools.evaluation.run_folder.folder import STATUS, Manifest, RunFolder, replace_file
-from smartplay_tools.evaluation.run_folder.follower import RunFigures
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, replace_file
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.lines import ends_of
@@ -101,15 +99,6 @@ class RunWriter(RunFolder):
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest in one operation."""
         replace_file(self.path / "manifest.json", json.dumps(manifest.to_json(), indent=1) + "\n")
-
-    def write_status(self, figures: RunFigures) -> None:
-        """Write the status file in one operation (`snapshot.read_status`)."""
-        replace_file(self.path / STATUS, json.dumps(asdict(figures)) + "\n")
-
-    def drop_status(self) -> None:
-        """Delete the status file: nothing is being played any more."""
-        with suppress(OSError):
-            (self.path / STATUS).unlink(missing_ok=True)
 
     def next_attempt(self, key: str) -> Path:
         """Return the path for the next attempt at an episode if it has no result."""

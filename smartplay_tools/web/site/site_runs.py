@@ -187,7 +187,7 @@ class SiteRun:
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
         budgets = [cell.describe() for cell in manifest.cells]
-        self._follower.count()
+        self._follower.snapshot()
         results = self._follower.results
         others: dict[str, list[list[Any]]] = {}
         for lost in self.folder.failures():
