@@ -115,8 +115,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
     for seed in range(4):
         record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
     shown = sources.find_sources(tmp_path / "records").episodes
-    with reading.reading(shown, "", workers=3) as read:
-        drawn = [json.loads(episode.text)["drawing"] for episode in read()[0]]
+    drawn = [json.loads(episode.text)["drawing"] for episode in reading.read_episodes(shown, "", workers=3)[0]]
     assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 

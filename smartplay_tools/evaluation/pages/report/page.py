@@ -28,7 +28,7 @@ from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
-from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, reading
+from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
 from smartplay_tools.evaluation.pages.report.pairs import pairs_of
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
@@ -275,11 +275,8 @@ class _RunPage:
 
 
 def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, workers: int, plugins: bool) -> _RunPage:
-    with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
-        drawn = list(figures(drawing))
-        # Computes the intervals while the others read; the summary below finds them remembered.
-        summarize(run.sources.rows, ())
-        shown, damaged = read()
+    drawn = list(figures(drawing))
+    shown, damaged = read_episodes(run.sources.episodes, run.letter, workers=workers, plugins=plugins)
     if damaged and not shown:
         raise DamageError(damaged[0])
     for sentence in damaged:
