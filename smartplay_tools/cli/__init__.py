@@ -71,7 +71,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     "Run": {
         "eval": _Entry("evaluate:evaluate", True),
         "agent": _Entry("agent:agent", True),
-        "check": _Entry("check:check", True),
         "sweep": _Entry("sweep:sweep", True),
         "merge": _Entry("sweep:merge", True),
     },

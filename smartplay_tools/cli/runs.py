@@ -1,4 +1,4 @@
-"""The common parts of `eval`, `sweep` and `check`: a run's options, its players, playing it, and its exit code."""
+"""The common parts of `eval` and `sweep`: a run's options, its players, playing it, and its exit code."""
 
 from __future__ import annotations
 
