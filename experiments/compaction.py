@@ -346,9 +346,9 @@ def _score(cells: Cells, stage: str, way: str, longest: int) -> str:
 
 
 def difference(each: MeanEstimate | None) -> str:
-    """Return a difference with its interval; if all pairs are equal, how many there are."""
+    """Return a difference with its interval, or that all pairs are equal."""
     if each is None or each.low is None or each.high is None or each.is_zero:
-        return "" if each is None else f"equal in all {each.episodes}" if each.is_zero else f"{each.mean:+.2f}"
+        return "" if each is None else "equal" if each.is_zero else f"{each.mean:+.2f}"
     return f"{each.mean:+.2f} [{each.low:+.2f}, {each.high:+.2f}]"
 
 
@@ -414,7 +414,7 @@ def _groups(names: Iterable[str]) -> list[tuple[str, list[str]]]:
 def dots(cells: Cells) -> Figure:
     """Draw the score of every way in three games, with the lower cap on questions."""
     stages = [STAGES[at] for at in (1, 2, 4)]
-    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 7.2))
+    drawn, axes = panels(len(stages), columns=len(stages), size=(3.6, 9.6))
     names = names_in(cells)[::-1]
     counts, marks = set(), [""]
     for panel, stage in zip(axes, stages, strict=True):

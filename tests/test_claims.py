@@ -67,7 +67,7 @@ def cell(table, keys, column):
 
 def verdict(shown):
     """Whether an interval in a cell says more or less than 0."""
-    if shown.startswith(("equal in all", "identical")):
+    if shown.startswith(("equal", "identical")):
         return "equal"
     low, high = (float(end.replace(",", "")) for end in INTERVAL.search(shown).groups())
     return "undecided" if low <= 0 <= high else "more" if low > 0 else "less"

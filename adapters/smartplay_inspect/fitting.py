@@ -31,6 +31,7 @@ from inspect_ai.model import (
     get_model,
     modelapi,
 )
+from inspect_ai.model._model import collapse_consecutive_messages_for_api
 from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
 
 from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs
@@ -98,7 +99,8 @@ class WindowModel(ModelAPI):
             output_schema=None if schema is None else schema.model_dump(mode="json", exclude_none=True),
             form="chat",
         )
-        shown = joined(as_given(prompt, input), self.api)
+        # Those that come to stand beside each other, as Inspect joins them for some providers.
+        shown = collapse_consecutive_messages_for_api(as_given(prompt, input), self.api)
         made = await self.api.generate(shown, tools, tool_choice, config)
         output = made[0] if isinstance(made, tuple) else made
         usage = read_usage(output.usage) if isinstance(output, ModelOutput) else None
@@ -163,30 +165,6 @@ def _reply(chat: Mapping[str, Any]) -> ChatMessageAssistant:
     called = [(call["id"], call["function"]) for call in chat.get("tool_calls", ())]
     calls = [ToolCall(id=i, function=each["name"], arguments=json.loads(each["arguments"])) for i, each in called]
     return ChatMessageAssistant(content=chat["content"], tool_calls=calls or None)
-
-
-def joined(messages: Sequence[ChatMessage], api: ModelAPI) -> list[ChatMessage]:
-    """Return messages with those next to each other of one kind joined, for an API for which Inspect does so."""
-    joins = {
-        "user": api.collapse_user_messages(),
-        "assistant": api.collapse_assistant_messages(),
-        "system": api.collapse_system_messages(),
-    }
-    shown: list[ChatMessage] = []
-    for message in messages:
-        last = shown[-1] if shown else None
-        if last is None or last.role != message.role or not joins.get(message.role):
-            shown.append(message)
-            continue
-        changed: dict[str, Any] = {"content": [*_parts(last), *_parts(message)]}
-        if isinstance(last, ChatMessageAssistant) and isinstance(message, ChatMessageAssistant):
-            changed["tool_calls"] = message.tool_calls  # a call of the earlier one would have its result between them
-        shown[-1] = last.model_copy(update=changed)
-    return shown
-
-
-def _parts(message: ChatMessage) -> list[Content]:
-    return [ContentText(text=message.content)] if isinstance(message.content, str) else [*message.content]
 
 
 def _contents(content: Any, given: str | list[Content]) -> str | list[Content]:

@@ -165,8 +165,6 @@ class SmartPlayModel(Model):
         player: the model's name, for the record.
         cache: send to OpenAI the episode's `prompt_cache_key`, unless the settings have one, and mark the end of what
             is unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
-        only_game_tools: whether the model is shown the game's tools only; calls of the agent's others, and handoffs,
-            are then answered as those of unknown tools.
         pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
     Pass its `tools` to the agent and to each agent that takes over from it, and its `run_config` to the runner. A reply
@@ -180,7 +178,6 @@ class SmartPlayModel(Model):
         *,
         player: str = "agents",
         cache: bool = True,
-        only_game_tools: bool = False,
         pictures: bool = False,
     ) -> None:
         self._chat = HostChat(episode, player=player, pictures=pictures)
@@ -198,7 +195,6 @@ class SmartPlayModel(Model):
         self._latest: ModelResponse | None = None
         """The response of the latest reply, unless it was returned twice."""
         self._model, self._player, self._cache = model, player, cache
-        self._only_game_tools = only_game_tools
 
     @property
     def session(self) -> AgentSession | None:
@@ -225,8 +221,6 @@ class SmartPlayModel(Model):
         if self._is_asked_by_sub_agent(items):
             return last_words(self.episode.words("sub_agent"), AgentsUsage())
         _check(output_schema, options)
-        if self._only_game_tools:
-            tools, handoffs = [tool for tool in tools if tool.name in self._names], ()
         if (unseen := self._unseen_response(items)) is not None:
             return unseen
         session = await asyncio.to_thread(self._prepare, system_instructions, items, self._foreign(tools, handoffs))
@@ -297,23 +291,14 @@ class SmartPlayModel(Model):
         waits = any(call.name in foreign for position, call in calls if position not in answered)
         return waits and not has_calls(items)
 
-    def _is_hidden(self, name: str) -> bool:
-        return self._only_game_tools and name not in self._names
-
     def _for_runner(self, response: ModelResponse, calls: Sequence[Call]) -> ModelResponse:
-        """Return a response with the call ids of the session, and without calls of hidden tools.
-
-        The runner would run these; the episode answers them.
-        """
+        """Return a response with the call ids of the session."""
         ids = iter([call.id for call in calls])
         output = [
             item.model_copy(update={"call_id": next(ids)}) if isinstance(item, ResponseFunctionToolCall) else item
             for item in response.output
         ]
-        kept = [
-            item for item in output if not isinstance(item, ResponseFunctionToolCall) or not self._is_hidden(item.name)
-        ]
-        return dataclasses.replace(response, output=kept)
+        return dataclasses.replace(response, output=output)
 
     async def stream_response(self, *arguments: Any, **options: Any) -> AsyncIterator[Any]:
         """Ask the model as `get_response` does, for a streamed run; the stream has one event, the whole response."""
@@ -338,14 +323,13 @@ class SmartPlayModel(Model):
 
     def _foreign(self, tools: Sequence[Tool], handoffs: Sequence[Any]) -> list[ToolSpec]:
         """The agent's other tools and its handoffs, which are tools to the model; all of them are counted."""
-        ours = {tool.name for tool in self.tools}
         for tool in tools:
             if not isinstance(tool, FunctionTool) or tool.defer_loading:
                 raise InvalidArgumentError(
                     f"What the tool {tool.name!r} adds to a prompt cannot be counted, because the provider runs or "
                     "loads it; an agent that plays has function tools and handoffs only."
                 )
-        if not ours <= {tool.name for tool in tools}:
+        if not self._names <= {tool.name for tool in tools}:
             raise InvalidArgumentError(
                 "An agent that plays has the game's tools: pass `tools=[*model.tools, ...]` to every agent with this "
                 "model."
@@ -355,14 +339,14 @@ class SmartPlayModel(Model):
         specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
         plays = [*((tool.name, tool.on_invoke_tool) for tool in functions), *((h.tool_name, h) for h in handoffs)]
         check_names(plays, self._plays)
-        return [spec for spec in specs if spec.name not in ours]
+        return [spec for spec in specs if spec.name not in self._names]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:
         """Begin the session, or take over what has happened since the latest reply."""
         chat = self._chat
         system: list[Message] = [{"role": "system", "content": instructions}] if instructions else []
         if chat.session is None:
-            first = before_the_game(items, {tool.name for tool in self.tools})
+            first = before_the_game(items, self._names)
             return chat.begin(first, system=system, foreign_tools=foreign)
         if self.episode.done:
             return chat.session
@@ -371,9 +355,8 @@ class SmartPlayModel(Model):
         if not has_calls(items):
             self._history.begin_again()  # a run that begins anew
         turn = chat.session.latest_turn
-        sent = [call for call in (turn.calls if turn else ()) if not self._is_hidden(call.name)]
-        if sent and not chat.session.awaits_reply:
-            messages = since_reply(items, sent[0].id)
+        if turn is not None and turn.calls and not chat.session.awaits_reply:
+            messages = since_reply(items, turn.calls[0].id)
             self._answer_unknown(messages)
             chat.hear(messages)
         self._history.see(items)

@@ -113,7 +113,6 @@ class SmartPlay(AbstractCapability[Any]):
         cache: for Anthropic's models, mark the prompt's end and that of the part that is unchanged since the previous
             prompt, so that the provider caches them, or with "stable" only the latter; for OpenAI's, send the episode's
             `openai_prompt_cache_key`, and that mark to models that cache up to marks. False sends nothing.
-        only_game_tools: whether the model is shown the game's tools only; the agent's others are then not run either.
         pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
 
     The agent's run ends with the episode. The agent's instructions and prompt are in every prompt, after the game's own
@@ -126,7 +125,6 @@ class SmartPlay(AbstractCapability[Any]):
         *,
         player: str | None = None,
         cache: CacheMarks = True,
-        only_game_tools: bool = False,
         pictures: bool = False,
     ) -> None:
         self.episode = episode
@@ -134,7 +132,7 @@ class SmartPlay(AbstractCapability[Any]):
             episode.refuse_pictures("This capability", has_option=True)
         self._pictures = pictures
         self._cache = checked_marks(cache)
-        self._player, self._only_game_tools = player, only_game_tools
+        self._player = player
         self._host: HostChat | None = None
         self._system: Sequence[Message] = ()
         """The agent's instructions in its first request."""
@@ -299,8 +297,7 @@ class SmartPlay(AbstractCapability[Any]):
     def _other_tools(self, parameters: ModelRequestParameters) -> list[ToolSpec]:
         """The agent's other tools, which may change from request to request."""
         ours = {tool.name for tool in self.episode.tools}
-        others = [] if self._only_game_tools else parameters.function_tools
-        return [tool_spec(tool) for tool in others if tool.name not in ours]
+        return [tool_spec(tool) for tool in parameters.function_tools if tool.name not in ours]
 
     def _can_run(self, call: ToolCallPart) -> bool:
         """Whether the agent would run a call; it answers the others itself, a second time."""

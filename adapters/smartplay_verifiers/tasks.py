@@ -201,10 +201,7 @@ def save_records(traces: str | Path, folder: str | Path) -> list[Path]:
             if INFO in trace["info"]:
                 name = trace["task"]["data"]["name"]
                 rollout = sum(other.startswith(f"{name}.") for other in texts)
-                record = trace["info"][INFO]["record"]
-                if not isinstance(record, str):  # traces of earlier versions have the events
-                    record = "".join(json.dumps(event) + "\n" for event in record)
-                texts[f"{name}.{rollout}.jsonl"] = record
+                texts[f"{name}.{rollout}.jsonl"] = trace["info"][INFO]["record"]
     if not texts:
         raise TranscriptError(f"{traces} holds no record of an episode; it has to be of smartplay_verifiers' tasks.")
     return write_records(texts, folder)

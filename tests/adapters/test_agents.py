@@ -17,7 +17,6 @@ from agents import (
     SQLiteSession,
     ToolGuardrailFunctionOutput,
     WebSearchTool,
-    function_tool,
     set_tracing_disabled,
     tool_input_guardrail,
 )
@@ -52,24 +51,6 @@ async def play(model: SmartPlayModel, prompt: Any = (), **options: Any) -> Any:
     """Run an agent that has the game's tools alone."""
     agent = Agent("player", model=model, tools=model.tools)
     return await Runner.run(agent, prompt or [], max_turns=None, run_config=model.run_config, **options)
-
-
-@pytest.mark.parametrize("beside", [[], [act(WAY[0])]], ids=["alone", "beside a move"])
-async def test_the_agents_other_tools_can_be_hidden_and_are_not_run(beside):
-    @function_tool
-    def weather() -> str:
-        raise AssertionError("a tool that is hidden is not run")
-
-    script = [calling(("weather", {}), *beside), *([] if beside else [calling(act(WAY[0]))])]
-    inner = ScriptedModel([step(message) for message in [*script, *(calling(act(short)) for short in WAY[1:])]])
-    episode, events = fresh()
-    with episode:
-        model = SmartPlayModel(inner, episode, only_game_tools=True)
-        agent = Agent("player", model=model, tools=[*model.tools, weather], handoffs=[Agent("other")])
-        await Runner.run(agent, [], max_turns=None, run_config=model.run_config)
-    assert {tuple(tool.name for tool in call.tools) for call in inner.calls} == {("observe", "act", "read_manual")}
-    assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
-    assert sp.replay(events).identical
 
 
 # --- Through the client, with a server that says what a script says -----------------------------------------------
@@ -330,12 +311,3 @@ async def test_a_run_goes_on_from_its_record():
     assert (resumed.episode.result.completed, resumed.episode.result.turns) == (True, 7)
     assert len([event for event in record if event["event"] == "head"]) == 1
     assert sp.replay(record).identical
-
-
-async def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
-    """The SDK would run one of the two, whichever comes last."""
-    mine = function_tool(lambda action: "Mine.", name_override="act", description_override="Act.")
-    episode, events = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
-        await run(episode, [], tools=(mine,))
-    assert not [event for event in events if event["event"] == "usage"]

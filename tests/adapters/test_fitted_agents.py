@@ -22,10 +22,8 @@ from smartplay_openai.fitting import ContextManagerModel, window_filter
 
 import smartplay_tools as sp
 from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
-from tests.adapters.fitted_fuzz import check_some
-from tests.manager.fuzz import Rewritten
+from tests.adapters.fitted import Book, FittedConformance
 from tests.manager.histories import Messages, text_of_page
-from tests.manager.judge import is_broken
 
 set_tracing_disabled(True)
 
@@ -55,18 +53,6 @@ class Reader(ScriptedModel):
         ]
 
 
-def check(model: Reader) -> None:
-    """Every prompt is under its cap by a fresh count of what was sent, whole and with its task."""
-    assert len(model.sent) == PAGES + 1
-    schema = sp.ToolSpec(read.name, read.description, read.params_json_schema)
-    for items in model.sent:
-        counted = sp.ContextManager(None).fit(items, tools=[schema], system=SYSTEM, form="responses")
-        assert (counted.tokens <= CAP, counted.repaired, counted.made) == (True, [], 0)
-        assert not is_broken("responses", items)
-        assert items[0]["content"] == TASK
-    assert len(model.sent[-1]) < PAGES
-
-
 async def run(model: Reader, manager: sp.ContextManager, *, streamed: bool = False, **options: Any) -> Any:
     agent = Agent("reader", instructions=SYSTEM, model=ContextManagerModel(model, manager), tools=[read])
     if not streamed:
@@ -77,29 +63,15 @@ async def run(model: Reader, manager: sp.ContextManager, *, streamed: bool = Fal
     return result
 
 
-@pytest.mark.parametrize("streamed", [False, True])
-@pytest.mark.parametrize("slack", [0, 0.5])
-async def test_an_agent_stays_under_its_cap(slack: float, streamed: bool):
-    model = Reader()
-    result = await run(model, sp.ContextManager(CAP, slack=slack), streamed=streamed)
-    assert result.final_output == "Done."
-    assert len(result.to_input_list()) > PAGES * 2
-    check(model)
+class TestAgents(FittedConformance):
+    framework = "agents"
 
-
-async def test_a_compactor_rewrites_what_the_model_is_sent_and_asks_another():
-    asked: list[Messages] = []
-
-    async def ask(messages: Messages, max_tokens: int) -> str:
-        asked.append(messages)
-        return "Pages were read."
-
-    model = Reader()
-    await run(model, sp.ContextManager(CAP, strategy=Rewritten, question_tokens=4_000, ask=ask))
-    check(model)
-    assert 0 < len(asked) < PAGES
-    assert "So far: Pages were read." in str(model.sent[-1])
-    assert all("So far" not in str(item) for items in model.sent for item in items[2:])
+    async def read(self, manager: sp.ContextManager, *, streamed: bool = False) -> Book:
+        model = Reader()
+        result = await run(model, manager, streamed=streamed)
+        assert result.final_output == "Done."
+        schema = sp.ToolSpec(read.name, read.description, read.params_json_schema)
+        return Book(model.sent, result.to_input_list(), [schema], SYSTEM)
 
 
 async def test_a_session_keeps_everything():
@@ -108,7 +80,6 @@ async def test_a_session_keeps_everything():
     results = [item for item in await session.get_items() if item.get("type") == "function_call_output"]
     assert len(results) == PAGES + 2 * (PAGES // 7)
     assert not any("tokens cut]" in str(item["output"]) for item in results)
-    check(model)
 
 
 async def test_the_filter_does_the_same_where_it_is_told_the_tools():
@@ -116,7 +87,6 @@ async def test_the_filter_does_the_same_where_it_is_told_the_tools():
     agent = Agent("reader", instructions=SYSTEM, model=model, tools=[read])
     config = RunConfig(call_model_input_filter=window_filter(manager, tools=[read]))
     await Runner.run(agent, TASK, max_turns=200, run_config=config)
-    check(model)
     wrapped = Reader()
     await run(wrapped, sp.ContextManager(CAP))
     assert wrapped.sent == model.sent
@@ -133,18 +103,6 @@ async def test_handoffs_and_the_output_schema_count():
             await Runner.run(agent, TASK)
 
 
-async def test_sub_agents_have_managers_of_their_own():
-    inner, outer = Reader(), ScriptedModel()
-    outer.enqueue([function_call("ask", '{"input": "Read all pages."}', call_id="a")])
-    outer.enqueue([assistant_message("Read.")])
-    sub = Agent("reader", instructions=SYSTEM, model=ContextManagerModel(inner, sp.ContextManager(CAP)), tools=[read])
-    ask = sub.as_tool("ask", "Ask the reader.", max_turns=200)
-    agent = Agent("chief", model=ContextManagerModel(outer, sp.ContextManager(300)), tools=[ask])
-    result = await Runner.run(agent, TASK)
-    assert result.final_output == "Read."
-    check(inner)
-
-
 @pytest.mark.parametrize("option", ["previous_response_id", "conversation_id"])
 async def test_what_a_server_keeps_is_refused(option: str):
     agent = Agent("reader", model=ContextManagerModel(Reader(0), sp.ContextManager(CAP)))
@@ -159,18 +117,3 @@ async def test_tools_that_a_provider_runs_need_their_tokens():
     named = ContextManagerModel(Reader(0), sp.ContextManager(CAP, extra_tokens=300))
     result = await Runner.run(Agent("reader", model=named, tools=[WebSearchTool()]), TASK)
     assert result.final_output == "Done."
-
-
-async def test_a_summary_is_shown_and_not_stored():
-    async def ask(messages: Messages, max_tokens: int) -> str:
-        return "Nothing but doors."
-
-    model = Reader()
-    result = await run(model, sp.ContextManager(CAP, strategy=sp.Summaries(60), ask=ask))
-    check(model)
-    assert model.sent[-1][1]["content"].endswith("Nothing but doors.")
-    assert "Nothing but doors." not in str(result.to_input_list())
-
-
-async def test_prompts_of_random_conversations_have_no_fault():
-    await check_some("agents")

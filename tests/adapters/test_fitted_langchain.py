@@ -9,7 +9,14 @@ import pytest
 from langchain.agents import create_agent
 from langchain.agents.middleware import AgentMiddleware, ModelRequest
 from langchain_core.language_models import BaseChatModel
-from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage, HumanMessage, SystemMessage, ToolMessage
+from langchain_core.messages import (
+    AIMessage,
+    AIMessageChunk,
+    BaseMessage,
+    HumanMessage,
+    SystemMessage,
+    convert_to_openai_messages,
+)
 from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
 from langchain_core.prompt_values import ChatPromptValue
 from langchain_core.tools import tool
@@ -20,10 +27,11 @@ from smartplay_langchain import ContextManagerMiddleware, FittedModel
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
-from tests.adapters.fitted_fuzz import check_some
+from tests.adapters.fitted import Book, FittedConformance
 from tests.manager.histories import text_of_page
 
 ASK = {"messages": [{"role": "user", "content": TASK}]}
+LONG: Any = {"recursion_limit": 1_000}
 
 
 @tool
@@ -66,56 +74,32 @@ class Reader(BaseChatModel):
         yield ChatGenerationChunk(message=AIMessageChunk(reply.content, tool_call_chunks=pieces, chunk_position="last"))
 
 
-def tokens(messages: Sequence[BaseMessage], tools: Sequence[Any] = (read,)) -> int:
+SPEC = sp.ToolSpec(read.name, read.description, read.args_schema.model_json_schema())
+
+
+def tokens(messages: Sequence[BaseMessage]) -> int:
     """A prompt's tokens by the counter for games, from messages converted by LangChain."""
-    from langchain_core.messages import convert_to_openai_messages
-
-    specs = [sp.ToolSpec(each.name, each.description, each.args_schema.model_json_schema()) for each in tools]
-    return TokenCounter().prompt(convert_to_openai_messages(list(messages)), specs)
+    return TokenCounter().prompt(convert_to_openai_messages(list(messages)), [SPEC])
 
 
-def is_whole(messages: Sequence[BaseMessage]) -> bool:
-    """Whether every result follows the reply with its call, and every call has one."""
-    waiting: list[str] = []
-    for message in messages:
-        if isinstance(message, ToolMessage):
-            if message.tool_call_id not in waiting:
-                return False
-            waiting.remove(message.tool_call_id)
-        elif waiting:
-            return False
-        elif isinstance(message, AIMessage):
-            waiting = [str(call["id"]) for call in message.tool_calls]
-    return not waiting
-
-
-def check(model: Reader, *, stored: Sequence[BaseMessage]) -> None:
-    """Every prompt is under its cap, whole and with its task, and the state has everything."""
-    assert len(model.sent) == model.pages + 1
-    for messages in model.sent:
-        assert tokens(messages) <= CAP
-        assert is_whole(messages)
-        assert [message.content for message in messages[:2]] == [SYSTEM, "Read all pages."]
-    assert len(model.sent[-1]) < len(stored)
-    results = [message for message in stored if isinstance(message, ToolMessage)]
-    assert [message.content for message in results] == [
-        read.invoke({"page": int(message.tool_call_id[1:])}) for message in results
-    ]
-    given = {id(message) for message in stored}
-    whole = [message for message in model.sent[-1][1:] if not str(message.content).endswith("tokens cut]")]
-    assert all(id(message) in given for message in whole)
-
-
-def agent(model: Reader, *, slack: float = 0.5, middlewares: Sequence[Any] = (), **options: Any) -> Any:
-    middleware = ContextManagerMiddleware(sp.ContextManager(CAP, slack=slack))
+def agent(
+    model: Reader, *, manager: sp.ContextManager | None = None, middlewares: Sequence[Any] = (), **options: Any
+) -> Any:
+    middleware = ContextManagerMiddleware(manager or sp.ContextManager(CAP, slack=0.5))
     return create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware, *middlewares], **options)
 
 
-@pytest.mark.parametrize("slack", [0, 0.5])
-def test_an_agent_stays_under_its_cap(slack: float):
-    model = Reader(sent=[], tools=[])
-    state = agent(model, slack=slack).invoke(ASK, {"recursion_limit": 1_000})
-    check(model, stored=state["messages"])
+class TestLangChain(FittedConformance):
+    framework = "langchain"
+
+    async def read(self, manager: sp.ContextManager, *, streamed: bool = False) -> Book:
+        model = Reader(sent=[], tools=[])
+        reader = agent(model, manager=manager)
+        if streamed:
+            state = [state async for state in reader.astream(ASK, LONG, stream_mode="values")][-1]
+        else:
+            state = reader.invoke(ASK, LONG)
+        return Book(model.sent, state["messages"], [SPEC])
 
 
 def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
@@ -128,26 +112,11 @@ def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
     model = Reader(sent=[], tools=[])
     strategy = "langchain-summary:tokens=600,keep=4"
     manager = sp.ContextManager(CAP, strategy=strategy, question_tokens=4_000, ask=ask)
-    middleware = ContextManagerMiddleware(manager)
-    reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
-    state = reader.invoke(ASK, {"recursion_limit": 1_000})
+    state = agent(model, manager=manager).invoke(ASK, LONG)
     assert 0 < len(asked) < model.pages
     assert "Pages were read." in str(model.sent[-1])
     assert not any("Pages were read." in str(message.content) for message in state["messages"])
-    for messages in model.sent:
-        assert tokens(messages) <= CAP
-        assert is_whole(messages)
-        assert [message.content for message in messages[:2]] == [SYSTEM, "Read all pages."]
-
-
-async def test_an_asynchronous_and_streamed_agent_stays_under_its_cap():
-    model = Reader(sent=[], tools=[])
-    pieces, state = 0, {}
-    async for mode, piece in agent(model).astream(ASK, {"recursion_limit": 1_000}, stream_mode=["messages", "values"]):
-        pieces += mode == "messages"
-        state = piece if mode == "values" else state
-    assert pieces > model.pages
-    check(model, stored=state["messages"])
+    assert all(tokens(messages) <= CAP for messages in model.sent)
 
 
 def test_a_thread_goes_on_from_its_checkpoint_with_another_manager():
@@ -173,7 +142,7 @@ def test_what_later_middlewares_add_is_under_the_cap():
             return handler(request.override(messages=[*request.messages, HumanMessage("Remember the page. " * 20)]))
 
     model = Reader(sent=[], tools=[])
-    agent(model, middlewares=[Reminds()]).invoke(ASK, {"recursion_limit": 1_000})
+    agent(model, middlewares=[Reminds()]).invoke(ASK, LONG)
     assert all(messages[-1].content.startswith("Remember") and tokens(messages) <= CAP for messages in model.sent)
 
 
@@ -197,7 +166,8 @@ def test_a_model_in_a_graph_built_by_hand_is_held_to_the_cap_too():
     messages: list[BaseMessage] = [SystemMessage(SYSTEM), HumanMessage("Read all pages.")]
     while calls := (reply := fitted.invoke(messages)).tool_calls:
         messages += [reply, *(read.invoke(call) for call in calls)]
-    check(model, stored=messages)
+    assert len(messages) - len(model.sent[-1]) > 0
+    assert all(tokens(sent) <= CAP for sent in model.sent)
 
 
 class Summary(BaseModel):
@@ -251,42 +221,3 @@ def test_thoughts_and_extra_fields_count_and_stay():
     with pytest.raises(sp.PromptOverflowError):
         FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), thought])
     FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), bare])
-
-
-@pytest.mark.parametrize("is_asynchronous", [True, False])
-async def test_a_summary_is_shown_as_words_of_the_user(is_asynchronous: bool):
-    async def ask(messages: Any, max_tokens: int) -> str:
-        return "Nothing but doors."
-
-    def ask_at_once(messages: Any, max_tokens: int) -> str:
-        return "Nothing but doors."
-
-    model = Reader(sent=[], tools=[])
-    options = {"strategy": sp.Summaries(60), "ask": ask if is_asynchronous else ask_at_once}
-    middleware = ContextManagerMiddleware(sp.ContextManager(CAP, **options))
-    reader = create_agent(model, [read], system_prompt=SYSTEM, middleware=[middleware])
-    config: Any = {"recursion_limit": 1_000}
-    state = await reader.ainvoke(ASK, config) if is_asynchronous else reader.invoke(ASK, config)
-    check(model, stored=[*state["messages"], model.sent[-1][2]])
-    assert isinstance(model.sent[-1][2], HumanMessage)
-    assert str(model.sent[-1][2].content).endswith("Nothing but doors.")
-    assert not any("Nothing but doors." in str(message.content) for message in state["messages"])
-
-
-async def test_prompts_of_random_conversations_have_no_fault():
-    await check_some("langchain")
-
-
-def test_sub_agents_have_managers_of_their_own():
-    inner, outer, stored = Reader(sent=[], tools=[]), Reader(sent=[], tools=[], pages=1), list[BaseMessage]()
-
-    @tool("read")
-    def ask(page: int) -> str:
-        """Have a page read."""
-        stored.extend(agent(inner).invoke(ASK, {"recursion_limit": 1_000})["messages"])
-        return str(stored[-1].content)
-
-    middleware = ContextManagerMiddleware(sp.ContextManager(300))
-    state = create_agent(outer, [ask], middleware=[middleware]).invoke(ASK)
-    assert [message.content for message in state["messages"][1:]] == ["Next.", "Done.", "Done."]
-    check(inner, stored=stored)

@@ -16,7 +16,6 @@ from pydantic_ai.messages import (
     ModelMessage,
     ModelRequest,
     ModelResponse,
-    SystemPromptPart,
     TextPart,
     ThinkingPart,
     ToolCallPart,
@@ -30,10 +29,8 @@ from pydantic_ai.usage import UsageLimits
 from smartplay_pydantic_ai import ContextManagerCapability
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import PRIMING, TokenCounter
 from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
-from tests.adapters.fitted_fuzz import check_some
-from tests.manager.fuzz import cleared
+from tests.adapters.fitted import Book, FittedConformance
 from tests.manager.histories import text_of_page
 
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -74,53 +71,6 @@ class Reader:
                 yield {at: DeltaToolCall(part.tool_name, part.args_as_json_str(), tool_call_id=part.tool_call_id)}
 
 
-def tokens(messages: list[ModelMessage], info: AgentInfo) -> int:
-    """A prompt's tokens by the counter for games, from messages that are converted here."""
-    chat: list[dict[str, Any]] = [{"role": "system", "content": info.instructions}] if info.instructions else []
-    for message in messages:
-        if isinstance(message, ModelResponse):
-            said = "".join(part.content for part in message.parts if isinstance(part, TextPart))
-            thoughts = "".join(part.content for part in message.parts if isinstance(part, ThinkingPart))
-            sent = [part for part in message.parts if isinstance(part, ToolCallPart)]
-            calls = [{"function": {"name": part.tool_name, "arguments": part.args_as_json_str()}} for part in sent]
-            chat.append({"role": "assistant", "content": said, "tool_calls": calls, "reasoning_content": thoughts})
-            continue
-        for part in message.parts:
-            roles = {SystemPromptPart: "system", UserPromptPart: "user", ToolReturnPart: "tool"}
-            chat.append({"role": roles[type(part)], "content": part.content})
-    tools = [*info.function_tools, *info.output_tools]
-    specs = [sp.ToolSpec(tool.name, tool.description or "", tool.parameters_json_schema) for tool in tools]
-    counter = TokenCounter()
-    sent = [[call["function"]["arguments"] for call in message.get("tool_calls", ())] for message in chat]
-    return PRIMING + counter.tools(specs) + sum(map(counter.message, chat, sent))
-
-
-def is_whole(messages: list[ModelMessage]) -> bool:
-    """Whether the request after each reply answers its calls, and no other."""
-    waiting: set[str] = set()
-    for message in messages:
-        results = {part.tool_call_id for part in message.parts if isinstance(part, ToolReturnPart)}
-        if results != waiting:
-            return False
-        waiting = {part.tool_call_id for part in message.parts if isinstance(part, ToolCallPart)}
-    return not waiting
-
-
-def check(reader: Reader, stored: list[ModelMessage]) -> None:
-    """Every prompt is under its cap, whole and with its task, and the history has everything."""
-    assert len(reader.sent) == reader.pages + 1
-    for messages, info in zip(reader.sent, reader.infos, strict=True):
-        assert tokens(messages, info) <= CAP
-        assert is_whole(messages)
-        assert any(getattr(part, "content", "") == TASK for part in messages[0].parts)
-    assert len(reader.sent[-1]) < len(stored)
-    results = [part for message in stored for part in message.parts if isinstance(part, ToolReturnPart)]
-    assert [part.content for part in results] == [read(int(part.tool_call_id[1:])) for part in results]
-    given = {id(message) for message in stored}
-    replies = [message for message in reader.sent[-1] if isinstance(message, ModelResponse)]
-    assert all(id(message) in given for message in replies)
-
-
 def agent(reader: Reader, *others: Any, manager: sp.ContextManager | None = None, **options: Any) -> Agent[None, Any]:
     capability = ContextManagerCapability(manager or sp.ContextManager(CAP))
     return Agent(
@@ -128,31 +78,27 @@ def agent(reader: Reader, *others: Any, manager: sp.ContextManager | None = None
     )
 
 
-@pytest.mark.parametrize("slack", [0, 0.5])
-def test_an_agent_stays_under_its_cap(slack: float):
-    reader = Reader()
-    result = agent(reader, manager=sp.ContextManager(CAP, slack=slack)).run_sync(TASK, usage_limits=NO_LIMIT)
-    assert result.output == "Done."
-    check(reader, result.all_messages())
+def specs(info: AgentInfo) -> list[sp.ToolSpec]:
+    tools = [*info.function_tools, *info.output_tools]
+    return [sp.ToolSpec(tool.name, tool.description or "", tool.parameters_json_schema) for tool in tools]
 
 
-def test_a_compactor_rewrites_what_is_sent_alone():
-    reader = Reader()
-    manager = sp.ContextManager(CAP, strategy=cleared)
-    result = agent(reader, manager=manager).run_sync(TASK, usage_limits=NO_LIMIT)
-    for messages, info in zip(reader.sent, reader.infos, strict=True):
-        assert tokens(messages, info) <= CAP
-        assert is_whole(messages)
-    assert "[cleared]" in str(reader.sent[-1])
-    assert "'shorter'" in str(reader.sent[-1])
-    assert "[cleared]" not in str(result.all_messages())
+def book(reader: Reader, stored: list[ModelMessage]) -> Book:
+    info = reader.infos[0]
+    return Book(reader.sent, stored, specs(info), info.instructions or "")
 
 
-async def test_a_streamed_run_stays_under_its_cap():
-    reader = Reader()
-    async with agent(reader).run_stream(TASK, usage_limits=NO_LIMIT) as stream:
-        assert "".join([piece async for piece in stream.stream_text(delta=True)]) == "Done."
-    check(reader, stream.all_messages())
+class TestPydanticAI(FittedConformance):
+    framework = "pydantic-ai"
+
+    async def read(self, manager: sp.ContextManager, *, streamed: bool = False) -> Book:
+        reader = Reader()
+        made = agent(reader, manager=manager)
+        if not streamed:
+            return book(reader, (await made.run(TASK, usage_limits=NO_LIMIT)).all_messages())
+        async with made.run_stream(TASK, usage_limits=NO_LIMIT) as stream:
+            assert "".join([piece async for piece in stream.stream_text(delta=True)]) == "Done."
+        return book(reader, stream.all_messages())
 
 
 def test_a_history_goes_on_in_another_run():
@@ -163,7 +109,7 @@ def test_a_history_goes_on_in_another_run():
     reader.sent.pop()
     reader.infos.pop()
     result = agent(reader).run_sync("Go on.", message_history=first.all_messages(), usage_limits=NO_LIMIT)
-    check(reader, result.all_messages())
+    TestPydanticAI().check(book(reader, result.all_messages()))
     assert any(getattr(part, "content", "") == "Go on." for message in reader.sent[-1] for part in message.parts)
 
 
@@ -183,7 +129,7 @@ def test_what_other_capabilities_add_is_under_the_cap(is_first: bool):
         first = ContextManagerCapability(sp.ContextManager(CAP))
         made = Agent(reader.model, instructions=SYSTEM, tools=[read], capabilities=[first, *others])
         result = made.run_sync(TASK, usage_limits=NO_LIMIT)
-    check(reader, result.all_messages())
+    TestPydanticAI().check(book(reader, result.all_messages()))
     assert all("Remember the page." in str(messages[-1]) for messages in reader.sent)
 
 
@@ -215,33 +161,6 @@ def test_output_tools_instructions_and_tools_of_a_provider_count():
         searching.run_sync(TASK)
 
 
-def test_sub_agents_have_managers_of_their_own():
-    inner, outer = Reader(), Reader(1)
-    stored: list[ModelMessage] = []
-
-    async def ask(page: int) -> str:
-        result = await agent(inner).run(TASK, usage_limits=NO_LIMIT)
-        stored.extend(result.all_messages())
-        return result.output
-
-    chief = Agent(outer.model, tools=[], capabilities=[ContextManagerCapability(sp.ContextManager(300))])
-    chief.tool_plain(ask, name="read")
-    assert chief.run_sync(TASK).output == "Done."
-    check(inner, stored)
-
-
-async def test_a_summary_is_shown_and_not_stored():
-    async def ask(messages: Any, max_tokens: int) -> str:
-        return "Nothing but doors."
-
-    reader = Reader()
-    manager = sp.ContextManager(CAP, strategy=sp.Summaries(60), ask=ask)
-    result = await agent(reader, manager=manager).run(TASK, usage_limits=NO_LIMIT)
-    check(reader, result.all_messages())
-    assert "Nothing but doors." in str(reader.sent[-1][1])
-    assert "Nothing but doors." not in str(result.all_messages())
-
-
 def test_a_result_that_is_an_error_is_cut_as_it_is_sent():
     reader, text = Reader(0), '"quoted" \\ ' * 400
     call = ToolCallPart("read", {"page": 1}, "c1")
@@ -251,8 +170,3 @@ def test_a_result_that_is_an_error_is_cut_as_it_is_sent():
     ((_, _, request, *_),) = reader.sent
     assert request.parts[0].model_response_str().startswith('{"error":')
     assert request.parts[0].model_response_str().endswith("tokens cut]")
-    assert tokens(reader.sent[0], reader.infos[0]) <= CAP
-
-
-async def test_prompts_of_random_conversations_have_no_fault():
-    await check_some("pydantic-ai")

@@ -77,21 +77,6 @@ def test_autogen(episode):
     assert_they_play(episode, tools, tools[1].description, run)
 
 
-def test_google_adk(episode):
-    tools = [installed("google.adk.tools").FunctionTool(function) for function in episode.functions()]
-
-    def run(tool: Any, **arguments: str) -> str:
-        return asyncio.run(tool.run_async(args=arguments, tool_context=None))
-
-    assert_they_play(episode, tools, tools[1].description, run)
-
-
-def test_dspy(episode):
-    tools = [installed("dspy").Tool(function) for function in episode.functions()]
-    assert tools[1].args == {"action": {"type": "string"}}
-    assert_they_play(episode, tools, tools[1].desc, lambda tool, **arguments: tool(**arguments))
-
-
 @pytest.mark.slow
 def test_in_an_environment_of_their_own(tmp_path):
     if not (ROOT / ".ci" / "install").exists():

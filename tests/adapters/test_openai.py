@@ -11,9 +11,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.errors import install_command
-from smartplay_tools.transcript.file import comparable
 from smartplay_tools.types.messages import reasoning_of, text_of
-from tests.adapters.conformance import fresh, on_a_loop, waiting
 
 pytest.importorskip("openai")
 
@@ -35,28 +33,6 @@ def record(game, player, seed=7, budget=BUDGET):
     with sp.Episode(game, seed=seed, budget=budget, transcript=events) as episode:
         result = sp.play(episode, player)
     return result, events
-
-
-# Equal episodes.
-
-
-@pytest.mark.parametrize(
-    ("name", "stream", "play"),
-    [
-        *((*way, waiting) for way in WAYS),
-        *(pytest.param(name, True, on_a_loop, marks=pytest.mark.slow) for name in ("openai", "openai-responses")),
-    ],
-)
-def test_the_network_changes_nothing(endpoint, name, stream, play):
-    at_home, home_events = record("Hanoi3Disk-v0", sp.get_player("rule"))
-    episode, away_events = fresh(BUDGET)
-    with episode:
-        play(episode, sp.get_player(f"{name}:rule", base_url=endpoint.base_url, stream=stream))
-    away = episode.result
-    assert comparable(away_events) == comparable(home_events)
-    assert away.model_dump(exclude={"tokens"}) == at_home.model_dump(exclude={"tokens"})
-    assert away.tokens.model_copy(update={"provider": None}) == at_home.tokens
-    assert away_events[0]["config"]["player"] == f"{name}:rule"
 
 
 # What is counted.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from pydantic_ai.providers.openai import OpenAIProvider
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import RequestUsage, UsageLimits
 from smartplay_pydantic_ai import PlayerModel, SmartPlay
-from smartplay_pydantic_ai.messages import from_history, from_response, to_response, usage_of
+from smartplay_pydantic_ai.messages import from_response, usage_of
 
 import smartplay_tools as sp
 from tests.adapters import rerouted
@@ -37,7 +37,6 @@ from tests.adapters.conformance import (
     WAY,
     WEATHER,
     Held,
-    Received,
     Sent,
     Window,
     WindowConformance,
@@ -46,6 +45,7 @@ from tests.adapters.conformance import (
     fresh,
     judge_interleaved,
     one_system,
+    received,
 )
 from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
@@ -61,21 +61,12 @@ class Scripted:
     """A model that says what a script says, and keeps what it was sent."""
 
     def __init__(self, script: Iterable[sp.Message], usage: sp.Usage | None = None) -> None:
-        self.script: Iterator[sp.Message] = iter(script)
-        self.usage = usage
-        self.received: Sent = []
-        self.model = FunctionModel(self.answer, model_name="scripted")
+        self.player = sp.ScriptedPlayer(script, usage)
+        self.model = PlayerModel(self.player)
 
-    def answer(self, messages: list[ModelMessage], info: AgentInfo) -> ModelResponse:
-        tools = [(tool.name, tool.description or "", tool.parameters_json_schema) for tool in info.function_tools]
-        canonical = one_system([dict(message) for message in from_history(messages)])
-        self.received.append(Received(canonical, tools, (info.model_settings or {}).get("max_tokens")))
-        response = to_response(next(self.script))
-        if (usage := self.usage) is not None:
-            response.usage = RequestUsage(
-                input_tokens=usage.prompt, output_tokens=usage.reply, cache_read_tokens=usage.cached
-            )
-        return response
+    @property
+    def received(self) -> Sent:
+        return [each._replace(messages=one_system(each.messages)) for each in map(received, self.player.prompts)]
 
 
 def camera() -> list[Any]:
@@ -130,17 +121,6 @@ class TestConformance(SituationConformance, WindowConformance):
 
     def test_two_episodes_interleaved(self):
         judge_interleaved(self.row)
-
-
-def test_the_agents_other_tools_can_be_hidden_and_are_not_run():
-    episode, events = fresh()
-    with episode:
-        model = Scripted([calling(("weather", {}), act(WAY[0])), *(calling(act(short)) for short in WAY[1:])])
-        capability = SmartPlay(episode, only_game_tools=True)
-        Agent(model.model, capabilities=[capability], tools=[weather]).run_sync("", usage_limits=NO_LIMIT)
-    assert [name for name, *_ in model.received[0].tools] == ["observe", "act", "read_manual"]
-    assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
-    assert sp.replay(events).identical
 
 
 def test_the_example_evaluates_an_agent(tmp_path):
@@ -226,11 +206,11 @@ def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made():
     episode, _ = fresh()
     with episode:
         agent = Agent(Scripted([calling(act(WAY[0]))]).model, capabilities=[SmartPlay(episode)])
-        with capture_run_messages() as messages, pytest.raises(Exception, match="StopIteration"):
+        with capture_run_messages() as messages, pytest.raises(Exception, match="no more replies"):
             agent.run_sync("Play!", usage_limits=NO_LIMIT)
         with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
             agent.run_sync("Hurry!", message_history=list(messages), usage_limits=NO_LIMIT)
-        with pytest.raises(Exception, match="StopIteration"):
+        with pytest.raises(Exception, match="no more replies"):
             agent.run_sync("Play!", usage_limits=NO_LIMIT)
 
 
