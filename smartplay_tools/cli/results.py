@@ -23,8 +23,6 @@ from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
-from smartplay_tools.evaluation.analysis.window_tables import took_tables
-from smartplay_tools.evaluation.analysis.windows import compare_windows, latencies
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
@@ -82,7 +80,7 @@ def results(
     tables = [
         table.of_run(str(run.folder.path)) if len(shown) > 1 else table
         for run in shown
-        for table in run_tables(run.folder, run.rows, run.summary, everything=everything)
+        for table in run_tables(run.rows, run.summary, everything=everything)
     ]
     rows = [{"run": str(run.folder.path), **row} for run in shown for row in cell_rows(run.summary)]
     summaries = [_facts(run) for run in shown]
@@ -91,7 +89,6 @@ def results(
 
 
 def run_tables(
-    folder: RunFolder,
     rows: Sequence[Row],
     summary: RunSummary,
     *,
@@ -103,8 +100,6 @@ def run_tables(
     if everything:
         yield from details(summary)
         yield from remembering_tables(rows)
-        if rows:
-            yield from took_tables(compare_windows(rows), latencies(rows, folder.timings()))
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows):
@@ -156,7 +151,7 @@ def _show(console: Console, run: _Shown, *, everything: bool) -> None:
     say(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
     if now.finished < now.planned:
         print_running(console, now)
-    for table in run_tables(run.folder, run.rows, run.summary, everything=everything):
+    for table in run_tables(run.rows, run.summary, everything=everything):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
         say(line)

@@ -16,8 +16,7 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
-from smartplay_tools.evaluation.analysis.windows import latencies
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
@@ -54,8 +53,7 @@ def sweep(
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
     swept = Sweep.of(done, cells)
     written = swept.write()
-    took = took_tables(swept.comparisons, latencies(swept.rows, done.folder.timings()))
-    tables = [windows_table(swept.comparisons, single=single), *took, *remembering_tables(swept.rows)]
+    tables = [windows_table(swept.comparisons, single=single), *remembering_tables(swept.rows)]
     print_tables(form, tables, swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)

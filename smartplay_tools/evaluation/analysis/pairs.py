@@ -27,12 +27,6 @@ FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
 """Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
 
 
-def latency(row: Row, timings: Sequence[Row]) -> float | None:
-    """The seconds that the player took for a turn, from those of the episode's attempts; None if unknown."""
-    seconds = sum(each["seconds"] - each["game_seconds"] for each in timings)
-    return seconds / row["turns"] if timings and row.get("turns") else None
-
-
 CONTROLS = ("random", "blind", "first", "always")
 """Players that do not read their prompts: they show what chance and fixed actions score, and differ from nothing."""
 
