@@ -23,6 +23,8 @@ from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.window_tables import points_tables
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
@@ -100,6 +102,7 @@ def run_tables(
     if everything:
         yield from details(summary)
         yield from remembering_tables(rows)
+        yield from points_tables(compare_windows(rows))
     elif summary.failures:
         yield failures_table(summary.failures)
     if figures := repeated(rows):

@@ -16,7 +16,7 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
@@ -53,7 +53,8 @@ def sweep(
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
     swept = Sweep.of(done, cells)
     written = swept.write()
-    tables = [windows_table(swept.comparisons, single=single), *remembering_tables(swept.rows)]
+    shown = [windows_table(swept.comparisons, single=single), *points_tables(swept.comparisons)]
+    tables = [*shown, *remembering_tables(swept.rows)]
     print_tables(form, tables, swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)

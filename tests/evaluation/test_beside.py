@@ -10,7 +10,7 @@ from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tab
 from smartplay_tools.evaluation.analysis.formats import to_latex
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from tests.evaluation.window_rows import row
 
@@ -27,7 +27,7 @@ def played(player, steps, end_reason="episode_tokens", game=HANDS, trials=4, sco
 def tables(rows):
     """Every table of a run, of a sweep and of a comparison, by its title."""
     comparisons = compare_windows(rows)
-    shown = [headline(summarize(rows)), windows_table(comparisons)]
+    shown = [headline(summarize(rows)), windows_table(comparisons), *points_tables(comparisons)]
     return [*shown, *comparison_tables(compare({"run": rows}))]
 
 
@@ -60,9 +60,8 @@ def test_steps_stand_beside_a_score_that_only_grows_and_nothing_where_nothing_di
 
 def test_points_are_shown_where_they_are_not_the_score_with_their_difference():
     rows = [*played("rule", 50, "rollout", reward=9.0), *played("random", 50, "rollout")]
-    table = headline(summarize(rows))
-    at = [column.heading for column in table.columns].index("points")
-    assert [cells[at] for cells in table.rows if len(cells) > 1] == ["+9.00", "+0.00"]
+    (table,) = [table for table in tables(rows) if table.title.startswith("compared: points")]
+    assert [cells[1:] for cells in table.rows[1:]] == [("+9.00", "reference"), ("+0.00", "-9.00 in all 4, p 0.1")]
     (line,) = as_rows(compare({"run": rows}))
     assert (line["reward_difference"], line["steps_difference"], line["ended_early"]) == (-9, 0, 0)
 

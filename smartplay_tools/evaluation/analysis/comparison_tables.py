@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping
 
 from smartplay_tools.evaluation.analysis.beside import (
     EARLY,
+    POINTS,
     WAY,
     Beside,
     column_notes,
     early_notes,
+    shows_points,
     shows_steps,
 )
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Side
@@ -24,6 +26,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.statistics.intervals import MeanEstimate
+from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
 NOTES = (
@@ -45,9 +48,29 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     notes += [WAY] if way else []
     notes += [*_notes(comparison), *early_notes(beside)]
     tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
+    if shows_points(beside):
+        tables.append(_points_table(comparison, names))
     if len(games) > 1:
         tables.append(_overall_table(comparison, names))
     return tables
+
+
+def _points_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
+    """The points of every side, and their differences, where points are not what scores count."""
+    beside = _beside(comparison)
+    games = grouped(comparison.pairings, lambda each: each.game)
+    rows: list[tuple[str, ...]] = []
+    for game, members in games.items():
+        rows.append((game,))
+        for reference, pairings in grouped(members, lambda each: each.reference).items():
+            paid = fixed(beside[game, reference].points, 2, "+")
+            rows.append((f"  {_named(game, reference, names, beside)}", paid, "reference"))
+            for each in pairings:
+                paid = fixed(each.means["reward"].mean, 2, "+")
+                less = with_interval(each.differences.get("reward"), 2, sign="+")
+                rows.append((f"    {_named(game, each.side, names, beside)}", paid, less))
+    notes = (NOTES[0], POINTS, *early_notes(beside.values()))
+    return TextTable(_title("points", comparison, names), columns("", "points", "+-"), tuple(rows), notes)
 
 
 def _named(game: str, side: Side, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]) -> str:

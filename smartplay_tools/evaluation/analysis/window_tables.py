@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from operator import itemgetter
 
-from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_steps
+from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
@@ -109,6 +109,25 @@ def cells_table(
             marked = f"{name}{EARLY}" if comparison.ends else name
             rows.append((f"  {marked}", *(show(comparison) for _, show in shown)))
     return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
+
+
+TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
+
+
+def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
+    """Return the points of every cell and their differences, where points are not what scores count."""
+    beside = [c.beside for c in comparisons]
+    if not shows_points(beside):
+        return []
+
+    def figures(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+        return (
+            *([STEPS] if shows_steps(beside) else []),
+            ("points", lambda c: with_interval(c.means["reward"], 2, sign="-")),
+            ("+-", lambda c: with_interval(c.differences.get("reward"), 2, sign="+")),
+        )
+
+    return [cells_table("points", comparisons, figures, [TOOK, *column_notes(beside), *early_notes(beside)])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:
