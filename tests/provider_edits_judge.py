@@ -25,15 +25,33 @@ TOOLS = ("act", "observe", "act", "act", "unknown")
 WORDS = (None, "", "He likes Rock.", "word " * 30)
 SUMMARIES = ("He likes Rock.", "so <summary>He likes\nRock.</summary> yes", "<summary> </summary>", "", "<summary>Cut")
 MEANT = ("He likes Rock.", "He likes\nRock.", "", "", "Cut")
+THOUGHTS: tuple[Json, ...] = (
+    {},
+    {"reasoning_content": "He likes Rock."},
+    {"provider_items": [{"type": "thinking", "thinking": "So Paper.", "signature": "s"}]},
+    {"provider_items": [{"type": "reasoning", "summary": [], "encrypted_content": "opaque"}]},
+)
 BEFORE = "A summary stands in place of the conversation before this message:\n"
+
+
+USES, THINKING, BOTH = "clear_tool_uses_20250919", "clear_thinking_20251015", "context_management"
 
 
 def edit(chance: random.Random, least: int) -> tuple[str, Json]:
     """Draw an edit with its options."""
     trigger = least + chance.choice([0, 60, 150, 400, 900])
-    kind = chance.choice(["clear_tool_uses_20250919", "clear_tool_uses_20250919", "compact_20260112", "compaction"])
+    kind = chance.choice([USES, USES, THINKING, BOTH, "compact_20260112", "compaction"])
     if kind == "compaction":
         return kind, {"compact_threshold": trigger}
+    if kind in (THINKING, BOTH):
+        turns: list[Json] = [{"keep": {"type": "thinking_turns", "value": number}} for number in (1, 2)]
+        kept: Json = chance.choice([{}, {"keep": "all"}, *turns])
+        if kind == THINKING:
+            return kind, kept
+        name, uses = edit(chance, least)
+        while name != USES:
+            name, uses = edit(chance, least)
+        return kind, {"edits": [{"type": THINKING, **kept}, {"type": USES, **uses}]}
     options: Json = {"trigger": trigger}
     if kind == "compact_20260112":
         return kind, options | chance.choice([{}, {"instructions": "Say what matters."}])
@@ -64,6 +82,33 @@ class Judge:
         """The conversation after its system message."""
         return self.kept + every[1 + self.covered :]
 
+    def edited(self, every: list[Json]) -> list[Json]:
+        """The messages after the edits."""
+        if self.kind == BOTH:
+            thinking, uses = self.options["edits"]
+            every = Judge(THINKING, thinking, self.tools).edited(every)
+            return Judge(USES, uses, self.tools).edited(every)
+        return {USES: self.cleared, THINKING: self.without_thoughts}.get(self.kind, self.current)(every)
+
+    def current(self, every: list[Json]) -> list[Json]:
+        return [every[0], *self.now(every)]
+
+    def without_thoughts(self, every: list[Json]) -> list[Json]:
+        """The messages with the thoughts of old turns cleared; the words of a user end a turn."""
+        if self.options.get("keep") == "all":
+            return every
+        keep, turns = self.options.get("keep", {"value": 1})["value"], list[list[Json]]()
+        made = json.loads(json.dumps(every))
+        for message in made:
+            if message["role"] == "user" or not turns:
+                turns.append([])
+            turns[-1].append(message)
+        thinking = [turn for turn in turns if any(FIELDS & message.keys() for message in turn)]
+        for message in (message for turn in thinking[:-keep] for message in turn):
+            for field in FIELDS:
+                message.pop(field, None)
+        return made if self.tokens(made) < self.tokens(every) else every
+
     def is_over(self, every: list[Json]) -> bool:
         trigger: Any = self.options.get("trigger", self.options.get("compact_threshold"))
         if isinstance(trigger, dict):
@@ -93,7 +138,7 @@ class Judge:
 
     def question(self, every: list[Json]) -> list[Json] | None:
         """The history of the question for a summary; None if none is due."""
-        return self.now(every) if self.kind != "clear_tool_uses_20250919" and self.is_over(every) else None
+        return self.now(every) if self.kind in ("compact_20260112", "compaction") and self.is_over(every) else None
 
     def summarised(self, every: list[Json], summary: str) -> None:
         if not summary:
@@ -103,13 +148,17 @@ class Judge:
         self.covered = len(every) - 1
 
 
+FIELDS = {"reasoning_content", "provider_items"}
+"""The fields of thoughts."""
+
+
 def is_summary(message: Json) -> bool:
     return isinstance(message["content"], str) and message["content"].startswith(BEFORE)
 
 
 def plain(message: Any) -> Json:
     """What of a message a provider reads; ids that the window has replaced stay."""
-    fields = ("role", "content", "tool_calls", "tool_call_id")
+    fields = ("role", "content", "tool_calls", "tool_call_id", *FIELDS)
     made: Json = {name: message[name] for name in fields if message.get(name) not in (None, [])}
     return {**made, "content": made.get("content") or ""}
 
@@ -171,8 +220,8 @@ def play(seed: int, found: Counter[str]) -> None:
             assert is_too_long(judge, every, cap), "The episode ends although the newest turn fits."
             found["too long"] += 1
             break
-        wanted = judge.cleared(every) if kind == "clear_tool_uses_20250919" else [every[0], *judge.now(every)]
-        found["cleared"] += wanted is not every and kind == "clear_tool_uses_20250919"
+        wanted = judge.edited(every)
+        found[f"cleared by {kind}"] += wanted is not every and kind in (USES, THINKING, BOTH)
         messages = [plain(message) for message in prompt.messages]
         check_pairs(messages)
         view = edited.view
@@ -197,7 +246,9 @@ def draw(chance: random.Random) -> sp.Message:
         if each["tool_calls"][0]["function"]["name"] == "observe":
             each["tool_calls"][0]["function"]["arguments"] = "{}"
     message = {**calls[0], "tool_calls": [each["tool_calls"][0] for each in calls]}
-    return message if chance.random() < 0.9 else {"role": "assistant", "content": chance.choice(WORDS)}  # type: ignore[return-value]
+    if chance.random() < 0.2:
+        message = {"role": "assistant", "content": chance.choice(WORDS)}
+    return message | chance.choice(THOUGHTS)  # type: ignore[return-value]
 
 
 def main(histories: int, seed: int = 0) -> Counter[str]:

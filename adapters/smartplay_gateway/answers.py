@@ -12,13 +12,16 @@ import time
 import uuid
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from smartplay_tools import Usage
 from smartplay_tools.players.wire import RESPONSES
 from smartplay_tools.types.arguments import object_in
 
-__all__ = ["Report"]
+if TYPE_CHECKING:
+    from starlette.requests import Request
+
+__all__ = ["GONE", "Report", "left"]
 
 Json = dict[str, Any]
 
@@ -27,6 +30,16 @@ ENDS = ("response.completed", "response.incomplete", "response.failed")
 
 COUNTS = ("input_tokens", "output_tokens", "cache_creation_input_tokens", "cache_read_input_tokens")
 """The counts of an iteration of Messages."""
+
+
+GONE = 499
+"""The status of a request whose client has gone, as web servers log it; nobody receives it."""
+
+
+async def left(request: Request) -> None:
+    """Wait until the client has gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 @dataclass

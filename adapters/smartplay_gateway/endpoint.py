@@ -30,6 +30,7 @@ with extra_named("An endpoint", "serve"):
     from starlette.routing import Route
     from starlette.types import ASGIApp, Receive, Scope, Send
 
+from smartplay_gateway.answers import GONE, left
 from smartplay_gateway.compaction import NoSummaryError, is_managed, managed
 from smartplay_gateway.surfaces import COMPACT, RESPONSES as RESPONSES_SURFACE, Surface
 from smartplay_tools import (
@@ -143,9 +144,6 @@ An error that comes before the head of a stream has a status.
 SILENCE = 5.0
 """Seconds after which a stream has a sign of life; load balancers close connections that are silent for 60 s."""
 
-GONE = 499
-"""The status of a request whose client has gone, as web servers log it; nobody receives it."""
-
 
 async def respond(
     request: Request,
@@ -163,7 +161,7 @@ async def respond(
     if body.get("stream") and (not answer.done() or answer.exception() is None):
         return _Stream(answer, form, body, headers)
     if not answer.done():
-        gone = asyncio.create_task(_disconnect(request))
+        gone = asyncio.create_task(left(request))
         try:
             await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
             if not answer.done():
@@ -172,12 +170,6 @@ async def respond(
             answer.cancel()
             gone.cancel()
     return json_response(answer.result(), 200, headers)
-
-
-async def _disconnect(request: Request) -> None:
-    """Wait until the client has gone."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 class _Stream(StreamingResponse):

@@ -32,8 +32,8 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.answers import Report
-from smartplay_gateway.compaction import NoSummaryError, managed, opened
+from smartplay_gateway.answers import GONE, Report, left
+from smartplay_gateway.compaction import NoSummaryError, is_managed, managed, opened
 from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
@@ -152,10 +152,10 @@ def _target(base: str, request: Request) -> str:
     return base + path + (f"?{request.url.query}" if request.url.query else "")
 
 
-def _record_count(manager: ContextManager, prompt: FittedPrompt, tokens: int) -> None:
+def _record_count(manager: ContextManager, prompt: FittedPrompt, managed: bool, tokens: int) -> None:
     """Record the tokens of a prompt; its answer has passed, so that a record that cannot be written is a warning."""
     try:
-        manager.reported(prompt, tokens)
+        manager.reported(prompt, tokens, managed=managed)
     except TranscriptError as error:
         warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
 
@@ -205,11 +205,26 @@ class _Exchange:
         prompt = await asyncio.to_thread(self.surface.fitted, body, self.manager)
         if prompt is not None and self.told is not None:
             self.told(self.request.url.path, prompt)
-        recorded = prompt is not None and prompt.recorded_as is not None
-        return prompt, partial(_record_count, self.manager, prompt) if prompt is not None and recorded else None
+        if prompt is None or prompt.recorded_as is None:
+            return prompt, None
+        return prompt, partial(_record_count, self.manager, prompt, is_managed(body, self.surface))
 
     async def ask(self, body: Json) -> Json:
-        """Return the upstream's whole answer to a request that the endpoint makes itself."""
+        """Return the upstream's whole answer to a request that the endpoint makes itself.
+
+        Once the client has gone, nothing is asked any more.
+        """
+        asking, gone = asyncio.create_task(self._ask(body)), asyncio.create_task(left(self.request))
+        try:
+            await asyncio.wait({asking, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if gone.done():
+                raise _UnansweredError(Response(status_code=GONE))
+            return asking.result()
+        finally:
+            asking.cancel()
+            gone.cancel()
+
+    async def _ask(self, body: Json) -> Json:
         prompt, counted = await self.fitted(body)
         messages = body[self.surface.messages] if prompt is None else prompt.messages
         content = json.dumps({**body, self.surface.messages: messages}).encode()

@@ -36,6 +36,7 @@ from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
 
 from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
+from smartplay_tools.players import asks_management
 
 OPTIONS = frozenset(inspect.signature(ContextManager).parameters)
 """The arguments of a `ContextManager`."""
@@ -105,7 +106,7 @@ class WindowModel(ModelAPI):
         output = made[0] if isinstance(made, tuple) else made
         usage = read_usage(output.usage) if isinstance(output, ModelOutput) else None
         if usage is not None and usage.prompt:
-            self.manager.reported(prompt, usage.prompt)
+            self.manager.reported(prompt, usage.prompt, managed=asks_management(config.extra_body))
         return made
 
     def __getattr__(self, name: str) -> Any:

@@ -7,6 +7,7 @@ holds JSON: it is kept in the solver, and its result and record are stored when 
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -23,7 +24,7 @@ from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.errors import PromptRefusedError
-from smartplay_tools.players import BrokenAnswerError, reply_in
+from smartplay_tools.players import BrokenAnswerError, left_to_provider, reply_in
 from smartplay_tools.players.conversion import check_names
 from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
@@ -117,6 +118,7 @@ async def _converse(state: TaskState, conversation: Conversation, model: Model) 
             if output.stop_reason == "model_length" and output.usage is None:  # Inspect's form of a refused prompt
                 raise BrokenAnswerError(output.completion, body={"code": "context_length_exceeded"})
             reply = from_output(output)
+            reply = dataclasses.replace(reply, usage=left_to_provider(reply.usage, own.extra_body))
             state.output = output
         except LimitExceededError:
             raise

@@ -29,6 +29,7 @@ with extra_named("ContextManagerMiddleware", "langchain"):
 
 from smartplay_langchain.asking import StandIn
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
+from smartplay_tools.players import asks_management
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
@@ -109,29 +110,30 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
     def invoke(self, input: Any, config: Config = None, **settings: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
         prompt, messages = self._fitted(input, settings)
-        return self._told(prompt, self._bound.invoke(messages, config, **settings))
+        return self._told(prompt, self._bound.invoke(messages, config, **settings), settings)
 
     async def ainvoke(self, input: Any, config: Config = None, **settings: Any) -> AIMessage:  # noqa: A002
         """Send what fits."""
         prompt, messages = await self._afitted(input, settings)
-        return self._told(prompt, await self._bound.ainvoke(messages, config, **settings))
+        return self._told(prompt, await self._bound.ainvoke(messages, config, **settings), settings)
 
     def stream(self, input: Any, config: Config = None, **settings: Any) -> Iterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
         prompt, messages = self._fitted(input, settings)
         for piece in self._bound.stream(messages, config, **settings):
-            yield self._told(prompt, piece)
+            yield self._told(prompt, piece, settings)
 
     async def astream(self, input: Any, config: Config = None, **settings: Any) -> AsyncIterator[AIMessage]:  # noqa: A002
         """Send what fits, and yield the reply in pieces."""
         prompt, messages = await self._afitted(input, settings)
         async for piece in self._bound.astream(messages, config, **settings):
-            yield self._told(prompt, piece)
+            yield self._told(prompt, piece, settings)
 
-    def _told(self, prompt: FittedPrompt, reply: AIMessage) -> AIMessage:
+    def _told(self, prompt: FittedPrompt, reply: AIMessage, settings: Mapping[str, Any]) -> AIMessage:
         """Have the prompt's tokens recorded as the provider has counted them."""
-        if reply.usage_metadata is not None and reply.usage_metadata["input_tokens"]:
-            self._manager.reported(prompt, reply.usage_metadata["input_tokens"])
+        if reply.usage_metadata is not None and (tokens := reply.usage_metadata["input_tokens"]):
+            managed = asks_management(settings, vars(self._bound), vars(getattr(self._bound, "bound", self._bound)))
+            self._manager.reported(prompt, tokens, managed=managed)
         return reply
 
     def _fitted(self, given: Any, settings: Mapping[str, Any]) -> tuple[FittedPrompt, list[BaseMessage]]:

@@ -50,7 +50,7 @@ with extra_named("smartplay_openai.agents", "agents"):
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
-from smartplay_tools.players import reply_in
+from smartplay_tools.players import left_to_provider, reply_in
 from smartplay_tools.players.conversion import check_names
 from smartplay_tools.players.wire import RESPONSES, read_items
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
@@ -240,7 +240,8 @@ class SmartPlayModel(Model):
                 reply, nothing = reply_in(error), ModelResponse(output=[], usage=AgentsUsage(), response_id=None)
                 return _Answer(reply.message, reply.usage, response=nothing)
             usage.add(response.usage)
-            return _Answer(read_response(response), usage_of(response.usage), response=response)
+            reported = left_to_provider(usage_of(response.usage), vars(settings))
+            return _Answer(read_response(response), reported, response=response)
 
         self._handoffs = frozenset(handoff.tool_name for handoff in handoffs)
         while (answer := await session.aask(send)) is not None:

@@ -22,6 +22,7 @@ with extra_named("smartplay_openai.fitting", "agents"):
     from openai.types.responses import ResponseCompletedEvent
 
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, ToolSpec
+from smartplay_tools.players import asks_management
 
 
 class ContextManagerModel(Model):
@@ -58,7 +59,8 @@ class ContextManagerModel(Model):
             system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         )
         if response.usage.input_tokens:
-            self.manager.reported(prompt, response.usage.input_tokens)
+            managed = asks_management(vars(model_settings))
+            self.manager.reported(prompt, response.usage.input_tokens, managed=managed)
         return response
 
     async def stream_response(
@@ -78,7 +80,8 @@ class ContextManagerModel(Model):
             system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
         ):
             if isinstance(event, ResponseCompletedEvent) and event.response.usage is not None:
-                self.manager.reported(prompt, event.response.usage.input_tokens)
+                managed = asks_management(vars(model_settings))
+                self.manager.reported(prompt, event.response.usage.input_tokens, managed=managed)
             yield event
 
     async def close(self) -> None:

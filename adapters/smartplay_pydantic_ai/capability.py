@@ -70,7 +70,7 @@ from smartplay_tools.context.prompts import (
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.errors import PromptRefusedError
-from smartplay_tools.players import reply_in
+from smartplay_tools.players import left_to_provider, reply_in
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 
@@ -234,7 +234,8 @@ class SmartPlay(AbstractCapability[Any]):
         if self.episode.done:
             return response
         before = session.latest_turn
-        reply, self._mistake = self._mistake or Reply(from_response(response), usage_of(response)), None
+        usage = left_to_provider(usage_of(response), request_context.model_settings)
+        reply, self._mistake = self._mistake or Reply(from_response(response), usage), None
         calls = await session.areceive(reply)
         turn = session.latest_turn
         if turn is None or turn is before:  # a summary

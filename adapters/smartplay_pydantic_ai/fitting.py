@@ -47,6 +47,7 @@ from pydantic_ai.usage import RequestUsage
 
 from smartplay_pydantic_ai.messages import tool_spec
 from smartplay_tools import ContextManager, FittedPrompt
+from smartplay_tools.players import asks_management
 
 
 class ContextManagerCapability(AbstractCapability[Any]):
@@ -76,7 +77,7 @@ class FittedModel(WrapperModel):
         """Ask the model with what fits."""
         prompt, shown = await self._fitted(messages, model_settings, model_request_parameters)
         response = await self.wrapped.request(shown, model_settings, model_request_parameters)
-        self._report(prompt, response.usage)
+        self._report(prompt, response.usage, model_settings)
         return response
 
     @asynccontextmanager
@@ -91,7 +92,7 @@ class FittedModel(WrapperModel):
         prompt, shown = await self._fitted(messages, model_settings, model_request_parameters)
         async with self.wrapped.request_stream(shown, model_settings, model_request_parameters, run_context) as stream:
             yield stream
-            self._report(prompt, stream.usage)
+            self._report(prompt, stream.usage, model_settings)
 
     async def count_tokens(
         self,
@@ -103,9 +104,10 @@ class FittedModel(WrapperModel):
         _, shown = await self._fitted(messages, model_settings, model_request_parameters)
         return await self.wrapped.count_tokens(shown, model_settings, model_request_parameters)
 
-    def _report(self, prompt: FittedPrompt, usage: RequestUsage) -> None:
+    def _report(self, prompt: FittedPrompt, usage: RequestUsage, settings: ModelSettings | None) -> None:
         if usage.input_tokens:
-            self.manager.reported(prompt, usage.input_tokens)
+            managed = asks_management(self.wrapped.settings, settings)
+            self.manager.reported(prompt, usage.input_tokens, managed=managed)
 
     async def _fitted(
         self, messages: Sequence[ModelMessage], settings: ModelSettings | None, given: ModelRequestParameters

@@ -71,7 +71,11 @@ class Compacting:
         self._window, self._compactor, self._recorded = window, compactor, deque() if recorded is None else recorded
         self._ids, self._record = ids or CallIds(), record
         self._is_persistent = getattr(compactor, "persistent", True)
-        self._history = Rewriting(window, lambda: self._ids.take([""], len(window.turns))[0])
+        self._history = Rewriting(
+            window,
+            lambda: self._ids.take([""], len(window.turns))[0],
+            reads_thoughts=getattr(compactor, "reads_thoughts", False),
+        )
         self._played: int | None = None
         """The tokens of the latest prompt to play."""
 

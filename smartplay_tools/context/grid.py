@@ -12,10 +12,10 @@ from __future__ import annotations
 import functools
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
-__all__ = ["begun_on_grid", "block_of", "first_on_grid", "jump_of", "moved_on_grid"]
+__all__ = ["begun_on_grid", "block_of", "jump_of", "moved_on_grid"]
 
 
 @functools.lru_cache(1_000)
@@ -38,17 +38,6 @@ def begun_on_grid(places: Sequence[int], block: int, lowest: int, longest: int) 
     if longest <= lowest:
         return longest
     return min(bisect_left(places, (places[longest - 1] // block + 1) * block, longest), len(places) - 2)
-
-
-def first_on_grid(places: Sequence[int], block: int, lowest: int, room: float, tokens: Callable[[int], int]) -> int:
-    """Return the first unit of the run.
-
-    No unit before `lowest` may begin it, and the newest unit begins it if nothing else fits. `tokens` returns the
-    tokens of a run from a unit on, pinned units before it included; they fall as the beginning moves on.
-    """
-    units = range(lowest, len(places) - 2)
-    longest = lowest + bisect_left(units, x=True, key=lambda unit: tokens(unit) <= room)
-    return begun_on_grid(places, block, lowest, longest)
 
 
 def moved_on_grid(step: int, limit: int, slack: float) -> int:

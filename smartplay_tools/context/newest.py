@@ -74,7 +74,7 @@ class NewestTurns:
             summary: the tokens of the summary.
         """
         last, cap, slack = len(turns) - 1, self._budget.prompt_tokens, self._budget.slack
-        if slack and cap is not None:
+        if cap is not None:
             self._places.append(self._places[-1] + sum(form.tokens(self._counter) for form in turns[-1].whole))
         self._stretches.append(turns)
         low = max(bisect_left(turns, oldest, hi=last, key=step_of), self._stretches.first) if self._drops else 0
@@ -83,12 +83,22 @@ class NewestTurns:
             return
         most = cap - self._reserve
         self.overflows = tokens(last) > most
-        self.first = last if self.overflows else longest_run(tokens, most, low, last, pinned)
-        if slack:
-            self.first = begun_on_grid(self._places, block_of(slack, most - head), low, self.first)
+        low = last if self.overflows else low
+        self.first = newest_run(tokens, most, self._places, block_of(slack, most - head), low, pinned)
 
 
-def longest_run(tokens: Tokens, most: int, low: int, last: int, pinned: int | None) -> int:
+def newest_run(
+    tokens: Tokens, most: float, places: Sequence[int], block: int, low: int, pinned: int | None = None
+) -> int:
+    """Return the first turn of the run that a prompt shows, of a game's turns as of an agent's.
+
+    It is the longest that fits of those that may begin on the grid, whose `places` these are, or at `low`; the newest
+    turn begins it if nothing else fits.
+    """
+    return begun_on_grid(places, block, low, longest_run(tokens, most, low, len(places) - 2, pinned))
+
+
+def longest_run(tokens: Tokens, most: float, low: int, last: int, pinned: int | None) -> int:
     """Return the first turn of the longest run that fits: of those from `low` on to the newest turn, which fits."""
 
     def first_that_fits(low: int, high: int) -> int:

@@ -19,6 +19,7 @@ from smartplay_tools.errors import InvalidArgumentError, StrategyError
 from smartplay_tools.types import arguments
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import (
+    THOUGHT_PLACES,
     Message,
     assistant_message,
     calls_of,
@@ -95,9 +96,12 @@ class Rewriting:
     or asks (`read`).
     """
 
-    def __init__(self, window: ContextWindow, new_id: Callable[[], str] = str) -> None:
-        """`new_id` makes the id of a call in place of one that the compactor has made up."""
-        self._window, self._new_id = window, new_id
+    def __init__(self, window: ContextWindow, new_id: Callable[[], str] = str, *, reads_thoughts: bool = False) -> None:
+        """`new_id` makes the id of a call in place of one that the compactor has made up.
+
+        With `reads_thoughts` thoughts are a part of what replies say: they stay or leave as they come back.
+        """
+        self._window, self._new_id, self._reads_thoughts = window, new_id, reads_thoughts
         self._back: list[Piece] = [range(len(window.now))]
         self._seen = len(window.now)
         """What came back last, and the messages since; how many messages the window had then."""
@@ -207,8 +211,16 @@ class Rewriting:
             key = None if calls_of(own) or own["role"] == "tool" else meaning(own)
             number = self._number_of(own, given, later=later.get(key, 0))
             later[key] = later.get(key, 0) + 1
-            read.append(Form(own) if number is None else number)
+            read.append(Form(own) if number is None else self._thought_of(number, message))
         return read[::-1]
+
+    def _thought_of(self, number: int, message: Mapping[str, Any]) -> Place:
+        """A message of the conversation, without the thoughts that one who reads them has left out."""
+        if not self._reads_thoughts or not THOUGHT_PLACES.isdisjoint(message):
+            return number
+        turn = self._window.turn_of(number)
+        reply = self._window.turns[turn].thoughtless if number == self._window.starts[turn] else None
+        return number if reply is None else reply
 
     def _number_of(self, message: Message, given: Sequence[Place], *, later: int = 0) -> int | None:
         """Return which message another one is; None if it is none of them.
@@ -265,7 +277,9 @@ class Rewriting:
             words = content if isinstance(content, str) else [part for part in content if part not in pictures]
             fields = {name: given.get(name) for name in ("tool_calls", "tool_call_id")}
             if role == "assistant":
-                message = assistant_message({"role": role, "content": words, "tool_calls": fields["tool_calls"]})
+                thoughts = {name: given[name] for name in THOUGHT_PLACES if self._reads_thoughts and name in given}
+                said = {"role": role, "content": words, "tool_calls": fields["tool_calls"]}
+                message = assistant_message(said | thoughts)
             else:
                 message = host_message({"role": role, "content": words, **fields})
             shown = [picture for part in pictures if (picture := self._picture(part["sha256"])) is not None]

@@ -21,6 +21,7 @@ from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.transcript.hashing import head_bytes, message_bytes
 from smartplay_tools.types import NOTES_TOOL
 from smartplay_tools.types.messages import (
+    THOUGHT_PLACES,
     Call,
     Message,
     calls_of,
@@ -257,6 +258,12 @@ class Turn:
             kept["name"] = name
         kept["tool_calls"] = self.shown["tool_calls"]
         return Form(kept, self.number, arguments=self.arguments)
+
+    @cached_property
+    def thoughtless(self) -> Form | None:
+        """The reply without its thoughts; None if it has none, or nothing else."""
+        kept: Any = {name: value for name, value in self.shown.items() if name not in THOUGHT_PLACES}
+        return None if len(kept) == len(self.shown) or not (kept["content"] or self.calls) else Form(kept)
 
     def trimming_saves(self, counter: TokenCounter) -> int:
         """Return the budget tokens that a trimmed reply saves."""

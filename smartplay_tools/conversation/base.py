@@ -64,9 +64,10 @@ class CheckedReply:
             case CheckedReply():
                 return reply
             case Reply():
-                usage, sampled = checked_usage(reply.usage), checked_tokens(reply.sampled)
-                return cls(assistant_message(reply.message), usage, sampled)
-        return cls(assistant_message(reply), None)
+                message, sampled = assistant_message(reply.message), checked_tokens(reply.sampled)
+                return cls(message, checked_usage(reply.usage, message), sampled)
+        message = assistant_message(reply)
+        return cls(message, checked_usage(None, message))
 
     def event(self, name: str, turn: int, **facts: Any) -> Event:
         """Return the event that records the reply."""
@@ -260,7 +261,7 @@ class BaseConversation(ABC):
 
     def spend(self, usage: Usage) -> None:
         """Count what the provider charged for attempts at a reply that never came."""
-        provider = checked_usage(usage)
+        provider = checked_usage(usage, {"role": "assistant", "content": ""})
         self._ledger.record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
 
     def _record_reply(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
@@ -404,11 +405,24 @@ class BaseConversation(ABC):
         return result
 
 
-def checked_usage(usage: Usage | None) -> dict[str, Any] | None:
-    """Return usage as plain data; `InvalidArgumentError` if it is neither a `Usage` nor None."""
+def checked_usage(usage: Usage | None, message: Message) -> dict[str, Any] | None:
+    """Return the usage of a reply as plain data; `InvalidArgumentError` if it is neither a `Usage` nor None.
+
+    It says that the provider has managed the context if there is a compaction in the reply, whoever has sent it.
+    """
     if usage is not None and not isinstance(usage, Usage):
         raise InvalidArgumentError(f"The usage of a reply is a `Usage` or None, not {type(usage).__name__}.")
+    if (usage is None or not usage.edits) and _holds_compaction(message.get("provider_items")):
+        usage = (usage or Usage()).model_copy(update={"managed": 1, "edits": 1})
     return None if usage is None else usage.model_dump()
+
+
+def _holds_compaction(value: Any) -> bool:
+    """Whether there is a compaction in data, as the provider or a framework names it."""
+    if isinstance(value, Mapping):
+        kinds = value.get("type"), value.get("part_kind")
+        return "compaction" in kinds or any(map(_holds_compaction, value.values()))
+    return isinstance(value, list) and any(map(_holds_compaction, value))
 
 
 def checked_tokens(sampled: SampledTokens | None) -> dict[str, Any] | None:

@@ -15,7 +15,7 @@ from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.fitted import Draft, FittedPrompt
-from smartplay_tools.manager.memo import MemoFolder
+from smartplay_tools.manager.memo import MemoFolder, Texts
 from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
@@ -179,7 +179,7 @@ def _next(fitting: Fitting, answer: str | Exception | None) -> Question | Fitted
         return prompt
 
 
-def kept_in(memo: Memo | None) -> MutableMapping[str, str]:
+def kept_in(memo: Memo | None) -> Texts:
     """Return where answers are kept."""
     if memo is not None and not isinstance(memo, str | Path | MutableMapping):
         raise InvalidArgumentError(f"A memo is a folder or a mutable mapping, not {type(memo).__name__}.")

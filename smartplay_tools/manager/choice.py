@@ -1,8 +1,8 @@
 """Choice: which units of a reading a prompt shows, and how, by rules that know the reading and the room alone.
 
 A prompt is a run of units up to the newest, and before it those that are pinned: the newest words of the user, the
-operator's newest instruction, what the caller marks, first units, and the unit of the last message. The grid decides
-where the run begins (`context.grid`), and steps decide what is too old for what.
+operator's newest instruction, what the caller marks, first units, and the unit of the last message. Where the run
+begins is decided as in games (`context.newest`), and steps decide what is too old for what.
 """
 
 from __future__ import annotations
@@ -10,17 +10,18 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
-from smartplay_tools.context.grid import block_of, first_on_grid, jump_of, moved_on_grid
+from smartplay_tools.context.grid import block_of, jump_of, moved_on_grid
+from smartplay_tools.context.newest import newest_run
 from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, with_text, without_pictures
 from smartplay_tools.manager.reading import Part, Reading, Unit
 from smartplay_tools.manager.settings import Settings
 
-__all__ = ["Choice", "Decision", "Shown", "TooLongError", "as_first_shown", "beginnings"]
+__all__ = ["Choice", "Shown", "TooLongError", "as_first_shown", "beginnings"]
 
 
 class TooLongError(Exception):
@@ -64,109 +65,59 @@ class Shown:
         return self.part.cost.whole if self.shorter is None else self.shorter
 
 
-@dataclass(slots=True)
 class Choice:
-    """The units of one prompt."""
+    """The units of one prompt, and how each is shown; runs and pins are counted by running sums."""
 
-    first: int
-    """The first unit of the run."""
-    pinned: Sequence[int]
-    """The units before it that stay."""
-    pins: int
-    """The tokens of these."""
-    results: int
-    """Results of units before this one are masked."""
-    words: int
-    """Replies of units before this one have their calls alone."""
-    pictures: int
-    """Pictures of units before this one are left out."""
-    late: int | None
-    """A unit whose last result has just come; it is not masked."""
-    squeezed: Mapping[int, tuple[Sequence[Any], int]] = field(default_factory=dict)
-    """By parts of the newest unit: contents of results that are shorter than their cap, and the message's tokens."""
+    def __init__(
+        self, reading: Reading, settings: Settings, newest: int | None, room: float, *, needs_user: bool
+    ) -> None:
+        """Choose for a room in tokens.
 
-    def shown(self, reading: Reading) -> Iterator[Shown]:
-        """Yield the messages after the head."""
-        form = reading.form
-        for number in (*self.pinned, *range(self.first, len(reading.units))):
-            unit = reading.units[number]
-            has_results = any(part.cost.is_result for part in unit.parts)
-            for at, part in enumerate(unit.parts):
-                if part.cost.is_result:
-                    squeezed = self.squeezed.get(at) if number == len(reading.units) - 1 else None
-                    yield self._result(number, part, squeezed, form)
-                elif unit.kind == "reply" and has_results and number < self.words:
-                    if (shorter := form.trimmed(part.message)) is not None:
-                        yield Shown(part, shorter, part.cost.trimmed, "trimmed")
-                else:
-                    yield Shown(part, part.message)
-
-    def _result(self, number: int, part: Part, squeezed: tuple[Sequence[Any], int] | None, form: MessageForm) -> Shown:
-        contents = form.results(part.message)
-        if number < self.results and number != self.late:
-            return self._changed(part, [RESULT_LEFT] * len(contents), part.cost.masked, "masked", form)
-        if squeezed is not None:
-            return self._changed(part, squeezed[0], squeezed[1], "cut", form)
-        tokens, change = part.cost.whole, None
-        if part.cost.cut is not None:
-            contents, change = [c if text is None else with_text(c, text) for c, text in _cuts(part, contents)], "cut"
-        if part.cost.pictures and number < self.pictures:
-            contents = [without_pictures(content, PICTURE_LEFT) for content in contents]
-            tokens, change = part.cost.unpictured, "elided"
-        return Shown(part, part.message) if change is None else self._changed(part, contents, tokens, change, form)
-
-    @staticmethod
-    def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: MessageForm) -> Shown:
-        message = form.with_results(part.message, contents)
-        assert message is not None
-        return Shown(part, message, tokens, change)
-
-
-class Decision:
-    """How a choice is made: tokens of runs and pins by running sums."""
-
-    def __init__(self, reading: Reading, settings: Settings, newest: int | None) -> None:
-        """`newest` is the number of the last message, None if it is in no unit."""
-        self._reading, self._settings = reading, settings
-        self._sums, steps, self._last = reading.sums, reading.steps, len(reading.units) - 1
-        step, pictures = (steps[-1] if steps else 0), self._sums.pictures
-        self._results = self._words = self._pictures = 0
+        `newest` is the number of the last message, None if it is in no unit; `needs_user` says that no words of a user
+        stand before the units. What cannot be left out raises a `TooLongError` if it does not fit.
+        """
+        self._reading, self._sums, self._last = reading, reading.sums, len(reading.units) - 1
+        steps, pictures = reading.steps, reading.sums.pictures
+        step = steps[-1] if steps else 0
+        self._masked = self._trimmed = self._elided = 0
+        """Units before these show no results, replies with their calls alone, or no pictures."""
         if settings.history is not None:
-            self._results = bisect_left(steps, moved_on_grid(step, settings.history, settings.slack))
+            self._masked = bisect_left(steps, moved_on_grid(step, settings.history, settings.slack))
         if settings.own_words is not None:
-            self._words = bisect_left(steps, moved_on_grid(step, settings.own_words, settings.slack))
+            self._trimmed = bisect_left(steps, moved_on_grid(step, settings.own_words, settings.slack))
         if settings.newest_pictures is not None:
             left_out = moved_on_grid(pictures[-1] - 1, settings.newest_pictures - 1, settings.slack)
-            self._pictures = bisect_left(pictures, left_out)
+            self._elided = bisect_left(pictures, left_out)
         self._late = reading.unit_of(newest)
+        """The unit of the last message, which is not masked: its result may have come late."""
         self._extra = 0
-        """The tokens by which the unit of the last message is longer because it is not masked."""
-        if self._last >= 0 and self._late < self._results:
+        """The tokens by which that unit is longer for it."""
+        if self._last >= 0 and self._late < self._masked:
             one = self._late, self._late + 1
-            self._extra = self._run(*one, results=0) - self._run(*one)
+            self._extra = self._run(*one, masked=0) - self._run(*one)
+        self.first, self.pinned, self.pins = 0, list[int](), 0
+        """The first unit of the run, the units before it that stay, and the tokens of these."""
+        self._squeezed: Mapping[int, tuple[Sequence[Any], int]] = {}
+        """By parts of the newest unit: results that are shorter than their cap, and the message's tokens."""
+        if self._last >= 0:
+            self._choose(settings, room, needs_user=needs_user)
 
-    def _run(self, first: int, stop: int, results: int | None = None) -> int:
+    def _run(self, first: int, stop: int, masked: int | None = None) -> int:
         """The tokens of the units from one to before another, as they are shown."""
-        sums, masked = self._sums, self._results if results is None else results
+        sums, masked = self._sums, self._masked if masked is None else masked
 
         def words(unit: int) -> int:
             return sums.whole[unit] - sums.results[unit]
 
-        at = min(max(self._words, first), stop)
+        at = min(max(self._trimmed, first), stop)
         tokens = sums.trimmed[at] - sums.trimmed[first] + words(stop) - words(at)
         at = min(max(masked, first), stop)
-        then = min(max(self._pictures, at), stop)
+        then = min(max(self._elided, at), stop)
         tokens += sums.masked[at] - sums.masked[first] + sums.unpictured[then] - sums.unpictured[at]
         return tokens + sums.results[stop] - sums.results[then]
 
-    def choice(self, room: float, *, needs_user: bool) -> Choice:
-        """Return the choice for a room in tokens; `needs_user` says that no words of a user stand before the units.
-
-        What cannot be left out raises a `TooLongError` if it does not fit.
-        """
-        last, reading, settings = self._last, self._reading, self._settings
-        if last < 0:
-            return Choice(0, (), 0, 0, 0, 0, None)
+    def _choose(self, settings: Settings, room: float, *, needs_user: bool) -> None:
+        last, reading = self._last, self._reading
         always = {*reading.pinned, self._late, *reading.users[-1:], *reading.instructions[-1:]}
         always |= {*reading.compactions[-1:]}
         firsts = range(min(settings.first_turns, last) + 1)
@@ -177,23 +128,58 @@ class Decision:
         def tokens(first: int) -> int:
             return self._extra + self._run(first, last + 1) + sums[bisect_left(pinned, first)]
 
-        lowest = 0 if settings.masks else min(self._results, last)
-        first = first_on_grid(self._sums.whole, block_of(settings.slack, room), lowest, room, tokens)
+        lowest = 0 if settings.masks else min(self._masked, last)
+        first = newest_run(tokens, room, self._sums.whole, block_of(settings.slack, room), lowest)
         if needs_user and not bisect_left(pinned, first) and reading.units[first].kind == "reply":
             first = next((number for number in reading.users if number > first), first)
-        before = pinned[: bisect_left(pinned, first)]
-        choice = Choice(first, before, sums[len(before)], self._results, self._words, self._pictures, self._late)
+        self.first, self.pinned = first, pinned[: bisect_left(pinned, first)]
+        self.pins = sums[len(self.pinned)]
         if tokens(first) > room:  # not even the newest unit fits
             newest = self._run(last, last + 1)
-            choice.squeezed = squeezed(reading.units[last], room - tokens(last) + newest, reading.form, reading.counter)
-            if not choice.squeezed:
+            spare = room - tokens(last) + newest
+            self._squeezed = squeezed(reading.units[last], spare, reading.form, reading.counter)
+            if not self._squeezed:
                 raise TooLongError(tokens(last) - newest, newest)
-        return choice
 
     def _need(self, first: int, pinned: Sequence[int]) -> int:
         """The tokens of a run to the newest unit, and of pinned units before it."""
         before = pinned[: bisect_left(pinned, first)]
         return self._extra + self._run(first, self._last + 1) + sum(self._run(n, n + 1) for n in before)
+
+    def shown(self) -> Iterator[Shown]:
+        """Yield the messages after the head."""
+        form, units = self._reading.form, self._reading.units
+        for number in (*self.pinned, *range(self.first, len(units))):
+            unit = units[number]
+            has_results = any(part.cost.is_result for part in unit.parts)
+            for at, part in enumerate(unit.parts):
+                if part.cost.is_result:
+                    yield self._result(number, part, self._squeezed.get(at) if number == self._last else None, form)
+                elif unit.kind == "reply" and has_results and number < self._trimmed:
+                    if (shorter := form.trimmed(part.message)) is not None:
+                        yield Shown(part, shorter, part.cost.trimmed, "trimmed")
+                else:
+                    yield Shown(part, part.message)
+
+    def _result(self, number: int, part: Part, squeezed: tuple[Sequence[Any], int] | None, form: MessageForm) -> Shown:
+        contents = form.results(part.message)
+        if number < self._masked and number != self._late:
+            return self._changed(part, [RESULT_LEFT] * len(contents), part.cost.masked, "masked", form)
+        if squeezed is not None:
+            return self._changed(part, squeezed[0], squeezed[1], "cut", form)
+        tokens, change = part.cost.whole, None
+        if part.cost.cut is not None:
+            contents, change = [c if text is None else with_text(c, text) for c, text in _cuts(part, contents)], "cut"
+        if part.cost.pictures and number < self._elided:
+            contents = [without_pictures(content, PICTURE_LEFT) for content in contents]
+            tokens, change = part.cost.unpictured, "elided"
+        return Shown(part, part.message) if change is None else self._changed(part, contents, tokens, change, form)
+
+    @staticmethod
+    def _changed(part: Part, contents: Sequence[Any], tokens: int, change: str, form: MessageForm) -> Shown:
+        message = form.with_results(part.message, contents)
+        assert message is not None
+        return Shown(part, message, tokens, change)
 
 
 def squeezed(

@@ -11,7 +11,7 @@ from typing import Any
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.asking import Asking
-from smartplay_tools.manager.choice import Decision, Shown, TooLongError, beginnings
+from smartplay_tools.manager.choice import Choice, Shown, TooLongError, beginnings
 from smartplay_tools.manager.counting import Cost
 from smartplay_tools.manager.fitted import Conversation, Draft
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm
@@ -66,24 +66,18 @@ class Drafts:
             lead = (
                 [(at, each.part) for at, each in enumerate(shown)][leading:] if self._asking.strategy.compacts else []
             )
-            asked = AskedStrategy.of(
-                reading,
-                newest,
-                seed=self._seed(data[:begin], form, beside),
-                room=None if math.isinf(room) else int(room),
-                lead=lead,
-                form=form,
-                lacks_user=lacks_user,
-            )
+            seed, late = self._seed(data[:begin], form, beside), reading.unit_of(newest)
+            tokens = None if math.isinf(room) else int(room)
+            asked = AskedStrategy(reading.copy(), seed, late, tokens, lead, lacks_user)
             head = shown[: len(shown) - len(lead)]
             return Draft(head, (), parts, repaired, len(reading.made), None, asked, lacks_user)
         needs_user = lacks_user and not has_summary
         try:
-            choice = Decision(reading, self._settings, newest).choice(room, needs_user=needs_user)
+            choice = Choice(reading, self._settings, newest, room, needs_user=needs_user)
         except TooLongError as error:
             reserved |= {"pinned": error.pins, "newest turn": error.newest}
             raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
-        turns = [*choice.shown(reading)]
+        turns = [*choice.shown()]
         parts["pinned"] = choice.pins
         parts["turns"] = sum(each.tokens for each in turns) - choice.pins
         covered = None

@@ -7,7 +7,8 @@ import marshal
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import repeat
+from itertools import compress, count, repeat
+from operator import ne
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -16,7 +17,17 @@ from smartplay_tools.manager.forms import Given, MessageForm
 from smartplay_tools.manager.strategy import AskedStrategy, Chosen
 from smartplay_tools.manager.summaries import Covered
 
-__all__ = ["Conversation", "Draft", "FittedPrompt", "check_plain", "plain", "plain_messages"]
+__all__ = ["Conversation", "Draft", "FittedPrompt", "PlainMessages", "check_plain", "plain"]
+
+CONVERSATIONS = 16
+"""How many conversations are known again, by how they begin."""
+
+UNORDERED = (
+    frozenset({"role", "content", "tool_calls", "tool_call_id"}),
+    frozenset({"id", "type", "function"}),
+    frozenset({"name", "arguments"}),
+)
+"""Fields of messages, of calls and of functions that are read by name, whatever their order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +152,49 @@ class Draft:
         )
 
 
-def plain_messages(messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
-    """Return messages as plain data, and for each a key that stands for what it says."""
-    if {*map(type, messages)} == {dict}:
-        with suppress(ValueError):  # all at once, since this is most of the time of a prompt
-            return [*messages], [*map(marshal.dumps, messages, repeat(2))]
-    given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-    return [data for data, _ in given], [key for _, key in given]
+class PlainMessages:
+    """Messages as plain data, each with a key that stands for what it says.
+
+    A conversation is compared with what it was at the prompt before, and only what is new is encoded, since that takes
+    most of the time of a prompt. Equal messages have one key where they are words alone: 1 and True are equal, too.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, tuple[list[Any], list[object]]] = {}
+        """Copies of messages, None for one that is more than words, and their keys, by the first two."""
+
+    def read(self, messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
+        """Return messages as plain data, and their keys."""
+        if {*map(type, messages)} == {dict}:
+            with suppress(ValueError):
+                return [*messages], self._keys([*messages])
+        given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+        return [data for data, _ in given], [key for _, key in given]
+
+    def _keys(self, messages: list[Any]) -> list[object]:
+        begin = marshal.dumps(messages[:2], 2)
+        before, keys = self._known.get(begin, ([], []))
+        same = next(compress(count(), map(ne, messages, before)), min(len(messages), len(before)))
+        if same == len(messages):
+            return keys[:same]
+        new = [*map(marshal.dumps, messages[same:], repeat(2))]
+        copies = [
+            marshal.loads(key) if _is_words(each) else None for key, each in zip(new, messages[same:], strict=True)
+        ]
+        self._known.pop(begin, None)
+        self._known[begin] = [*before[:same], *copies], [*keys[:same], *new]
+        if len(self._known) > CONVERSATIONS:
+            del self._known[next(iter(self._known))]
+        return self._known[begin][1]
+
+
+def _is_words(value: Any) -> bool:
+    """Whether data is text alone, in fields whose order says nothing."""
+    if type(value) is dict:
+        return any(value.keys() <= names for names in UNORDERED) and all(map(_is_words, value.values()))
+    if type(value) is list:
+        return all(map(_is_words, value))
+    return value is None or type(value) is str
 
 
 def check_plain(messages: Sequence[Any]) -> None:

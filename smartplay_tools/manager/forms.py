@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.providers.reply_fields import NOT_SENT
+from smartplay_tools.providers.reply_fields import BESIDE_WORDS, NOT_SENT, THOUGHTS
 from smartplay_tools.types.arguments import as_text, object_in
 
 __all__ = ["FORMS", "Content", "Given", "MessageForm", "Said", "form_of"]
@@ -119,6 +119,17 @@ class MessageForm(Protocol):
     def trimmed(self, message: Given) -> Given | None:
         """Return a message of the model with its calls alone; None if it has none."""
 
+    def thinks(self, message: Given) -> bool:
+        """Return whether a message of the model has thoughts."""
+        content = message.get("content")
+        return isinstance(content, list | tuple) and any(_type(part) in THOUGHTS for part in content)
+
+    def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
+        """Return a message of a reply with other arguments, by the ids of calls, and maybe without thoughts.
+
+        None if nothing else is in it.
+        """
+
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
         """Yield what of a message counts; `opens` is False for one that continues a reply."""
 
@@ -168,6 +179,21 @@ class Chat(MessageForm):
         if not message.get("tool_calls"):
             return None
         return {"role": message["role"], "content": None, "tool_calls": message["tool_calls"]}
+
+    def thinks(self, message: Given) -> bool:
+        return super().thinks(message) or any(message.get(name) for name in BESIDE_WORDS)
+
+    def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
+        def call(given: Given) -> Given:
+            kind, field = ("custom", "input") if "custom" in given else ("function", "arguments")
+            return {**given, kind: {**given[kind], field: arguments[str(given.get("id") or "")]}}
+
+        made = {name: value for name, value in message.items() if thoughts or name not in BESIDE_WORDS}
+        if not thoughts and not isinstance(content := message.get("content"), str):
+            made["content"] = _without_thoughts(content or ())
+        if calls := message.get("tool_calls"):
+            made["tool_calls"] = [*map(call, calls)]
+        return made if made.get("content") or calls else None
 
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
         calls, more = [], []
@@ -234,6 +260,17 @@ class Responses(MessageForm):
     def trimmed(self, message: Given) -> Given | None:
         # With its id, a call would be refused without the thoughts that came with it.
         return {name: value for name, value in message.items() if name != "id"} if self.calls(message) else None
+
+    def thinks(self, message: Given) -> bool:
+        return _type(message) in THOUGHTS
+
+    def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
+        if not thoughts and self.thinks(message):
+            return None
+        made = {name: value for name, value in message.items() if thoughts or name != "id"}
+        for call_id in self.calls(message):
+            made["input" if "input" in message else "arguments"] = arguments[call_id]
+        return made
 
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
         kind = message.get("type", "message")
@@ -310,6 +347,14 @@ class Anthropic(MessageForm):
         words = ("text", "thinking", "redacted_thinking")
         return {**message, "content": [block for block in message["content"] if _type(block) not in words]}
 
+    def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
+        if not isinstance(content := message["content"], list | tuple):
+            return message
+        uses = self._blocks(message, "tool_use")
+        given = {id(use): object_in(arguments[str(use.get("id") or "")]) or {} for use in uses}
+        made = [{**block, "input": given[id(block)]} if id(block) in given else block for block in content]
+        return {**message, "content": left} if (left := made if thoughts else _without_thoughts(made)) else None
+
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
         content = message.get("content")
         if not isinstance(content, list | tuple):
@@ -380,6 +425,10 @@ def _text(part: Any) -> str | None:
     if isinstance(part, Mapping) and part.get("type", "text") in ("text", "input_text", "output_text", "refusal"):
         return next((part[name] for name in ("text", "refusal") if isinstance(part.get(name), str)), None)
     return None
+
+
+def _without_thoughts(content: Sequence[Any]) -> list[Any]:
+    return [part for part in content if _type(part) not in THOUGHTS]
 
 
 def _is_call(call: Any) -> bool:

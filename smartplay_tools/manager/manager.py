@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +20,7 @@ from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.asking import Ask, Asking, Fitting, GivenStrategy, Memo
 from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.drafting import Drafts
-from smartplay_tools.manager.fitted import Conversation, FittedPrompt, check_plain, plain, plain_messages
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt, PlainMessages, check_plain, plain
 from smartplay_tools.manager.forms import FORMS, Given, form_of
 from smartplay_tools.manager.record import ThreadRecord
 from smartplay_tools.manager.settings import FormName, Settings, check_choice
@@ -43,18 +42,6 @@ IN_BUDGETS = (
     "newest_pictures",
 )
 """The fields of a `Budget` that have a meaning without a game."""
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What `fit` is asked for; its arguments have the meaning of the fields."""
-
-    messages: Sequence[Any]
-    tools: Iterable[Any]
-    system: str | Sequence[Any] | None
-    output_schema: Any
-    form: FormName | None
-    thread: str | None
 
 
 class ContextManager:
@@ -149,6 +136,7 @@ class ContextManager:
         self._drafts = Drafts(self._settings, self._asking)
         folder, written = record, self._settings.recorded | self._asking.recorded
         self._threads = None if folder is None else ThreadRecords(Path(folder), written)
+        self._plain = PlainMessages()
         self._lock = threading.Lock()
         """Held while a prompt is made, and never while a model is asked."""
 
@@ -220,7 +208,8 @@ class ContextManager:
         Errors: a `PromptOverflowError` if what cannot be left out does not fit; an `InvalidArgumentError` for messages
         that are none, or that cannot be counted.
         """
-        return self._asking.answered(self._fitting(Request(messages, tools, system, output_schema, form, thread)))
+        beside = {"tools": tools, "system": system, "output_schema": output_schema}
+        return self._asking.answered(self._fitting(messages, beside, form, thread))
 
     async def afit(
         self,
@@ -233,24 +222,29 @@ class ContextManager:
         thread: str | None = None,
     ) -> FittedPrompt:
         """Return what `fit` returns. An asynchronous `ask` is awaited; any other runs in a thread."""
-        request = Request(messages, tools, system, output_schema, form, thread)
-        return await self._asking.aanswered(self._fitting(request))
+        beside = {"tools": tools, "system": system, "output_schema": output_schema}
+        return await self._asking.aanswered(self._fitting(messages, beside, form, thread))
 
-    def _fitting(self, request: Request) -> Fitting:
+    def _fitting(
+        self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
+    ) -> Fitting:
         try:
-            return (yield from self._made(request))
+            return (yield from self._made(messages, beside, form, thread))
         except TypeError:
-            check_plain(request.messages)  # where no message is at fault, it is an error of another kind
+            check_plain(messages)  # where no message is at fault, it is an error of another kind
             raise
 
-    def _made(self, request: Request) -> Fitting:
+    def _made(
+        self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
+    ) -> Fitting:
         asking, cap = self._asking, self._settings.prompt_tokens
         with self._lock:
-            conversation, beside = self._read(request)
+            conversation = self._read(messages, form)
+            beside = {**beside, "system": _plain_system(beside["system"]), "tools": [*map(plain_tool, beside["tools"])]}
             try:
                 draft = self._drafts.of(conversation, beside, has_summary=asking.summaries is not None)
             except PromptOverflowError as error:
-                if (record := self._record(conversation, request.thread)) is not None:
+                if (record := self._record(conversation, thread)) is not None:
                     record.refusal(error.parts, cap)
                 raise
         summary, failed = (yield from asking.summary(draft)) if draft.covered else (None, "")
@@ -260,19 +254,15 @@ class ContextManager:
             if summary is None and draft.covered is not None and draft.lacks_user:
                 draft = self._drafts.of(conversation, beside, has_summary=False)
             prompt = draft.prompt(conversation, summary, failed)
-            record = self._record(conversation, request.thread)
+            record = self._record(conversation, thread)
             return prompt if record is None else recorded(record, prompt, conversation, beside, cap)
 
-    def _read(self, request: Request) -> tuple[Conversation, dict[str, Any]]:
-        """The messages of a request as plain data, and what is sent beside them."""
-        name, system = request.form or self._settings.form, request.system
-        check_choice("form", request.form, (None, *FORMS))
-        data, keys = plain_messages(request.messages)
-        conversation = Conversation(request.messages, data, keys, form_of(data) if name is None else FORMS[name])
-        if system and not isinstance(system, str):
-            system = [plain(part, "A part of `system`")[0] for part in system]
-        tools = [plain_tool(tool) for tool in request.tools]
-        return conversation, {"tools": tools, "system": system, "output_schema": request.output_schema}
+    def _read(self, messages: Sequence[Any], form: FormName | None) -> Conversation:
+        """The messages of a request as plain data."""
+        check_choice("form", form, (None, *FORMS))
+        name = form or self._settings.form
+        data, keys = self._plain.read(messages)
+        return Conversation(messages, data, keys, form_of(data) if name is None else FORMS[name])
 
     def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:
         """The record of a conversation; None where nothing is recorded."""
@@ -281,9 +271,19 @@ class ContextManager:
         begin = self._drafts.first_reply(conversation.data, conversation.form) if thread is None else 0
         return self._threads.record(thread, conversation.data[:begin])
 
-    def reported(self, prompt: FittedPrompt, tokens: int) -> None:
-        """Record how many tokens the provider has counted in a prompt of this manager."""
+    def reported(self, prompt: FittedPrompt, tokens: int, *, managed: bool = False) -> None:
+        """Record how many tokens the provider has counted in a prompt of this manager.
+
+        `managed` says that the provider was asked to manage the context itself: it has then counted another prompt.
+        """
         if prompt.recorded_as is not None and self._threads is not None:
             thread, number = prompt.recorded_as
             with self._lock:
-                self._threads.record(thread).usage(number, tokens)
+                self._threads.record(thread).usage(number, tokens, managed=managed)
+
+
+def _plain_system(system: str | Sequence[Any] | None) -> str | Sequence[Any] | None:
+    """Return a system prompt as plain data."""
+    if not system or isinstance(system, str):
+        return system
+    return [plain(part, "A part of `system`")[0] for part in system]

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, MutableMapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
 
-__all__ = ["MemoFolder"]
+__all__ = ["MemoFolder", "Texts"]
 
 
-class MemoFolder(MutableMapping[str, str]):
+class Texts(Protocol):
+    """What is used of a memo: a mapping has it, and a folder."""
+
+    def get(self, key: str, /) -> str | None:
+        """Return a text; None if there is none."""
+
+    def setdefault(self, key: str, text: str, /) -> str:
+        """Write a text unless there is one, and return that which is there."""
+
+
+class MemoFolder:
     """A folder with a file for each text, which processes can share: who writes a text first has written it."""
 
     def __init__(self, folder: str | Path) -> None:
@@ -23,18 +33,18 @@ class MemoFolder(MutableMapping[str, str]):
         except OSError as error:
             raise InvalidArgumentError(f"The memo {folder} is no folder: {error.strerror}.") from None
 
-    def __getitem__(self, key: str) -> str:
-        """Return a text."""
+    def get(self, key: str, /) -> str | None:
+        """Return a text; None if there is none."""
         path = self._path(key)
         try:
             return path.read_bytes().decode("utf-8", "surrogatepass")
         except FileNotFoundError:
-            raise KeyError(key) from None
+            return None
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidArgumentError(f"The memo's file {path} cannot be read: {error}.") from None
 
-    def __setitem__(self, key: str, text: str) -> None:
-        """Write a text; one that is there stays."""
+    def setdefault(self, key: str, text: str, /) -> str:
+        """Write a text unless there is one, and return that which is there."""
         path = self._path(key)
         new = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}")
         try:
@@ -46,30 +56,8 @@ class MemoFolder(MutableMapping[str, str]):
             new.unlink()
         except OSError as error:
             raise InvalidArgumentError(f"The memo's file {path} cannot be written: {error.strerror}.") from None
-
-    def setdefault(self, key: str, default: str = "") -> str:
-        """Write a text unless there is one, and return that which is there."""
-        self[key] = default
-        return self[key]
-
-    def __contains__(self, key: object) -> bool:
-        """Whether there is a text."""
-        return self._path(str(key)).exists()
-
-    def __delitem__(self, key: str) -> None:
-        """Remove a text."""
-        try:
-            self._path(key).unlink()
-        except FileNotFoundError:
-            raise KeyError(key) from None
-
-    def __iter__(self) -> Iterator[str]:
-        """Yield the keys."""
-        return (path.stem for path in self._folder.glob("*.txt"))
-
-    def __len__(self) -> int:
-        """The number of texts."""
-        return sum(1 for _ in self)
+        written = self.get(key)
+        return text if written is None else written
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.txt"

@@ -10,6 +10,7 @@ before is not read again; read from nothing, it is the same.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
@@ -126,6 +127,12 @@ class Reading:
         self._back_to(unit or 0, start)
         self._keys = keys
         self._append(self._grouped(messages, start), messages, keys, start)
+
+    def copy(self) -> Reading:
+        """Return it as it is now: another list may be read while a model is asked about this one."""
+        copied = copy.copy(self)
+        vars(copied).update({name: [*value] for name, value in vars(self).items() if isinstance(value, list)})
+        return copied
 
     def unit_of(self, message: int | None) -> int:
         """Return the unit of a message; the newest for one that is in none."""

@@ -99,7 +99,9 @@ class RecordedPrompt:
     facts: PromptEvent
     """The event."""
     reported: int | None = None
-    """The tokens of the prompt that the provider has reported."""
+    """The tokens of the prompt that the provider has reported; None, too, where it has managed the context itself."""
+    managed: bool = False
+    """Whether it has."""
 
     def changed(self, change: str) -> list[int]:
         """Return the numbers of the messages that were `dropped`, `masked` and so on, in what was given."""
@@ -231,9 +233,9 @@ class ThreadRecord:
         """Write that what cannot be left out did not fit."""
         self._write({"kind": "refusal", "parts": dict(parts), "cap": cap})
 
-    def usage(self, number: int, tokens: int) -> None:
-        """Write how many tokens a provider has counted in a prompt."""
-        self._write({"kind": "usage", "prompt": number, "tokens": tokens})
+    def usage(self, number: int, tokens: int, *, managed: bool = False) -> None:
+        """Write how many tokens a provider has counted in a prompt, and whether it managed the context itself."""
+        self._write({"kind": "usage", "prompt": number, "tokens": tokens} | ({"managed": True} if managed else {}))
 
     def _part(self, value: Any, sha256: str, events: list[dict[str, Any]]) -> int:
         if sha256 not in self._numbers:
@@ -297,7 +299,8 @@ def read_thread(path: str | Path) -> RecordedThread:
                 case "usage":
                     at = _COUNT.validate_python(event["prompt"])
                     reported = _COUNT.validate_python(event["tokens"], strict=True)
-                    prompts[at] = replace(prompts[at], reported=reported)
+                    managed = event.get("managed") is True
+                    prompts[at] = replace(prompts[at], reported=None if managed else reported, managed=managed)
                 case "refusal":
                     refusals.append(_PARTS.validate_python(event["parts"], strict=True))
     except SENSELESS as error:

@@ -12,7 +12,7 @@ import copy
 import hashlib
 import inspect
 import threading
-from collections.abc import Callable, Generator, MutableMapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,7 +26,7 @@ from smartplay_tools.context.view import Selection
 from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
 from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.counting import MessageCounter
-from smartplay_tools.manager.forms import MessageForm
+from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Reading, Unit
 from smartplay_tools.manager.strategy_window import AgentWindow, Entry, KeptCompacting, Lead, Restored
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
@@ -75,6 +75,7 @@ class StrategyMaker:
                 "choose(past, room) or compact(history, room), or a function of history and room."
             )
         self.compacts, self.remembers = compacts(made), bool(getattr(made, "remembers", True))
+        self.reads_thoughts = bool(getattr(made, "reads_thoughts", False))
 
     def __call__(self) -> Any:
         """Return an object for one conversation."""
@@ -90,39 +91,27 @@ class StrategyMaker:
 class AskedStrategy:
     """What a strategy is asked about: a conversation after its head, as it was read."""
 
+    reading: Reading
+    """As it was when the prompt was asked for."""
     seed: bytes
     """A digest of what shapes prompts beside the units."""
-    units: Sequence[Unit]
-    steps: Sequence[int]
-    users: Sequence[int]
-    instructions: Sequence[int]
-    pinned: Sequence[int]
     late: int
     """The unit of the last message."""
     room: int | None
     """The tokens beside tools and head; None without a cap."""
     lead: Lead
     """The messages of the head that a compactor is given."""
-    form: MessageForm
     lacks_user: bool
 
-    @classmethod
-    def of(cls, reading: Reading, newest: int | None, **given: Any) -> AskedStrategy:
-        """Return it of a reading, of which another prompt may be read meanwhile; `newest` is the last message."""
-        return cls(
-            units=[*reading.units],
-            steps=[*reading.steps],
-            users=[*reading.users],
-            instructions=[*reading.instructions],
-            pinned=[*reading.pinned],
-            late=reading.unit_of(newest),
-            **given,
-        )
+    @property
+    def units(self) -> Sequence[Unit]:
+        """All units."""
+        return self.reading.units
 
     @property
     def begin(self) -> int:
         """The first unit that is given: the user's first words, where the head has none."""
-        return self.users[0] if self.lacks_user and self.users else 0
+        return self.reading.users[0] if self.lacks_user and self.reading.users else 0
 
     def has_prompt(self, unit: int) -> bool:
         """Whether there was a prompt after a unit before the last: a reply follows it."""
@@ -133,16 +122,17 @@ class AskedStrategy:
         digest, keys = hashlib.sha256(self.seed), []
         for at, unit in enumerate(self.units):
             is_late = at == self.late < len(self.units) - 1
-            digest.update(unit.digest + bytes([at in self.pinned, is_late]))
+            digest.update(unit.digest + bytes([at in self.reading.pinned, is_late]))
             keys.append(digest.digest())
         return keys
 
     def kept(self, stop: int) -> frozenset[int]:
         """Return the units before one that every prompt shows, beside the newest."""
-        marked = [unit for unit in self.pinned if unit < stop]
-        newest = [[unit for unit in each if unit < stop][-1:] for each in (self.users, self.instructions)]
+        reading = self.reading
+        marked = [unit for unit in reading.pinned if unit < stop]
+        newest = [[unit for unit in each if unit < stop][-1:] for each in (reading.users, reading.instructions)]
         late = [self.late] if stop == len(self.units) else []
-        first = [self.begin] if self.lacks_user and self.users and self.begin < stop else []
+        first = [self.begin] if self.lacks_user and reading.users and self.begin < stop else []
         return frozenset(unit for unit in (*marked, *newest[0], *newest[1], *late, *first) if unit >= self.begin)
 
 
@@ -181,7 +171,7 @@ class StrategyRunner:
         budget: ResolvedBudget,
         counter: TokenCounter,
         messages: MessageCounter,
-        memo: MutableMapping[str, str],
+        memo: Texts,
         *,
         goes_on: bool,
     ) -> None:
@@ -209,7 +199,7 @@ class StrategyRunner:
         fold.restored.units = asked.units[asked.begin :]
         for at in range(asked.begin if known is None else known + 1, last + 1):
             is_late = at == asked.late < last
-            fold.window.add_unit(asked.units[at], asked.steps[at], ages=not is_late)
+            fold.window.add_unit(asked.units[at], asked.reading.steps[at], ages=not is_late)
             if at == last:
                 yield from self._played(fold, asked, keys[at], at)
             elif self._make.remembers and asked.has_prompt(at):
@@ -227,7 +217,8 @@ class StrategyRunner:
         lead = asked.lead if self.compacts else ()
         cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for _, part in lead)
         budget = self._budget.model_copy(update={"prompt_tokens": cap})
-        window = AgentWindow(budget, self._counter, self._messages, asked.form, lead)
+        window = AgentWindow(budget, self._counter, self._messages, asked.reading.form, lead)
+        window.shows_thoughts = self._make.reads_thoughts
         restored = Restored(window, asked.units[asked.begin :], lead)
         return _Fold(window, restored, self._make(), lead)
 

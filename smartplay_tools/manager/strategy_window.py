@@ -24,6 +24,7 @@ from smartplay_tools.manager.choice import Shown, as_first_shown, squeezed
 from smartplay_tools.manager.counting import RESULT_LEFT, Cost, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm
 from smartplay_tools.manager.reading import Part, Unit
+from smartplay_tools.providers.reply_fields import texts_in
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, text_of
@@ -32,6 +33,9 @@ __all__ = ["AgentWindow", "Entry", "KeptCompacting", "Lead", "Restored"]
 
 WORDING = Wording(VERSION, {**Wording.of(VERSION).texts, "observation_left": RESULT_LEFT})
 """The sentences of games, with the manager's in place of a result that is too old."""
+
+HIDDEN = "."
+"""Stands for thoughts that nobody can read."""
 
 Lead = Sequence[tuple[int, Part]]
 """Messages before the first unit that a compactor is given, each with its place in the head."""
@@ -53,6 +57,10 @@ class AgentWindow(ContextWindow):
     ) -> None:
         self.form, self._messages, self.ids = form, messages, CallIds()
         self.kept: frozenset[int] = frozenset()
+        self.shows_thoughts = False
+        """Whether the strategy is given thoughts."""
+        self.thoughtless: dict[int, int] = {}
+        """The turns by the identity of their replies as they are without thoughts."""
         self.places: list[list[tuple[int, int]]] = []
         """For each turn, which part of its unit each of its results is in, and which result of the part it is."""
         self.given_ids: dict[str, str] = {}
@@ -95,9 +103,11 @@ class AgentWindow(ContextWindow):
             ]
             if calls:
                 assistant["tool_calls"] = calls
+            if self.shows_thoughts and any(self.form.thinks(part.message) for part in replies):
+                assistant["reasoning_content"] = "".join(map(self._thoughts, replies)) or HIDDEN
             trimmed = sum(part.cost.trimmed for part in replies)
             if self.strategies.trimming is not None and trimmed != sum(part.cost.whole for part in replies):
-                assistant["reasoning_content"] = "."  # thoughts that only the form knows leave with the words
+                assistant["reasoning_content"] = HIDDEN  # thoughts that only the form knows leave with the words
         places: list[tuple[int, int]] = []
         for at, part in enumerate(unit.parts):
             if not part.cost.is_result:
@@ -106,6 +116,8 @@ class AgentWindow(ContextWindow):
                 zip(self.form.answers(part.message), self._told(part), strict=True)
             ):
                 message: Message = {"role": "tool", "content": text, "tool_call_id": ids[call_id].pop(0)}
+                if self.shows_thoughts and self._beside(part):
+                    message["name"] = "user"  # whose words end a turn
                 date = step if ages else None
                 items.append(Item(message, step, date, len(places), words=WORDING))
                 places.append((at, index))
@@ -113,7 +125,27 @@ class AgentWindow(ContextWindow):
         whole = sum(part.cost.whole for part in replies)
         turn = Turn(number, assistant, tuple(items), step, reply_tokens=whole)
         self._count(turn, unit)
+        if turn.thoughtless is not None:
+            self.thoughtless[id(turn.thoughtless.message)] = number
         self.append(turn)
+
+    def _thoughts(self, part: Part) -> str:
+        """What can be read of the thoughts of a message, and of what stands beside its words."""
+        others = (other for said in self.form.said(part.message) for other in (*said.others, *said.content.others))
+        return "".join(text for other in others for text in texts_in(dict(other)))
+
+    def edited(self, form: Form) -> int | None:
+        """Return the turn of whose reply a strategy has changed no words; None for any other message."""
+        message = form.message
+        if (turn := self.thoughtless.get(id(message))) is not None:
+            return turn
+        calls = calls_of(message)
+        number = self.result_of(calls[0]["id"]) if calls else None
+        if number is None:
+            return None
+        said = self.turns[turn := self.turn_of(number)].shown
+        is_same = [call["id"] for call in calls_of(said)] == [call["id"] for call in calls]
+        return turn if is_same and text_of(said) == text_of(message) else None
 
     def _count(self, turn: Turn, unit: Unit) -> None:
         """Give the messages of a turn the tokens that the manager has counted."""
@@ -143,13 +175,17 @@ class AgentWindow(ContextWindow):
         """The results of a message as text; words that stand beside them are a part of the last."""
         message = as_first_shown(part, self.form)
         texts = [told(Content.of(content)) for content in self.form.results(message)]
-        if beside := "".join(told(said.content) for said in self.form.said(message) if said.role != "tool"):
+        if beside := self._beside(part):
             texts[-1] = f"{texts[-1]}\n{beside}"
         return texts
 
-    def counted(self, message: Given) -> int:
-        """Return the tokens of a message of the agent's form."""
-        return self._messages.tokens(message, self.form)
+    def _beside(self, part: Part) -> str:
+        """The words that stand beside the results of a message."""
+        return "".join(told(said.content) for said in self.form.said(part.message) if said.role != "tool")
+
+    def counted(self, message: Given, *, opens: bool = True) -> int:
+        """Return the tokens of a message of the agent's form; `opens` says whether a reply begins with it."""
+        return self._messages.tokens(message, self.form, opens=opens)
 
     def squeeze(self, unit: Unit, room: int) -> dict[int, tuple[Sequence[Any], int]]:
         """Show the newest turn with shorter results, until `whole_again`; return these, nothing if none would do."""
@@ -243,6 +279,8 @@ class KeptCompacting(Compacting):
         if not isinstance(place, Form):
             return place
         message = place.message
+        if (turn := self._agent.edited(place)) is not None:
+            return self._window.starts[turn]
         if message["role"] == "tool":
             return self._window.result_of(message["tool_call_id"])
         ids = (self._window.result_of(call["id"]) for call in calls_of(message))
@@ -287,6 +325,8 @@ class Restored:
         first, *results = entries
         if first.form.message["role"] == "tool":  # of a reply that the strategy has put elsewhere; never sent
             results = [*entries]
+        elif isinstance(first.place, Form) and (turn := self._window.edited(first.form)) is not None:
+            yield from self._edited(turn, first.form.message)
         elif isinstance(first.place, Form):
             yield from ((self._own(message), None) for message in self._written(first.form.message))
         elif first.place < self._window.starts[0]:
@@ -306,6 +346,22 @@ class Restored:
                 yield Shown(part, part.message), turn
             elif (shorter := self._form.trimmed(part.message)) is not None:
                 yield Shown(part, shorter, part.cost.trimmed, "trimmed"), turn
+
+    def _edited(self, turn: int, message: Message) -> Iterator[tuple[Shown, int | None]]:
+        """Yield a reply with the arguments of another message, and with thoughts only if that has some."""
+        window, opens = self._window, True
+        arguments = {window.given_ids[call["id"]]: call["function"]["arguments"] for call in calls_of(message)}
+        thoughts = not window.shows_thoughts or "reasoning_content" in message
+        for part in self.units[turn].parts:
+            edited = None if part.cost.is_result else self._form.edited(part.message, arguments, thoughts=thoughts)
+            if edited is None:
+                continue
+            tokens, opens = window.counted(edited, opens=opens), False
+            if edited == part.message:
+                yield Shown(part, part.message, tokens), turn
+                continue
+            yield Shown(part, edited, tokens, "rewritten"), turn
+            self.rewritten.update([] if part.source is None else [part.source])
 
     def _results(self, entries: Sequence[Entry]) -> Iterator[tuple[Shown, int | None]]:
         """Yield the messages with these results: those of one message that was given are in one again."""

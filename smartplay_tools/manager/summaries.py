@@ -11,7 +11,7 @@ import hashlib
 import inspect
 import threading
 from bisect import bisect_left
-from collections.abc import Generator, Iterator, MutableMapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -22,6 +22,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.choice import Shown, as_first_shown
 from smartplay_tools.manager.counting import SENTENCES, Cost, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
+from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Part, Unit
 
 __all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain", "read_answer"]
@@ -81,9 +82,7 @@ class AskError(Exception):
 class SummaryChain:
     """Makes summaries, and messages that show them."""
 
-    def __init__(
-        self, summaries: Summaries, cap: int | None, counter: TokenCounter, memo: MutableMapping[str, str]
-    ) -> None:
+    def __init__(self, summaries: Summaries, cap: int | None, counter: TokenCounter, memo: Texts) -> None:
         """`cap` is that of a prompt."""
         self._tokens, self._counter, self._memo = summaries.tokens, counter, memo
         self._most = summaries.question_tokens or cap
@@ -110,8 +109,8 @@ class SummaryChain:
         """Yield the questions of a summary, be sent the answers, and return it; empty if no answer had a word."""
         keys = covered.keys()
         with self._lock:
-            known = next((at for at in reversed(range(len(keys))) if keys[at] in self._memo), -1)
-            text = self._memo[keys[known]] if known >= 0 else ""
+            texts = ((at, self._memo.get(keys[at])) for at in reversed(range(len(keys))))
+            known, text = next(((at, text) for at, text in texts if text is not None), (-1, ""))
         start = covered.ends[known] if known >= 0 else 0
         for key, end in zip(keys[known + 1 :], covered.ends[known + 1 :], strict=True):
             rest = list(_told(covered.units[start:end], covered.form))

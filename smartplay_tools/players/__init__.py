@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from smartplay_tools.players.server_errors import ServerError as ServerError, server_error as server_error
     from smartplay_tools.players.usage import (
         asks_management as asks_management,
+        left_to_provider as left_to_provider,
         read_usage as read_usage,
         with_end as with_end,
         with_management as with_management,

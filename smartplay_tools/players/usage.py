@@ -33,7 +33,18 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
         written_1h=min(counts["written"], counts["written_1h"]),
         reasoning=counts["reasoning"],
     )
-    return read.checked(reported_in([usage], "total_tokens"))
+    read = read.checked(reported_in([usage], "total_tokens"))
+    for each in compactions_in(usage):  # which the other counts are without
+        if (more := read_usage(each, interface)) is not None:
+            read += more.model_copy(update={"requests": 0})
+    return read
+
+
+def compactions_in(usage: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return what Anthropic reports of the questions for a summary beside the reply's own tokens."""
+    listed = usage.get("iterations")
+    mappings = [each for each in listed if isinstance(each, Mapping)] if isinstance(listed, list) else []
+    return [each for each in mappings if each.get("type") == "compaction"]
 
 
 @cache
@@ -53,14 +64,19 @@ def with_end(usage: Usage | None, *reasons: Any) -> Usage | None:
 
 
 MANAGEMENT = ("context_management", "compaction")
-"""Fields of a request that ask a provider to manage the context."""
+"""Fields of a request that ask a provider to manage the context; some frameworks put its name in front."""
 
 
 def asks_management(*options: Any) -> bool:
     """Whether any of these options of a model, or the extra body in them, asks its provider to manage the context."""
     places = [each for each in options if isinstance(each, Mapping)]
     places += [inner for each in places for inner in each.values() if isinstance(inner, Mapping)]
-    return any(place.get(name) for place in places for name in MANAGEMENT)
+    return any(value and name.endswith(MANAGEMENT) for place in places for name, value in place.items())
+
+
+def left_to_provider(usage: Usage | None, *options: Any) -> Usage | None:
+    """Return the usage of a reply, marked if its prompt was left to the provider by the options of its model."""
+    return (usage or Usage()).model_copy(update={"managed": 1}) if asks_management(*options) else usage
 
 
 def with_management(usage: Usage | None, answer: Mapping[str, Any], parts: Any) -> Usage | None:

@@ -29,6 +29,9 @@ THOUGHTS = names("parts", "thoughts")
 THOUGHT_FIELDS = tuple(dict.fromkeys(row["name"] for _, row in rows("field") if row["empty"] == "a value beside calls"))
 """The fields of a chat completion that are thoughts as text, of which an empty one goes back beside calls."""
 
+BESIDE_WORDS = frozenset(row["name"] for _, row in rows("field") if row["interface"] == "chat" and "holds" not in row)
+"""The fields of a chat completion that hold thoughts, in whatever form."""
+
 OTHER_PART = "chat_part"
 """The type of the provider item that is one part of a content, neither words nor known thoughts."""
 

@@ -53,6 +53,7 @@ def thread_row(thread: RecordedThread) -> dict[str, Any]:
         "prefix_tokens": sum(prompt.facts["prefix_tokens"] for prompt in prompts),
         "refusals": len(thread.refusals),
         **{change: sum(1 for prompt in prompts if prompt.facts.get(change)) for change in COUNTED},
+        "managed": sum(prompt.managed for prompt in prompts),
         "counted": len(counted),
         "over": sum(prompt.is_over for prompt in prompts),
         "ratio": sum(theirs for theirs, _ in counted) / max(1, sum(ours for _, ours in counted)) if counted else None,
@@ -68,6 +69,10 @@ def thread_requests(thread: RecordedThread) -> RequestLog:
     row = thread_row(thread)
     if not thread.prompts:
         raise TranscriptError(f"{thread.path} has no prompts, so nothing can be said about their cost.")
+    if row["managed"]:
+        raise TranscriptError(
+            f"{thread.path} has prompts that the provider managed itself; what they cost is not known."
+        )
     ratio = None if row["ratio"] is None else Fraction(row["ratio"]).limit_denominator(10**6)
     known: dict[Any, Unit] = {}
     prompts = [[*_units(prompt, known)] for prompt in thread.prompts]

@@ -271,6 +271,9 @@ def copy_of(message: Message) -> Message:
     return copy
 
 
+THOUGHT_PLACES = frozenset({"reasoning_content", "provider_items"})
+"""The fields of a reply that can hold its thoughts."""
+
 _FIELDS = frozenset(Message.__annotations__)
 _EMPTY: tuple[Any, ...] = (None, "", [], {})
 _HOST_FIELDS = frozenset({"role", "content", "name", "tool_call_id"})

@@ -11,6 +11,7 @@ from agents import (
     Agent,
     ItemHelpers,
     MaxTurnsExceeded,
+    ModelSettings,
     OpenAIChatCompletionsModel,
     OpenAIResponsesModel,
     Runner,
@@ -51,6 +52,16 @@ async def play(model: SmartPlayModel, prompt: Any = (), **options: Any) -> Any:
     """Run an agent that has the game's tools alone."""
     agent = Agent("player", model=model, tools=model.tools)
     return await Runner.run(agent, prompt or [], max_turns=None, run_config=model.run_config, **options)
+
+
+async def test_an_agent_that_asks_its_provider_to_manage_the_context_says_so():
+    settings = ModelSettings(context_management=[{"type": "compaction", "compact_threshold": 10**6}])
+    episode, _ = fresh()
+    with episode:
+        await run(episode, [calling(act(short)) for short in WAY], model_settings=settings)
+    usage = episode.result.tokens.provider
+    assert usage is not None
+    assert usage.managed == episode.result.turns
 
 
 # --- Through the client, with a server that says what a script says -----------------------------------------------

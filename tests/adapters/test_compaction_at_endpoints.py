@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -415,6 +416,22 @@ def test_the_cap_holds_for_the_question_and_both_are_on_record(upstream: Upstrea
     assert sent(upstream)[0]["messages"][-1]["content"] == INSTRUCTIONS
     prompts = [prompt for file in tmp_path.iterdir() for prompt in read_thread(file).prompts]
     assert sorted(prompt.reported or 0 for prompt in prompts) == [1, 700]
+
+
+@pytest.mark.parametrize("is_streamed", [False, True])
+def test_nothing_is_asked_for_a_client_that_has_left(endpoint: ContextEndpoint, upstream: Upstream, is_streamed: bool):
+    """It leaves while the summary is asked for; the request that it made is not sent."""
+    script(upstream, SUMMARISED, MESSAGE)
+    upstream.may_answer.clear()
+    edits = [{"type": "compact_20260112", "trigger": {"type": "input_tokens", "value": 50}}]
+    body = {"model": "m", "max_tokens": 9, "messages": uses(3), "context_management": {"edits": edits}}
+    headers = {"anthropic-beta": THRESHOLD}
+    with pytest.raises(httpx2.TimeoutException):
+        httpx2.post(f"{endpoint.url}/v1/messages", json={**body, "stream": is_streamed}, headers=headers, timeout=1)
+    time.sleep(0.3)  # the endpoint hears of it
+    upstream.may_answer.set()
+    time.sleep(0.5)
+    assert [each["messages"][-1]["content"] for each in sent(upstream)] == [INSTRUCTIONS]
 
 
 def test_a_summary_that_does_not_fit_is_none(upstream: Upstream):

@@ -67,6 +67,8 @@ class Upstream:
         """An answer and its headers, in place of the usual ones."""
         self.script: list[tuple[bytes, dict[str, str]]] = []
         """Answers for the next requests, one each."""
+        self.may_answer = threading.Event()
+        self.may_answer.set()
         upstream = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -75,6 +77,7 @@ class Upstream:
             def do_POST(self) -> None:
                 body = self.rfile.read(int(self.headers.get("content-length", 0)))
                 upstream.requests.append((self.command, self.path, dict(self.headers.items()), body))
+                assert upstream.may_answer.wait(30)
                 upstream.given = upstream.script.pop(0) if upstream.script else upstream.given
                 is_streamed = b'"stream":true' in body.replace(b" ", b"")
                 self.send_response(200 if self.path.startswith("/v1/") else 404)

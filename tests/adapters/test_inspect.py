@@ -143,6 +143,13 @@ class TestConformance(SituationConformance, WindowConformance):
     row = Window(hold, "Inspect AI `smartplay_agent`", lacks=LACKS)
 
 
+def test_a_model_that_is_asked_to_manage_the_context_says_so():
+    episode, _ = fresh()
+    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+    sample_of(run(task, Scripted(BASIC), extra_body={"context_management": {"edits": []}}))
+    assert episode.result.tokens.provider.managed == episode.result.turns
+
+
 @pytest.mark.parametrize("player", ["openai", "openai-responses"])
 @pytest.mark.parametrize("name", ["free", "tight"])
 def test_a_player_of_openais_client_sends_every_prompt_through_inspects_bridge(player, name):

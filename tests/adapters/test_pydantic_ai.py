@@ -184,6 +184,15 @@ def test_a_limit_of_the_agents_ends_the_episode_as_the_hosts():
     assert "request_limit of 3" in episode.result.detail
 
 
+def test_an_agent_that_asks_its_provider_to_manage_the_context_says_so():
+    settings: Any = {"anthropic_context_management": {"edits": [{"type": "clear_tool_uses_20250919"}]}}
+    episode, _ = fresh()
+    with episode:
+        agent = Agent(Scripted(calling(act(short)) for short in WAY).model, capabilities=[SmartPlay(episode)])
+        agent.run_sync("", usage_limits=NO_LIMIT, model_settings=settings)
+    assert episode.result.tokens.provider.managed == episode.result.turns
+
+
 def test_a_model_that_fails_once_can_be_asked_again():
     failures = iter([RuntimeError("busy")])
     rule = PlayerModel(sp.get_player("rule"))

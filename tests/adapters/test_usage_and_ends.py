@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
 from tests.evaluation.runs import play_row
@@ -74,6 +75,16 @@ def test_the_total_says_whether_thoughts_are_a_part_of_the_reply(reported, count
     renamed = {names.get(name, name): value for name, value in reported.items()}
     renamed["output_tokens_details"] = renamed.pop("completion_tokens_details", None)
     assert so.responses_reply({"output": [], "usage": renamed}).usage == usage
+
+
+def test_a_compaction_is_billed_beside_the_reply_of_which_it_is_no_part():
+    own = {"input_tokens": 90, "output_tokens": 10, "cache_read_input_tokens": 0}
+    asked = {"type": "compaction", "input_tokens": 400, "output_tokens": 30, "cache_read_input_tokens": 70}
+    iterations = [asked, {"type": "message", **own}, None]
+    block = {"type": "compaction", "content": "Short."}
+    usage = anthropic_reply({"content": [block], "usage": {**own, "iterations": iterations}}).usage
+    assert usage is not None
+    assert (usage.prompt, usage.reply, usage.cached, usage.requests, usage.managed) == (560, 40, 70, 1, 1)
 
 
 def test_thoughts_that_are_more_than_their_reply_are_no_count():
@@ -169,6 +180,18 @@ def test_what_a_provider_did_to_the_context_is_read(answer: Any, managed: tuple[
     usage = (so.responses_reply if "output" in answer else anthropic_reply)(told).usage
     assert usage is not None
     assert (usage.managed, usage.edits, usage.cleared) == managed
+
+
+@pytest.mark.parametrize("kind", ["type", "part_kind"])
+def test_a_compaction_in_a_reply_is_told_whoever_has_sent_it(kind: str):
+    """As a provider's item, or deep in the reply as a framework keeps it."""
+    item = {"type": "pydantic-ai", "response": {"parts": [{kind: "compaction", "content": "Short."}]}}
+    with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
+        conversation = sp.Conversation(episode)
+        assert conversation.prompt() is not None
+        conversation.receive({**call("act", action="Rock"), "provider_items": [item]})
+    assert episode.result.tokens.provider is not None
+    assert (episode.result.tokens.provider.managed, episode.result.tokens.provider.edits) == (1, 1)
 
 
 @pytest.mark.parametrize(

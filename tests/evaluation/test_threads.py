@@ -66,6 +66,19 @@ def test_a_row_says_what_became_of_a_thread(tmp_path: Path, form: str):
     assert row["cut"]
 
 
+def test_nothing_is_claimed_of_prompts_that_a_provider_managed(tmp_path: Path):
+    manager = sp.ContextManager(CAP, record=tmp_path)
+    for count, managed in ((3, False), (4, True)):
+        prompt = manager.fit(steps(count), thread="one")
+        manager.reported(prompt, 10 * CAP, managed=managed)
+    (row,) = json.loads(run("results", tmp_path, "--format", "json")[1])
+    assert (row["managed"], row["counted"], row["over"]) == (1, 1, 1)
+    assert re.search(r"one~ .* 1 of 1", run("results", tmp_path)[1])
+    code, output = run("cost", tmp_path, "--cache", "anthropic-512")
+    assert code != 0
+    assert "the provider managed itself" in output
+
+
 def test_a_file_and_a_folder_are_read_alike_and_runs_are_shown_apart(tmp_path: Path):
     files = [written(tmp_path / "agent", "chat", name) for name in ("one", "two")]
     assert [row["thread"] for row in json.loads(run("results", *files, "--json")[1])] == ["one", "two"]

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import threading
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -312,6 +313,29 @@ def test_an_item_that_goes_on_with_a_reply_is_read_with_it():
     window.fit([*items, {"type": "message", "role": "user", "content": "Go on."}])
     grown = [*items, call, {"type": "function_call_output", "call_id": "c9", "output": "A page."}]
     assert window.fit(grown) == manager(1_000).fit(grown)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda messages: messages[1].update(content="Read the last page."),
+        lambda messages: messages[4]["tool_calls"][0]["function"].update(arguments='{"page": 12345}'),
+        lambda messages: messages[4]["tool_calls"][0]["function"].update(arguments={"pages": [True] * 20}),  # equal
+        lambda messages: messages[7].update(note=messages[7].pop("note")),  # "erfulwond", not "wonderful"
+        lambda messages: messages.insert(2, {"role": "user", "content": "All of them."}),
+        lambda messages: messages.__delitem__(slice(2, 4)),
+    ],
+)
+def test_what_was_changed_in_place_is_read_again(change: Callable[[Messages], Any]):
+    messages = steps(12)
+    messages[4]["tool_calls"][0]["function"]["arguments"] = {"pages": [1] * 20}
+    messages[7] |= {"note": "wond", "more": "erful"}
+    window = sp.ContextManager(300)
+    window.fit(messages)
+    change(messages)
+    fresh = sp.ContextManager(300)
+    for end in (len(messages), 8, len(messages)):
+        assert window.fit(messages[:end]) == fresh.fit(messages[:end]) == sp.ContextManager(300).fit(messages[:end])
 
 
 def test_two_threads_on_one_manager_get_their_own_prompts():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import random
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError, StrategyError
 from smartplay_tools.manager.record import read_thread
+from tests.manager import histories
 from tests.manager.fuzz import Chosen, Rewritten, cleared
 from tests.manager.histories import FORMS, Messages
 from tests.manager.judge import Judge, Letters, is_broken, total
@@ -232,6 +234,60 @@ def test_tool_uses_are_cleared_in_every_form(form: str, options: str, count: int
     before, after = uses(form, given), uses(form, prompt.messages)
     assert after[0] == ["[cleared]"] * (8 - count) + before[0][8 - count :]
     assert after[1] == [{}] * (8 - count) + before[1][8 - count :]
+
+
+def without_old_thoughts(messages: Messages, keep: int) -> Messages:
+    """The messages with the thoughts of all turns but the newest that have any cleared."""
+    turns: list[Messages] = [[]]
+    for message in messages:
+        turns += [[]] if message["role"] == "user" else []
+        turns[-1].append({**message})
+    thinking = [turn for turn in turns if any("reasoning_content" in message for message in turn)]
+    for message in (message for turn in thinking[:-keep] for message in turn):
+        message.pop("reasoning_content", None)
+    return [message for turn in turns for message in turn]
+
+
+def without_inputs(messages: Messages, keep: int) -> Messages:
+    """The messages with all tool uses but the newest cleared; thoughts stay."""
+    ids = [message["tool_call_id"] for message in messages if message["role"] == "tool"]
+    old, cleared = {*ids[: max(0, len(ids) - keep)]}, copy.deepcopy(messages)
+    for message in cleared:
+        if message.get("tool_call_id") in old:
+            message["content"] = "[cleared]"
+        for call in message.get("tool_calls", ()):
+            call["function"]["arguments"] = "{}" if call["id"] in old else call["function"]["arguments"]
+    return cleared
+
+
+USES = "clear_tool_uses_20250919"
+EDITS = [
+    ("clear_thinking_20251015", lambda messages: without_old_thoughts(messages, 1)),
+    ("clear_thinking_20251015:keep=thinking_turns=2", lambda messages: without_old_thoughts(messages, 2)),
+    ("clear_thinking_20251015:keep=all", lambda messages: messages),
+    (f"{USES}:trigger=1,keep=2,clear_tool_inputs=true", lambda messages: without_inputs(messages, 2)),
+    (
+        'context_management:edits=[{"type":"clear_thinking_20251015"},'
+        f'{{"type":"{USES}","trigger":{{"type":"tool_uses","value":1}},"clear_tool_inputs":true}}]',
+        lambda messages: without_inputs(without_old_thoughts(messages, 1), 3),
+    ),
+]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("strategy", "edited"), EDITS)
+def test_thoughts_leave_by_turns_and_stay_where_tool_uses_are_cleared(form: str, strategy: str, edited: Any):
+    for seed in range(6):
+        rng = random.Random(seed)
+        given = histories.chat(rng, rng.choice(["task", "chat", "parallel"]))
+        messages, wanted = FORMS[form](given), FORMS[form](edited(given))
+        prompt = sp.ContextManager(None, tokenizer=Letters(), strategy=strategy, result_tokens=None).fit(
+            messages, form=form
+        )
+        assert prompt.messages == wanted
+        assert prompt.tokens == total(form, wanted)
+        changed = {*prompt.rewritten, *prompt.dropped}
+        assert {at for at, message in enumerate(messages) if message not in wanted} <= changed
 
 
 @pytest.mark.parametrize("form", FORMS)

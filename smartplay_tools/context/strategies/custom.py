@@ -35,14 +35,16 @@ __all__ = ["Custom", "load_strategy", "name_on_record", "register_strategy"]
 ENTRY_POINTS = "smartplay_tools.strategies"
 """The group under which other packages declare strategies."""
 
-BETWEEN_OPTIONS = re.compile(r",(?=[^\W\d]\w*=)")
-"""A comma before an option; before anything else it is part of a value."""
+BETWEEN_OPTIONS = re.compile(r"[:,](?=[^\W\d]\w*=)")
+"""A colon or a comma before an option; before anything else it is part of the place, or of a value."""
 
 IMPORTED = {
     "agent-framework-summary": "smartplay_compactors.agent_framework:AgentFrameworkSummary",
+    "clear_thinking_20251015": "smartplay_tools.context.strategies.provider_edits:ClearThinking",
     "clear_tool_uses_20250919": "smartplay_tools.context.strategies.provider_edits:ClearToolUses",
     "compact_20260112": "smartplay_tools.context.strategies.provider_edits:Compact",
     "compaction": "smartplay_tools.context.strategies.provider_edits:OpenAICompaction",
+    "context_management": "smartplay_tools.context.strategies.provider_edits:ContextManagement",
     "deepagents-summary": "smartplay_langchain.compaction:DeepAgentsSummary",
     "inspect-edit": "smartplay_inspect.compaction:InspectEdit",
     "inspect-summary": "smartplay_inspect.compaction:InspectSummary",
@@ -207,11 +209,9 @@ def refused_with(strategy: object, budget: Budget) -> str | None:
 
 def parted(name: str) -> tuple[str, dict[str, Any]]:
     """Split a name such as `FILE.py:CLASS:turns=3,keep=1` into place and options; a value that is not JSON is text."""
-    parts, options = name.split(":"), {}
-    while len(parts) > 1 and "=" in parts[-1]:
-        for option in BETWEEN_OPTIONS.split(parts.pop()):
-            key, _, value = option.partition("=")
-            if key in options or not key.isidentifier():
-                raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
-            options[key] = value_in(value)
-    return ":".join(parts), options
+    place, *given = BETWEEN_OPTIONS.split(name)
+    pairs = [option.partition("=") for option in given]
+    options = {key: value_in(value) for key, _, value in pairs}
+    if len(options) < len(pairs) or "=" in place.rpartition(":")[2]:
+        raise InvalidArgumentError(f"The options of the strategy {name} are KEY=VALUE, each key once.")
+    return place, options

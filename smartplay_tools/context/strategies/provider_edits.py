@@ -8,17 +8,34 @@ the place of what it was made of.
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Protocol
 
 from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory, Questions, Room
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.types.messages import Message, text_of
+from smartplay_tools.providers.reply_fields import THOUGHTS
+from smartplay_tools.types.messages import THOUGHT_PLACES, Message, reasoning_of, text_of
 
-__all__ = ["INSTRUCTIONS", "SUMMARY", "ClearToolUses", "Compact", "OpenAICompaction", "clear_tool_uses", "summary_in"]
+__all__ = [
+    "INSTRUCTIONS",
+    "SUMMARY",
+    "ClearThinking",
+    "ClearToolUses",
+    "Compact",
+    "ContextManagement",
+    "OpenAICompaction",
+    "applied",
+    "clearing_edits",
+    "summary_in",
+]
 
-M = TypeVar("M", bound=Mapping[str, Any])
+Given = Mapping[str, Any]
+"""A chat message, or one of Anthropic's."""
+
+Count = Callable[[Sequence[Any]], int]
+"""Returns the tokens of messages."""
 
 CLEARED = "[cleared]"
 """What stands in place of a result."""
@@ -36,10 +53,105 @@ INSTRUCTIONS = (
 )
 """The question for a summary, in our words."""
 
-INPUT_TOKENS, TOOL_USES = "input_tokens", "tool_uses"
+INPUT_TOKENS, TOOL_USES, THINKING_TURNS = "input_tokens", "tool_uses", "thinking_turns"
 
 
-class ClearToolUses:
+class Clearing(Protocol):
+    """An edit that clears something of a conversation, of which it is always given the whole."""
+
+    persistent: ClassVar[bool] = False
+    reads_everything: ClassVar[bool] = True
+    reads_thoughts: ClassVar[bool] = True
+    name: ClassVar[str]
+    counts: ClassVar[str]
+    """The provider's name for how much was cleared."""
+
+    @property
+    def edits(self) -> Sequence[Clearing]:
+        """The edits that are applied, one after the other."""
+        return [self]
+
+    def cleared(self, messages: Sequence[Given], tokens: int) -> tuple[list[Given], int]:
+        """Return the messages of a prompt with so many tokens after the edit, and how much of them is cleared."""
+
+    def compact(self, history: GivenHistory, room: Room) -> Sequence[Message]:
+        """Clear what is to be cleared."""
+        made, reports = applied(self.edits, list(history), room.count, head=room.head)
+        return made if reports else history
+
+
+def applied(
+    edits: Sequence[Clearing], messages: Sequence[Any], count: Count, *, head: int = 0
+) -> tuple[list[Any], list[dict[str, Any]]]:
+    """Return messages after edits, and of each edit that was applied what the provider reports of it.
+
+    An edit that would not make the prompt shorter, or not by as much as it has to, is not applied. `head` are the
+    tokens of the prompt beside the messages.
+    """
+    made, reports, tokens = list(messages), list[dict[str, Any]](), count(messages)
+    for edit in edits:
+        shorter, number = edit.cleared(made, head + tokens)
+        saved = tokens - count(shorter) if number else 0
+        if saved >= max(1, getattr(edit, "clear_at_least", 0)):
+            made, tokens = shorter, tokens - saved
+            reports.append({"type": edit.name, edit.counts: number, "cleared_input_tokens": saved})
+    return made, reports
+
+
+class ClearThinking(Clearing):
+    """Anthropic's `clear_thinking_20251015`: the thoughts of all turns but the newest that have any are cleared.
+
+    A turn is what the assistant says until the user says more than results.
+
+    Arguments:
+        keep: of how many turns the thoughts stay; `all` for those of all.
+    """
+
+    name: ClassVar[str] = "clear_thinking_20251015"
+    counts: ClassVar[str] = "cleared_thinking_turns"
+
+    def __init__(self, keep: Any = 1) -> None:
+        self.keep: int | None = None
+        if keep not in ("all", {"type": "all"}):
+            self.keep = _amount(self.name, "keep", keep, THINKING_TURNS, least=1)[1]
+
+    def cleared(self, messages: Sequence[Given], tokens: int) -> tuple[list[Given], int]:
+        """Return the messages without the thoughts of old turns; one that is nothing but thoughts stays."""
+        turn, turns = 0, dict[int, int]()
+        for at, message in enumerate(messages):
+            if _is_said_by_user(message):
+                turn += 1
+            elif _thinks(message):
+                turns[at] = turn
+        old = sorted(set(turns.values()))[: -self.keep] if self.keep else []
+        return [_without_thoughts(m) if turns.get(at) in old else m for at, m in enumerate(messages)], len(old)
+
+
+def _is_said_by_user(message: Given) -> bool:
+    """Whether a message is more than results; a result beside which a user's words stand has the user's name."""
+    if message.get("role") != "user":
+        return message.get("role") == "tool" and message.get("name") == "user"
+    is_list = isinstance(message.get("content"), list)
+    return not is_list or any(block.get("type") != "tool_result" for block in _blocks(message))
+
+
+def _thinks(message: Given) -> bool:
+    """Whether a message has thoughts, also where nobody can read them."""
+    if message.get("role") != "assistant":
+        return False
+    parts = [*_blocks(message), *(message.get("provider_items") or ())]
+    is_marked = any(isinstance(part, Mapping) and part.get("type") in THOUGHTS for part in parts)
+    return is_marked or (not THOUGHT_PLACES.isdisjoint(message) and bool(reasoning_of(message)))
+
+
+def _without_thoughts(message: Given) -> Given:
+    made = {name: value for name, value in message.items() if name not in THOUGHT_PLACES}
+    if _blocks(message):
+        made["content"] = [b for b in message["content"] if not isinstance(b, Mapping) or b.get("type") not in THOUGHTS]
+    return made if made.get("content") or made.get("tool_calls") else message
+
+
+class ClearToolUses(Clearing):
     """Anthropic's `clear_tool_uses_20250919`: above the trigger, results of old tool uses are cleared.
 
     Arguments:
@@ -50,9 +162,8 @@ class ClearToolUses:
         clear_tool_inputs: whether the arguments of calls are cleared as well; or a list of tools whose arguments are.
     """
 
-    persistent: ClassVar[bool] = False
-    reads_everything: ClassVar[bool] = True
     name: ClassVar[str] = "clear_tool_uses_20250919"
+    counts: ClassVar[str] = "cleared_tool_uses"
 
     def __init__(
         self,
@@ -85,26 +196,62 @@ class ClearToolUses:
         """Whether the arguments of a cleared call are cleared, too."""
         return self.clear_tool_inputs is None or tool in self.clear_tool_inputs
 
-    def compact(self, history: GivenHistory, room: Room) -> Sequence[Message]:
-        """Clear what is to be cleared."""
-        given = list(history)
-        cleared, uses, _ = clear_tool_uses(given, self, room.count, room.count(given), head=room.head)
-        return cleared if uses else history
+    def cleared(self, messages: Sequence[Given], tokens: int) -> tuple[list[Given], int]:
+        """Return the messages with old tool uses cleared."""
+        uses = [use for message in messages for use in _uses(message)]
+        names = {use: name for use, name in uses if name is not None}
+        ids = self.old([use for use, name in uses if name is None], names, tokens)
+        return [_without_uses(message, self, ids) for message in messages] if ids else [*messages], len(ids)
 
 
-def clear_tool_uses(
-    messages: Sequence[M], edit: ClearToolUses, count: Callable[[Sequence[M]], int], before: int, *, head: int = 0
-) -> tuple[list[M], int, int]:
-    """Return messages with old tool uses cleared, how many are, and how many tokens fewer they have.
+class ContextManagement(Clearing):
+    """Anthropic's `context_management`: its edits that clear, one after the other.
 
-    They are chat messages, or Anthropic's. `before` are their tokens, and `head` those of the prompt beside them.
+    Arguments:
+        edits: the provider's list, as in `[{"type": "clear_thinking_20251015", "keep": "all"}]`.
     """
-    uses = [use for message in messages for use in _uses(message)]
-    names, results = {use: name for use, name in uses if name is not None}, [use for use, name in uses if name is None]
-    ids = edit.old(results, names, head + before)
-    made = [_without_uses(message, edit, ids) for message in messages] if ids else []
-    saved = before - count(made) if ids else 0
-    return (made, len(ids), saved) if saved >= max(1, edit.clear_at_least) else ([*messages], 0, 0)
+
+    name: ClassVar[str] = "context_management"
+
+    def __init__(self, edits: Any) -> None:
+        self._edits = clearing_edits(edits)
+
+    @property
+    def edits(self) -> Sequence[Clearing]:
+        """The edits that are applied, one after the other."""
+        return self._edits
+
+
+EDITS = {edit.name: edit for edit in (ClearToolUses, ClearThinking)}
+
+
+def clearing_edits(given: Any, *others: str) -> list[Clearing]:
+    """Return the edits of a request's list that clear; `others` are the types of edits that it may have beside them.
+
+    What the provider would refuse is an `InvalidArgumentError` as it says it.
+    """
+    field = ContextManagement.name
+    if not isinstance(given, list) or not all(isinstance(edit, Mapping) for edit in given):
+        raise InvalidArgumentError(f"{field}: Input should be an object with a list of edits.")
+    kinds = [edit.get("type") for edit in given]
+    for at, kind in enumerate(kinds):
+        if kind not in (*EDITS, *others):
+            known = ", ".join(map(repr, (*EDITS, *others)))
+            raise InvalidArgumentError(f"{field}.edits.{at}: Input tag {kind!r} does not match any of {known}.")
+    if ClearThinking.name in kinds[1:]:
+        raise InvalidArgumentError(f"`{ClearThinking.name}` strategy must be first in `{field}.edits`.")
+    return [_clearing_edit(EDITS[kind], at, given[at]) for at, kind in enumerate(kinds) if kind in EDITS]
+
+
+def _clearing_edit(make: type[ClearToolUses] | type[ClearThinking], at: int, given: Given) -> Clearing:
+    place, options = f"{ContextManagement.name}.edits.{at}", {name: given[name] for name in given if name != "type"}
+    for name in options:
+        if name not in inspect.signature(make).parameters:
+            raise InvalidArgumentError(f"{place}.{name}: Extra inputs are not permitted.")
+    try:
+        return make(**options)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{place}: {error}") from None
 
 
 def _uses(message: Mapping[str, Any]) -> Iterator[tuple[str, str | None]]:
@@ -119,7 +266,7 @@ def _uses(message: Mapping[str, Any]) -> Iterator[tuple[str, str | None]]:
             yield str(block.get("tool_use_id" if name is None else "id")), name
 
 
-def _without_uses(message: M, edit: ClearToolUses, ids: Collection[str]) -> M:
+def _without_uses(message: Given, edit: ClearToolUses, ids: Collection[str]) -> Given:
     """A message without the results of some uses, and without the arguments that the edit clears."""
 
     def block(part: Any) -> Any:
@@ -140,7 +287,7 @@ def _without_uses(message: M, edit: ClearToolUses, ids: Collection[str]) -> M:
         changed["tool_calls"] = [*map(call, calls)]
     if _blocks(message):
         changed["content"] = [*map(block, message["content"])]
-    made: Any = {**message, **changed}
+    made = {**message, **changed}
     return message if made == message else made
 
 

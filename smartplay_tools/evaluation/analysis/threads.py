@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from smartplay_tools.evaluation.analysis.formats import TextTable, columns
+from smartplay_tools.evaluation.analysis.headline import MANAGED
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars, percent
 from smartplay_tools.evaluation.costs.charges import charge
 from smartplay_tools.evaluation.costs.tariffs import Tariff
@@ -18,6 +19,7 @@ COUNT_NOTES = (
     "masked, cut, repaired: prompts in which this became of a message",
     "over: prompts over their cap by the provider's count, of those that it has counted; theirs: its tokens to ours",
     "above: the most that it counted above ours in one prompt; a cap that is lower by so much holds by its count, too",
+    f"{MANAGED}: with prompts that the provider edited or compacted itself, of which it has counted something else",
 )
 COST_NOTES = (
     "costs are of prompts alone, in uncached tokens of the input; in USD where the column is a model",
@@ -40,7 +42,7 @@ def threads_tables(rows: Sequence[Mapping[str, Any]]) -> tuple[TextTable, TextTa
     ]
     counts = [
         (
-            row["thread"],
+            row["thread"] + (MANAGED if row["managed"] else ""),
             *(_figure(row[name]) for name in ("masked", "cut", "repaired")),
             f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING,
             NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}",
