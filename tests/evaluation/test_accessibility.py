@@ -91,7 +91,7 @@ def test_the_report_of_several_runs(opened, runs, tmp_path):
 
 def test_a_page_to_send(opened, runs, tmp_path):
     record = next(RunFolder(runs / "two").records())
-    write_excerpt(record, tmp_path / "some.html", turns=(10, 20))
+    write_excerpt(record, tmp_path / "some.html")
     assert_accessible(opened((tmp_path / "some.html").as_uri()))
 
 
