@@ -53,8 +53,7 @@ def evaluate(
     names = asked.names("players", [config.name for config in file.configs()])
     configs = run.players(list(dict.fromkeys(names)), file.configs())
     done = run.play(_plan(asked, configs, episode, repeats), configs, run_file=text)
-    if done is not None:
-        print_run(done, as_json=run.as_json)
+    print_run(done, as_json=run.as_json)
 
 
 def _plan(asked: _OptionValues, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:
@@ -110,7 +109,7 @@ def print_run(run: Run, *, as_json: bool) -> None:
         print_json({**facts, **summary_json(summary)})
     else:
         console = table_console()
-        for table in run_tables(run.folder, run.rows, summary):
+        for table in run_tables(run.rows, summary):
             print_table(console, table)
         print_next(console, [run.folder.path])
     runs.conclude(run, quiet=as_json)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
@@ -10,10 +9,8 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.evaluation.analysis.comparison import as_rows, compare
+from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
-from smartplay_tools.evaluation.analysis.decisions import Margin
-from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from tests.evaluation.window_rows import row
 
 RPS = "RockPaperScissorBasic-v0"
@@ -90,19 +87,6 @@ def test_other_versions_are_named():
     assert "smartplay-tools differs: 1.0 in a, 2.0 in b" in comparison_tables(comparison)[0].notes
 
 
-def test_like_is_matched_with_like():
-    """A cap on replies was added everywhere; only the history should differ."""
-    before = [r for h in (1, 5) for r in episodes([1, 2], history=h)]
-    after = [r for h in (1, 5) for r in episodes([3, 5], history=h, reply_tokens=100)]
-    runs = {"a": before, "b": after}
-    assert [pairing.reference.facts["history"] for pairing in compare(runs).pairings] == [1, 1]
-    matched = compare(runs, match=["history"]).pairings
-    assert [(p.side.facts["history"], p.reference.facts["history"]) for p in matched] == [(1, 1), (5, 5)]
-    assert {p.side.facts["reply_tokens"] for p in matched} == {100}
-    with pytest.raises(sp.InvalidArgumentError, match="cannot be matched by colour"):
-        compare(runs, match=["colour"])
-
-
 def test_names_say_what_differs_and_a_note_what_does_not():
     run = {"a": [r for h in (1, 5) for r in episodes([1, 2], history=h, reply_tokens=100)]}
     (table, *_) = comparison_tables(compare(run))
@@ -123,15 +107,6 @@ def test_episodes_that_are_compared_with_nothing_are_counted():
         in comparison_tables(comparison)[0].notes
     )
     assert compare({"a": both, "b": both}).uncompared == 0
-
-
-def test_a_pairing_without_pairs_has_no_verdict_beside_those_that_have_one():
-    unpaired = [r | {"trial": 99} for r in episodes([1, 2])]
-    runs = {"a": episodes([1, 2]) + episodes([1, 2], game=RPS), "b": unpaired + episodes([1, 2], game=RPS)}
-    comparison = compare(runs, margin=Margin(1))
-    assert [row[-1] for row in comparison_tables(comparison)[0].rows if len(row) > 1] == ["", "-", "", "undecided"]
-    (none, judged) = csv.DictReader(rows_to_csv(as_rows(comparison)).splitlines())
-    assert (none["verdict"], judged["verdict"]) == ("", "undecided")
 
 
 def test_runs_without_a_game_in_common_are_refused():
