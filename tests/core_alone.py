@@ -31,6 +31,7 @@ COMMANDS = (
     ("doctor", "--only", "core"),
     ("eval", *RUN, "--players", "rule,random", "--out", "run"),
     ("agent", GAME, "--out", "agent", "--", sys.executable, "-c", "pass"),
+    ("check", "--players", "rule"),
     ("sweep", *RUN, "--players", "rule", "--history", "1,5", "--out", "sweep"),
     ("merge", "run", "--out", "merged"),
     ("results", "run"),

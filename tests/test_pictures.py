@@ -14,10 +14,11 @@ from gymnasium.wrappers import AddRenderObservation
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
 from smartplay_tools.context.tokens.pictures import RULES
-from smartplay_tools.episode import GameTools
+from smartplay_tools.episode import GameTools, cell_config
 from smartplay_tools.errors import TranscriptError, UnknownNameError
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.evaluation.runs.sweeps import grid
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.minecraft import pictures as minecraft
@@ -394,13 +395,14 @@ def test_a_host_of_words_is_refused():
         sp.AgentSession(episode, pictures=True)
 
 
-# After a run.
+# Before and after a run.
 
 
 @pytest.mark.parametrize("form", [pytest.param("picture", marks=pytest.mark.slow), "both"])
-def test_what_a_run_cost_counts_pictures(tmp_path, form):
-    """The cost has every token of the prompts on record."""
+def test_an_estimate_and_what_it_cost_count_pictures(tmp_path, form):
+    """What is played lies within the estimate, and the cost has every token of the prompts on record."""
     budget = sp.Budget(tool_calls=30, history=5)
+    cell = cell_config("Crafter-v0", player="random", budget=budget, observation=form)
     played = sp.evaluate(
         ["Crafter-v0"],
         ["random"],
@@ -410,7 +412,9 @@ def test_what_a_run_cost_counts_pictures(tmp_path, form):
         observation=form,
         executor="inline",
     )
+    estimated = estimate_cell(cell, [row["seed"] for row in played.rows], None).prompt_tokens
     took = sum(row["tokens"]["prompt"] for row in played.rows)
+    assert estimated.low <= took <= estimated.high
     assert took > 2 * 30 * 4 * 81  # four pictures and more in most prompts
     records = {row["key"]: RunFolder(tmp_path / "run").transcript(row["key"]) for row in played.rows}
     charged = charge_records(records, tariffs_of(["none"]), {})

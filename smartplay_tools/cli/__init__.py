@@ -71,6 +71,7 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     "Run": {
         "eval": _Entry("evaluate:evaluate", True),
         "agent": _Entry("agent:agent", True),
+        "check": _Entry("check:check", True),
         "sweep": _Entry("sweep:sweep", True),
         "merge": _Entry("sweep:merge", True),
     },
@@ -164,6 +165,14 @@ class _Commands(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in their order."""
         return list(COMMANDS)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is called; what is an option of others is named."""
+        if args[0] == "estimate":
+            raise InvalidArgumentError(
+                "eval and sweep say what a run would take, before it is paid for, with --dry-run."
+            )
+        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help from the summaries, which imports none of the commands."""

@@ -53,7 +53,8 @@ def evaluate(
     names = asked.names("players", [config.name for config in file.configs()])
     configs = run.players(list(dict.fromkeys(names)), file.configs())
     done = run.play(_plan(asked, configs, episode, repeats), configs, run_file=text)
-    print_run(done, as_json=run.as_json)
+    if done is not None:
+        print_run(done, as_json=run.as_json)
 
 
 def _plan(asked: _OptionValues, configs: list[PlayerConfig], episode: EpisodeOptions, repeats: int) -> Plan:

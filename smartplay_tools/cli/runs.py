@@ -1,4 +1,4 @@
-"""The common parts of `eval` and `sweep`: a run's options, its players, playing it, and its exit code."""
+"""The common parts of `eval`, `sweep` and `check`: a run's options, its players, playing it, and its exit code."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from smartplay_tools.cli import INTERRUPTED, options
-from smartplay_tools.cli.estimate import print_pilot
+from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
-from smartplay_tools.evaluation.runs.players import PlayerConfig, player_named
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
@@ -114,7 +114,11 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
+    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
     pilot: Pilot = None
+    assume_reply_tokens: Annotated[
+        int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")
+    ] = None
     quiet: Annotated[bool, _option("--quiet", help="Show no progress.")] = False
     as_json: options.Json = False
 
@@ -125,8 +129,8 @@ class RunCommand:
         given = player_configs(names, self.base_url, self.player_option, configs)
         return with_tool_options(given, self.parse_calls, self.tool_choice)
 
-    def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run:
-        """Play a plan, with its progress on standard error."""
+    def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
+        """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
         how = RunOptions(
             executor=self.executor,
             workers=self.workers,
@@ -135,6 +139,10 @@ class RunCommand:
             run_cost=self.run_cost,
             prices=prices(self.price),
         )
+        if self.dry_run:
+            check_prices(how.prices or (), map(player_of, plan.cells))
+            print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
+            return None
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
         display = not_shown if quiet else partial(showing, Console(stderr=True))

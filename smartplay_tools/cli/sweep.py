@@ -51,6 +51,8 @@ def sweep(
     for reason in cells.left_out:
         say(f"Left out: {reason}", err=True)
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
+    if done is None:
+        return
     swept = Sweep.of(done, cells)
     written = swept.write()
     shown = [windows_table(swept.comparisons, single=single), *points_tables(swept.comparisons)]

@@ -133,6 +133,12 @@ def _check_pictures(
         raise InvalidArgumentError(f'{asked} needs tool calls: the paper\'s protocol is words; leave it at "text".')
 
 
+def most_calls(cell: CellConfig) -> int:
+    """Return the calls to the player in the longest episode that the game allows, one of them for the manual."""
+    rollout = cell.setting.rollout
+    return 2 * rollout if cell.protocol == "paper" else rollout + 1
+
+
 def counter_of(config: CellConfig, given: str | Tokenizer | None = None, *, is_recorded: bool) -> TokenCounter:
     """Return the counter of a config; `given` is the tokenizer that a user names for it, where it is another object.
 

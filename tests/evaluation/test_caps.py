@@ -49,8 +49,8 @@ def test_episodes_begin_only_while_a_cap_has_room_for_them(tmp_path, one_episode
     assert run.failures == []
 
 
-def test_a_cap_pauses_an_episode_and_a_higher_one_goes_on(tmp_path):
-    """Nothing is known of its cell yet, so the cap is reached in the middle of the episode."""
+def test_a_cap_pauses_an_episode_that_takes_more_than_was_expected_and_a_higher_one_goes_on(tmp_path):
+    """Its replies are longer than the estimate assumes, so the cap is reached in the middle of the episode."""
     arguments = {"games": [BANDIT], "players": {"wordy": Wordy}, "trials": 2, "executor": "inline"}
     whole = sp.evaluate(out=tmp_path / "whole", **arguments)
     cap = spent(whole) // 4
@@ -69,8 +69,8 @@ def test_a_cap_pauses_an_episode_and_a_higher_one_goes_on(tmp_path):
     assert len({path.read_bytes() for path in results}) == 1
 
 
-def test_an_episode_for_whose_first_call_a_cap_has_no_room_leaves_nothing(tmp_path):
-    run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, run_tokens=100, executor="inline")
+def test_an_episode_for_which_a_cap_has_no_room_is_not_begun(tmp_path):
+    run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, run_tokens=500, executor="inline")
     assert run.cap_reached
     assert list(run.folder.records()) == []
 

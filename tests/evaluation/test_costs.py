@@ -11,11 +11,13 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation.analysis.money import cell_costs, rules_table
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record
 
@@ -152,3 +154,20 @@ def test_no_call_costs_more_than_the_most() -> None:
         assert max(map(price.cost, usages)) == pytest.approx(price.most(prompt, 7))
         written = sp.Usage(prompt=prompt, written=prompt, written_1h=prompt, reply=7)
         assert for_an_hour.cost(written) == pytest.approx(for_an_hour.most(prompt, 7))
+
+
+def test_an_estimate_knows_from_which_length_on_the_models_provider_caches() -> None:
+    def cost(player: str, **budget: Any) -> tuple[float, float]:
+        """The lowest cost of an episode, and that of the fewest tokens without a cache."""
+        price = Price.parse("1,4,0.1,1.25")
+        estimate = estimate_cell(cell_config(BANDIT, player=player, budget=sp.Budget(**budget)), [0], price)
+        assert estimate.cost is not None
+        uncached = sp.Usage(prompt=round(estimate.prompt_tokens.low), reply=round(estimate.reply_tokens.low))
+        return estimate.cost.low, price.cost(uncached)
+
+    low, uncached = cost("openai:gpt-5.5", history=2)  # prompts of some 700 tokens are never cached
+    assert low == pytest.approx(uncached, rel=0.02)
+    low, uncached = cost("openai:gpt-5.5", history=None)
+    assert low < 0.5 * uncached
+    low, uncached = cost("anthropic:claude-opus-5", history=2)  # a window that slides is written anew at every call
+    assert low > uncached

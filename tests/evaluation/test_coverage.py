@@ -10,7 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs, repeats
-from smartplay_tools.evaluation.analysis.decisions import mde
+from smartplay_tools.evaluation.analysis.decisions import decide, mde
 from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.statistics.intervals import Method, Sample, mean_estimate, mean_estimates, weighted_estimates
@@ -120,3 +120,17 @@ def test_no_episode_leaves_the_declared_bounds():
 @pytest.mark.parametrize(("n", "expected"), [(5, 1.68), (10, 1.00), (20, 0.66), (50, 0.40), (100, 0.28), (200, 0.20)])
 def test_the_smallest_difference_that_is_seen(n, expected):
     assert mde(1.0, n) == pytest.approx(expected, abs=0.005)
+
+
+@pytest.mark.slow
+def test_the_words_of_a_comparison_are_seldom_wrong():
+    """Two players that score alike are "different", and two that differ by the margin "equivalent", in about 5 %."""
+    values, margin = SCORES[HANOI, "random", 50], 0.5
+    first, second = np.random.default_rng(0).choice(values, size=(2, REPETITIONS, 20))
+    within = bounds(HANOI).of_differences
+
+    def share(word, shift):
+        return np.mean([decide(Sample([*each], within), margin).word == word for each in first - second + shift])
+
+    assert share("different", 0) <= 0.065
+    assert share("equivalent", margin) <= 0.065

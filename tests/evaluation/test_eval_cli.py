@@ -85,6 +85,48 @@ def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
+def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
+    asked = f"--games {HANOI},{BANDIT} --players openai:gpt-5-mini --trials 10 --dry-run"
+    arguments = ("eval", *asked.split(), "--out", tmp_path / "run")
+    code, output, _ = run(*arguments, "--reply-tokens", 100, "--json")
+    assert code == 0
+    hanoi, bandit = json.loads(output)
+    assert (hanoi["episodes"], hanoi["reply_length"]) == (10, [75, 100])
+    assert hanoi["calls"]["low"] < 10 * 8 < 10 * 31 < hanoi["calls"]["high"]
+    dollars = (bandit["prompt_tokens"]["high"] * 0.25 + bandit["reply_tokens"]["high"] * 2) / 1e6
+    assert bandit["cost"]["high"] == pytest.approx(dollars, rel=0.1)
+    assert 0 < bandit["cost"]["low"] < bandit["cost"]["expected"] < bandit["cost"]["high"]
+    assert not (tmp_path / "run").exists()
+    shards = [json.loads(run(*arguments, "--shard", f"{number}/4", "--json")[1]) for number in (1, 2, 3, 4)]
+    assert sum(cell["episodes"] for shard in shards for cell in shard) == 20
+    assert all(cell["episodes"] in (2, 3) for shard in shards for cell in shard)
+    _, table, _ = run(*arguments)
+    assert "assumed to have 75 to 300 tokens" in table
+    assert "--reply-tokens makes it a cap" in table
+    assert "Hours: " in table
+    capped = run(*arguments, "--run-cost", 0.01, "--run-tokens", 10**9)[1]
+    assert "--run-cost $0.01 will pause the run" in capped
+    assert "--run-tokens 1.0G is enough for the whole run" in capped
+    assert re.search(r"all +20 ", table)
+
+
+def test_a_dry_run_obeys_the_caps_of_an_episode_and_the_length_that_is_assumed():
+    arguments = ("eval", "--games", BANDIT, "--players", "openai:gpt-5-mini", "--trials", 1, "--dry-run", "--json")
+    (free,) = json.loads(run(*arguments)[1])
+    (calls,) = json.loads(run(*arguments, "--tool-calls", 10)[1])
+    (short,) = json.loads(run(*arguments, "--history", 1)[1])
+    (wordy,) = json.loads(run(*arguments, "--assume-reply-tokens", 900)[1])
+    (tokens,) = json.loads(run(*arguments, "--episode-tokens", 5000)[1])
+    assert calls["calls"]["high"] <= 10 * 1.05
+    assert short["prompt_tokens"]["high"] < free["prompt_tokens"]["high"] / 2
+    assert wordy["reply_length"] == [900, 900]
+    assert wordy["reply_tokens"]["low"] > free["reply_tokens"]["high"]
+    # Short replies leave more room for prompts, so the two upper ends are not of one episode.
+    assert tokens["prompt_tokens"]["expected"] + tokens["reply_tokens"]["expected"] <= 5000
+    assert max(tokens["prompt_tokens"]["high"], tokens["reply_tokens"]["high"]) <= 5000 * 1.1
+
+
 def test_shards_are_merged_by_command(tmp_path):
     arguments = ("eval", "--games", HANOI, "--players", "random", "--trials", 4, "--executor", "inline")
     for number in (1, 2):

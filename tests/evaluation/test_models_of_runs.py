@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -121,6 +122,47 @@ def test_the_cause_of_an_episode_without_any_action_is_what_most_of_its_replies_
     assert "refused by the model" in cause(refused=3)
     assert cause(idle=3, cut=2, refused=2).endswith("the end is stalled turns.")
     assert "has called no tool" in cause(idle=1, turns=1)
+
+
+# The command `check`.
+
+
+def test_check_says_that_a_model_can_be_played_with(tmp_path):
+    looks = completion(calling("observe", "read_manual"), prompt_tokens=120, completion_tokens=20)
+    acts = completion(calling("act", action="1"), prompt_tokens=120, completion_tokens=20)
+    with serving(lambda body, number: acts if number % 3 else looks) as (url, bodies):
+        command = ("check", "--players", f"{MODEL},rule", "--base-url", url, "--price", f"{MODEL}=1,2")
+        code, output, _ = run(*command)
+        (report,) = json.loads(run(*command, "--json")[1])
+    assert code == 0
+    assert len(bodies) == 2 * 3, "three turns each"
+    assert "no model" in output
+    assert [report[name] for name in ("reachable", "tools", "ids", "parallel", "usage", "played", "acted")] == [
+        True
+    ] * 7
+    assert report["cost"] == pytest.approx(3 * 160e-6)
+    assert report["advice"] == []
+    assert max(map(len, output.splitlines())) <= 80
+
+
+def test_check_says_what_is_missing_and_what_to_do():
+    with serving(lambda body, number: completion({"content": "observe()"})) as (url, _):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    assert code == 1
+    for advice in ("--tool-call-parser", "does not report usage", "has no known price"):
+        assert advice in output
+    with serving(lambda body, number: completion(calling("observe", ids=False))) as (url, _):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url, "--json")
+    (report,) = json.loads(output)
+    assert (code, report["ids"], report["parallel"]) == (0, False, False)
+
+
+def test_check_does_not_ask_again_and_tells_a_server_that_only_streams():
+    streams = refusal(400, "x", "This model only supports stream mode")
+    with serving(lambda body, number: streams) as (url, bodies):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    assert (code, len(bodies)) == (1, 1)
+    assert f"--player-option {MODEL}.stream=true" in output
 
 
 # Continuing.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -46,6 +47,39 @@ def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line
     assert why in stderr
     assert stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_what_is_then_played_is_within_the_estimate(strategy, tmp_path):
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in {**ROOM, **STRATEGIES[strategy]}.items()]
+    command = ("eval", "--games", BANDIT, "--players", "rule-notes", "--trials", 2, *options)
+    code, output, stderr = run(*command, "--dry-run", "--json")
+    assert code == 0, stderr
+    (cell,) = json.loads(output)
+    played = sp.evaluate(
+        [BANDIT],
+        ["rule-notes"],
+        budgets=[sp.Budget(**ROOM, **STRATEGIES[strategy])],
+        trials=2,
+        out=tmp_path,
+        executor="inline",
+    )
+    for kind in ("prompt", "reply"):
+        took = sum(row["tokens"][kind] for row in played.rows)
+        assert cell[f"{kind}_tokens"]["low"] <= took <= cell[f"{kind}_tokens"]["high"]
+    calls = sum(row["turns"] + row.get("summaries", 0) for row in played.rows)
+    assert cell["calls"]["low"] <= calls <= cell["calls"]["high"]
+
+
+@pytest.mark.slow
+def test_the_longest_episode_of_a_model_has_room_for_its_summaries():
+    """A model makes the calls to play that an episode allows, and also those for summaries."""
+    command = ("eval", "--games", BANDIT, "--players", "openai:gpt-5-mini", "--trials", 1, "--dry-run", "--json")
+    room = ("--history", 10, "--slack", 0.5, "--prompt-tokens", 900, "--reply-tokens", 40)
+    (plain,) = json.loads(run(*command, *room)[1])
+    (asking,) = json.loads(run(*command, *room, "--summary-tokens", 100)[1])
+    assert asking["calls"]["high"] > 1.1 * plain["calls"]["high"]
 
 
 def test_a_cap_can_pause_an_episode_before_a_summary_and_a_higher_one_goes_on(tmp_path):

@@ -172,6 +172,16 @@ def test_a_mistake_is_told_in_a_sentence(options, sentence, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_dry_run_plays_nothing(tmp_path):
+    command = ["sweep", "--games", BANDIT, "--history", "1,5", "--dry-run", "--out", str(tmp_path / "run")]
+    shown = CliRunner().invoke(app, command)
+    assert shown.exit_code == 0
+    table = shown.stdout.splitlines()
+    assert table[0].split()[:4] == ["game", "and", "player", "episodes"]
+    assert [line[:11].strip() for line in table[2:5]] == ["history 1", "history 5", "all"]
+    assert not (tmp_path / "run").exists()
+
+
 def test_strategies_are_axes_and_what_cannot_be_enforced_is_left_out_and_named():
     planned = grid(
         [BANDIT],

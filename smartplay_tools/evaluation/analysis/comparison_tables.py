@@ -15,7 +15,8 @@ from smartplay_tools.evaluation.analysis.beside import (
     shows_steps,
 )
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Side
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.decisions import Verdict
+from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
@@ -34,17 +35,25 @@ NOTES = (
     "W/T/L: pairs won, tied and lost by score; tokens: of an episode, prompts and replies",
 )
 
+VERDICT_NOTES = (
+    "W/T/L: pairs won, tied and lost by score",
+    "different: the interval excludes 0, or p < 0.05",
+    "equivalent: the 90 % interval is within the margin; undecided: neither",
+    "MDE: the smallest difference that as many pairs show in four of five such comparisons",
+)
+
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
     """Return the table with a section for each game and, if there are several games, the table over all games."""
     names = side_names(comparison)
     games = dict.fromkeys(each.game for each in comparison.pairings)
     rows = sections((game, _game_rows(comparison, game, names)) for game in games)
+    judged = comparison.is_judged
+    last = Column("verdict", words=True) if judged else Column("tokens")
     beside = list(_beside(comparison).values())
     way = ["to best"] if _has_best(comparison) else []
-    steps = ["steps"] if shows_steps(beside) else []
-    headings = columns("", "pairs", *steps, "score", *way, "+-", "W/T/L", "tokens")
-    notes = [*NOTES, *column_notes(beside, points=False)]
+    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", *way, "+-", "W/T/L"), last)
+    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes(beside, points=False)]
     notes += [WAY] if way else []
     notes += [*_notes(comparison), *early_notes(beside)]
     tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
@@ -114,12 +123,13 @@ def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> 
         )
 
     for side, means in references:
-        yield line(side, NOTHING, means, "reference", "", _tokens(means))
+        last = "" if comparison.is_judged else _tokens(means)
+        yield line(side, NOTHING, means, "reference", "", last)
         for each in pairings:
             if each.reference == side:
+                told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
                 difference = with_interval(each.differences.get("score"), points, sign="+")
-                outcome = f"{each.wins}/{each.ties}/{each.losses}"
-                shown = "identical" if each.is_identical else difference, outcome, _tokens(each.means)
+                shown = "identical" if each.is_identical else difference, f"{each.wins}/{each.ties}/{each.losses}", told
                 name, *own = line(each.side, f"{each.pairs}", each.means, *shown)
                 yield f"  {name}", *own
 
@@ -128,6 +138,14 @@ def _has_best(comparison: Comparison) -> bool:
     """Whether a best choice of whole turns is known of any side."""
     means = [*(each.means for each in comparison.pairings), *(means for *_, means in comparison.references)]
     return any("way_to_best" in each for each in means)
+
+
+def _verdict(verdict: Verdict | None) -> str:
+    if verdict is None:
+        return NOTHING
+    if verdict.word == "undecided":
+        return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
+    return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
 
 
 def _tokens(means: Mapping[str, MeanEstimate]) -> str:

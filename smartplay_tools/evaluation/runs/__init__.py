@@ -4,6 +4,8 @@ plan           the episodes of a run, their seeds and keys
 players        the players of a run and their options
 blind          the player that repeats a recorded episode
 agents         programs and functions that play episodes in their own way
+probe          the check of a run's models
+faults         the sentences for what it finds
 attempt        playing and recording one planned episode
 roster         how each player is configured, where its episodes are played, and which can be sent to other processes
 executors/     running attempts in processes, on an event loop or on a cluster

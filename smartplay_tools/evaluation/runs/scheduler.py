@@ -4,11 +4,11 @@ Only the scheduler writes into the run's folder while the run is played. An outc
 its record is then moved to its final place, and its row is added.
 
 An episode may have to wait for four reasons. Its chain: a trial that takes something over (`Rules.carry`) begins when
-the trial before it has a result. Caps of the run: it begins only if its expected use fits under the caps together with
-the running episodes, and until an episode of its cell is finished, they are played one at a time. Its player: at most
-`concurrency` episodes of it run at a time. A model, or a function that is an agent, that has not played an action yet
-in this run: one episode begins, and the others wait for its first step, so that a wrong key, a mistake in the function,
-or a server that does not pass tool calls on, costs one episode instead of a hundred.
+the trial before it has a result. Caps of the run: it begins only if its expected use fits under the caps
+together with the running episodes. Its player: at most `concurrency` episodes of it run at a time. A model, or
+a function that is an agent, that has not played an action yet in this run: one episode begins, and the others wait for
+its first step, so that a wrong key, a mistake in the function, or a server that does not pass tool calls on, costs one
+episode instead of a hundred.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Scheduler:
         }
         folder.write_rows(self._rows.values())
         self._spent = self._spent_before() if setup.caps else Spent()
-        self._expected = Expectations(plan, self._rows.values())
+        self._expected = Expectations(plan, self._rows.values(), setup.prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
@@ -166,8 +166,7 @@ class Scheduler:
         """Return the next task, or None if none can begin now (`executors.Take`)."""
         if self._is_over():
             return None
-        under_way = Counter(task.planned.place for task in self._running.values())
-        busy = Counter(self._who[place] for place in under_way.elements())
+        busy = Counter(self._who[task.planned.place] for task in self._running.values())
         for place, episode in enumerate(self._queue):
             player = self._who[episode.place]
             if player in self._silent or self._waits(episode):
@@ -176,8 +175,6 @@ class Scheduler:
             if room is not None and busy[player] >= room:
                 continue
             if busy[player] and (self._is_failing(player) or not self._has_acted(player)):
-                continue
-            if self._setup.caps and not self._expected.knows(episode) and episode.place in under_way:
                 continue
             if not self._fits(episode):
                 self._capped = not self._running

@@ -1,7 +1,8 @@
-"""A run with a model begins with one episode; what keeps it from playing is said; calls in a text; the pilot."""
+"""`check`: every way in which a model cannot play has its own sentence, and exit code 1."""
 
 from __future__ import annotations
 
+import json
 import re
 import threading
 from typing import Any
@@ -12,13 +13,15 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
-from tests.evaluation.test_models_of_runs import BANDIT, MODEL, play
+from tests.evaluation.test_models_of_runs import BANDIT, MODEL
 from tests.loopback import Loopback
 
 pytest.importorskip("openai")
 
 
-HERMES = '<tool_call>\n{"name": "act", "arguments": {"action": "1"}}\n</tool_call>'
+def called(name: str, arguments: str) -> dict[str, Any]:
+    call = {"id": "1", "type": "function", "function": {"name": name, "arguments": arguments}}
+    return {"content": None, "tool_calls": [call]}
 
 
 def cut(message: dict[str, Any]) -> tuple[int, dict[str, Any]]:
@@ -27,20 +30,64 @@ def cut(message: dict[str, Any]) -> tuple[int, dict[str, Any]]:
     return status, body
 
 
+HERMES = '<tool_call>\n{"name": "act", "arguments": {"action": "1"}}\n</tool_call>'
+
+REPLIES = {
+    "arguments that are not JSON": (completion(called("act", '{"action": Rock')), "are not JSON", "--tool-call-parser"),
+    "a prefix": (completion(called("functions.act", '{"action": "1"}')), "adds `functions.`", "--tool-call-parser"),
+    "an unknown tool": (completion(called("move", "{}")), "`move`, which is not a tool", "observe, act, read_manual"),
+    "an illegal action": (completion(called("act", '{"action": "Fly"}')), "cannot be played", "description"),
+    "cut within words": (cut({"content": "<think>Let me see"}), "cut at its length", "--reply-tokens"),
+    "cut within a call": (cut(called("act", '{"act')), "within a call", "--reply-tokens"),
+    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "--parse-calls hermes"),
+    "reasoning alone": (
+        completion({"content": None, "reasoning_content": "hm " * 9}),
+        "27 characters",
+        "reasoning pars",
+    ),
+    "words": (completion({"content": "I observe."}), "has called no tool", "--tool-choice required"),
+}
+
+
+@pytest.mark.parametrize("name", REPLIES)
+def test_a_model_that_cannot_play_is_told_apart(name):
+    answer, what, remedy = REPLIES[name]
+    with serving(lambda body, number: answer) as (url, bodies):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    (sentence,) = [line for line in output.splitlines() if line.startswith(f"{MODEL} ") and what in line]
+    assert remedy in sentence
+    assert code == 1
+    assert len(bodies) == 3
+
+
+def test_a_model_that_errs_once_can_play():
+    answers = [called("act", "{"), calling("act", action="1"), calling("act", action="1")]
+    with serving(lambda body, number: completion(answers[number])) as (url, _):
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
+    assert (code, "are not JSON" in output) == (0, True)
+
+
+def test_reasoning_that_no_usage_counts_is_counted():
+    message = {**calling("act", action="1"), "reasoning_content": "I take the first arm."}
+    with serving(lambda body, number: completion(message, prompt_tokens=9, completion_tokens=9)) as (url, _):
+        (report,) = json.loads(run("check", "--players", MODEL, "--base-url", url, "--json")[1])
+    assert report["reasoning"] == 3 * 6
+
+
 @pytest.mark.parametrize("kind", ["text/html", "application/json"])
-def test_a_web_page_is_not_a_model(tmp_path, kind):
+def test_a_web_page_is_not_a_model(kind):
     with Loopback(lambda path, body: (200, kind, b"<!doctype html><title>Hello</title>")) as server:
-        code, _, stderr = play(tmp_path, server.url, "--trials", 1)
+        code, output, _ = run("check", "--players", MODEL, "--base-url", server.url)
     assert code == 1
-    assert f"{server.url} answered with" in stderr
-    assert "usually ends in /v1" in stderr
+    assert f"{server.url} answered with" in output
+    assert "usually ends in /v1" in output
 
 
-def test_a_missing_v1_is_named(tmp_path):
+def test_a_missing_v1_is_named():
     with serving(lambda body, number: refusal(404, "not_found", "Not Found")) as (url, _):
-        code, _, stderr = play(tmp_path, url.removesuffix("/v1"), "--trials", 1)
+        code, output, _ = run("check", "--players", MODEL, "--base-url", url.removesuffix("/v1"))
     assert code == 1
-    assert "Check the model's name and --base-url, which ends in /v1 as a rule" in stderr
+    assert "Check the model's name and --base-url, which ends in /v1 as a rule" in output
 
 
 # A run begins with one episode, until it has played an action.

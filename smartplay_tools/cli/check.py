@@ -1,0 +1,78 @@
+"""The command `check`: three turns with each model of a run, before the run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from smartplay_tools.cli import options, runs
+from smartplay_tools.cli.show import compact_table, print_json
+from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
+from smartplay_tools.evaluation.runs.probe import Probe, probe
+from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
+from smartplay_tools.terminal import Console, Text, say
+
+
+def check(
+    run_file: Annotated[
+        Path | None, typer.Argument(metavar="[RUN.toml]", help="A run file, whose players are checked.")
+    ] = None,
+    players: Annotated[str | None, typer.Option(help="Comma-separated names of players.")] = None,
+    base_url: options.BaseUrls = None,
+    player_option: options.PlayerOptions = None,
+    price: runs.Prices = None,
+    parse_calls: options.ParseCalls = None,
+    tool_choice: options.ToolChoice = None,
+    as_json: options.Json = False,
+) -> None:
+    """Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.
+
+    The exit code is 1 if a model cannot play.
+
+    Example: smartplay-tools check --players openai:gpt-5-mini
+    """
+    file = RunFile() if run_file is None else read_run_file(run_file)[0]
+    names = options.names(players) or [config.name for config in file.configs()]
+    if not names:
+        raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
+    configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
+    configs = runs.with_tool_options(configs, parse_calls, tool_choice)
+    check_prices(runs.prices(price), names)
+    prices = given_prices(configs) | runs.prices(price)
+    answers = [(config, probe(config, prices)) for config in configs]
+    probes = [answer for _, answer in answers if answer is not None]
+    if as_json:
+        print_json([{**asdict(answer), "advice": answer.advice} for answer in probes])
+    else:
+        _print(answers)
+    if not all(answer.playable for answer in probes):
+        raise typer.Exit(1)
+
+
+def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
+    console = Console()
+    table = compact_table(
+        "player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", "price", folded=1
+    )
+    for config, answer in answers:
+        if answer is None:
+            table.add_row(config.name, "no model", *[""] * 7)
+            continue
+        words = map(_word, (answer.reachable, answer.tools, answer.played, answer.ids, answer.parallel, answer.usage))
+        reasoning = "" if answer.reasoning is None else str(answer.reasoning)
+        table.add_row(answer.player, *words, reasoning, "known" if answer.price else "unknown")
+    console.print(table)
+    for _, answer in answers:
+        for line in answer.advice if answer is not None else []:
+            say(line)
+    costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
+    if costs:
+        say(f"These calls have cost ${sum(costs):.4f}.")
+
+
+def _word(answer: bool | None) -> str | Text:
+    return "" if answer is None else "yes" if answer else Text("no", style="red")
