@@ -11,13 +11,15 @@ It needs the extras `local` and `evaluation`. One process plays at temperature 0
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models import QWEN, TAUGHT, UNTAUGHT, rows_of, write_records
-from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score
+from page_tables import HERE, Experiment, arguments, complete, interval, markdown_table, mean_score
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.style import (
@@ -31,6 +33,7 @@ from smartplay_tools.evaluation.analysis.figures.style import (
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games.specs import lockers_setting
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types.groups import grouped
 
 if TYPE_CHECKING:
@@ -47,27 +50,40 @@ ENTRY, ENTRY_WORLDS = 0.9, 16
 IN_VIEW = "all in view"
 FOUR, EIGHT = (sp.register(lockers_setting(f"Lockers{facts}-v0", facts=facts)).id for facts in (4, 8))
 FACTS = {LOCKERS: 6, FOUR: 4, EIGHT: 8}
-ENTRIES = {
-    "call": (LOCKERS, "call", SEED),
-    "text": (LOCKERS, "text", SEED),
-    "fresh": (LOCKERS, "text", SEED + 100),
-    "four": (FOUR, "text", SEED + 200),
-    "eight": (EIGHT, "legal", SEED + 300),
+
+
+@dataclass(frozen=True)
+class Asking:
+    """One time that the model is asked to enter, and the curves that it plays if it does."""
+
+    game: str
+    form: str
+    seed: int
+    caps: Sequence[int] = ()
+    histories: Sequence[int] = ()
+
+    @property
+    def curves(self) -> Mapping[str, Mapping[str, int]]:
+        """Fields of the budget by the names of the ways."""
+        caps = {f"cap {cap}": {"prompt_tokens": cap} for cap in self.caps}
+        return caps | {f"history {steps}": {"history": steps} for steps in self.histories}
+
+
+ASKED = {
+    "call": Asking(LOCKERS, "call", SEED),
+    "text": Asking(LOCKERS, "text", SEED),
+    "fresh": Asking(LOCKERS, "text", SEED + 100),
+    "four": Asking(FOUR, "text", SEED + 200, (390, 430, 470, 515, 560, 600), (1, 2, 3, 4, 5, 6)),
+    "eight": Asking(EIGHT, "legal", SEED + 300, (400, 500, 600, 700, 800, 900), (2, 4, 6, 8, 10, 12)),
 }
-"""Every time that a model was asked to enter, one after the other: the game, the format and the seed of the worlds.
+"""One after the other.
 
 `text` was asked for after `call` had failed and six worlds of `text` were seen, two of which are among its own; `fresh`
 has others. A game of four things was tried in one world and asked for; then, after three worlds of six things in
 `legal`, one of eight.
 """
-CURVED = "eight"
-"""The entry whose curves are shown."""
 BOUNDS = {"cap": "tokens of a prompt", "history": "steps of history"}
 SCRIPTS = "reader", "random"
-CURVES: Mapping[str, Mapping[str, int]] = {
-    **{f"cap {cap}": {"prompt_tokens": cap} for cap in (400, 500, 600, 700, 800, 900)},
-    **{f"history {steps}": {"history": steps} for steps in (2, 4, 6, 8, 10, 12)},
-}
 MANUAL = 160
 """The cap on results, in tokens, under which no cap on prompts cuts the manual."""
 ROUNDS = (8, 16, 24)
@@ -90,15 +106,15 @@ def play_formats(out: Path, files: Mapping[str, str]) -> None:
             )
 
 
-def play_entry(out: Path, model: str, file: str, entry: str) -> None:
-    """Play a model and the scripts with all in view, and under every cap and history if the model enters."""
-    game, form, seed = ENTRIES[entry]
-    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(model, file, form))
-    for worlds, way in ((ENTRY_WORLDS, IN_VIEW), *product(ROUNDS, CURVES), (ROUNDS[-1], IN_VIEW)):
-        fields = {"result_tokens": MANUAL, **CURVES.get(way, {})}
+def play_entry(out: Path, file: str, entry: str) -> None:
+    """Play the model and the scripts with all in view, and under every cap and history if the model enters."""
+    asked = ASKED[entry]
+    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(QWEN, file, asked.form))
+    for worlds, way in ((ENTRY_WORLDS, IN_VIEW), *product(ROUNDS, asked.curves), (ROUNDS[-1], IN_VIEW)):
+        fields = {"result_tokens": MANUAL, **asked.curves.get(way, {})}
         for player in players:
-            play_cell(out / entry / player.name / game / way, player, game, worlds, seed, **fields)
-        if not enters(cells_of(rows_of(out), entry)[model, game, IN_VIEW]):
+            play_cell(out / entry / player.name / asked.game / way, player, asked.game, worlds, asked.seed, **fields)
+        if not enters(cells_of(rows_of(out), entry)[QWEN, IN_VIEW]):
             return
 
 
@@ -113,17 +129,16 @@ def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: 
     """Play worlds with fields of the budget; what was played is not played again."""
     budget = sp.Budget(**{"history": None, "reply_tokens": 80, **fields})
     given: Any = {"trials": worlds, "seed": seed, "executor": "inline", **RULES}
-    done = sp.evaluate([game], [player], budgets=budget, out=folder, **given)
+    done = complete([game], [player], budgets=budget, out=folder, **given)
     print(f"{folder}: {len(done.rows)} of {done.planned} episodes", flush=True)
 
 
-Cells = Mapping[tuple[str, str, str], list[Row]]
+Cells = Mapping[tuple[str, str], list[Row]]
 
 
-def cells_of(rows: Iterable[Row], entry: str | None = None) -> Cells:
-    """Group rows by player, game and way: what bounds the prompts of an entry, or without one a format."""
-    own = (row for row in rows if (row["worlds"] if row["worlds"] in ENTRIES else None) == entry)
-    return grouped(own, lambda row: (row["player"], row["game"], row["way"]))
+def cells_of(rows: Iterable[Row], entry: str) -> Cells:
+    """Group the rows of one time that the model was asked to enter by player and way."""
+    return grouped((row for row in rows if row["worlds"] == entry), lambda row: (row["player"], row["way"]))
 
 
 def enters(rows: Sequence[Row]) -> bool:
@@ -131,10 +146,11 @@ def enters(rows: Sequence[Row]) -> bool:
     return len(rows) >= ENTRY_WORLDS and mean_score(rows).mean >= ENTRY * FACTS[rows[0]["game"]]
 
 
-def formats_table(cells: Cells) -> str:
+def formats_table(rows: Sequence[Row]) -> str:
     """For each model and format: the steps, the illegal actions, and the right answers, all of which are in view."""
     headings = ("model", "format", "worlds", "steps", "illegal", "right of asked", "bandit: worlds", "steps", "illegal")
-    lines = []
+    lines, own = [], (row for row in rows if row["worlds"] not in ASKED)
+    cells = grouped(own, lambda row: (row["player"], row["game"], row["way"]))
     for model, form in product(MODELS, FORMATS):
         if told := cells.get((model, LOCKERS, form)):
             lines.append([model, form, *_counts(told), _right(told), *_counts(cells.get((model, BANDIT, form), []))])
@@ -155,74 +171,92 @@ def _right(rows: Sequence[Row]) -> str:
 def entry_table(rows: Sequence[Row]) -> str:
     """Every time that the model was asked to enter, beside the scripts, and its right answers; all was in view."""
     lines = []
-    for entry, (game, form, _) in ENTRIES.items():
+    for number, (entry, asked) in enumerate(ASKED.items(), 1):
         cells = cells_of(rows, entry)
-        if own := cells.get((QWEN, game, IN_VIEW)):
+        if own := cells.get((QWEN, IN_VIEW)):
             failed = "does not enter" if len(own) >= ENTRY_WORLDS else "too few worlds"
-            scripts = (interval(mean_score(cells[script, game, IN_VIEW])) for script in SCRIPTS)
-            told = [f"{FACTS[game]}", form, f"{len(own)}", interval(mean_score(own)), *scripts, _right(own)]
+            told = [f"{number}", f"{FACTS[asked.game]}", asked.form, *_scores(cells, IN_VIEW)]
             lines.append([*told, "enters" if enters(own) else failed])
-    return markdown_table(("facts", "format", "worlds", "score", *SCRIPTS, "right", "verdict"), lines)
+    return markdown_table(("asked", "facts", "format", "worlds", "score", *SCRIPTS, "right", "verdict"), lines)
 
 
-def curves_table(cells: Cells, game: str) -> str:
-    """The scores under every cap and history, and the right answers where all that is needed is in view."""
+def _scores(cells: Cells, way: str) -> list[str]:
+    """The worlds, the scores of the model and of the scripts, and its right answers where what they need is in view."""
+    own = cells[QWEN, way]
+    scripts = (interval(mean_score(cells[script, way])) for script in SCRIPTS)
+    return [f"{len(own)}", interval(mean_score(own)), *scripts, _right(own)]
+
+
+def curves_table(rows: Sequence[Row]) -> str:
+    """The scores under every cap and history that was played."""
     lines = []
-    for way in (IN_VIEW, *CURVES):
-        if own := cells.get((QWEN, game, way)):
-            scripts = (interval(mean_score(cells[script, game, way])) for script in SCRIPTS)
-            lines.append([way, f"{len(own)}", interval(mean_score(own)), *scripts, _right(own)])
-    return markdown_table(("way", "worlds", "score", *SCRIPTS, "right where in view"), lines)
+    for entry, asked in ASKED.items():
+        cells = cells_of(rows, entry)
+        ways = [way for way in asked.curves if (QWEN, way) in cells]
+        lines += [[f"{FACTS[asked.game]}", way, *_scores(cells, way)] for way in (*[IN_VIEW] * bool(ways), *ways)]
+    return markdown_table(("facts", "way", "worlds", "score", *SCRIPTS, "right where in view"), lines)
 
 
-def knee(cells: Cells, player: str, game: str, bound: str) -> str:
-    """The least cap or history from which on a player reaches nine tenths of its score with all in view."""
-    best, found = mean_score(cells[player, game, IN_VIEW]).mean, "none"
-    for way in reversed([way for way in CURVES if way.startswith(bound) and (player, game, way) in cells]):
-        if mean_score(cells[player, game, way]).mean < ENTRY * best:
-            break
-        found = way.removeprefix(bound).strip()
+def points(rows: Sequence[Row]) -> Mapping[tuple[int, str], Mapping[str, Mapping[float, MeanEstimate]]]:
+    """Return the means of whole curves by facts and bound, player, and cap or history; the last has all in view."""
+    found: dict[tuple[int, str], Mapping[str, Mapping[float, MeanEstimate]]] = {}
+    for (entry, asked), bound in product(ASKED.items(), BOUNDS):
+        cells = cells_of(rows, entry)
+        ways = {way: float(way.split()[1]) for way in asked.curves if way.startswith(bound)}
+        if ways and all((QWEN, way) in cells for way in ways):
+            found[FACTS[asked.game], bound] = {
+                player: {at: mean_score(cells[player, way]) for way, at in (*ways.items(), (IN_VIEW, math.inf))}
+                for player in (QWEN, *SCRIPTS)
+            }
     return found
 
 
-def knees_table(cells: Cells, game: str) -> str:
-    """The knee of the model beside that of `reader`."""
-    lines = ([bound, knee(cells, QWEN, game, bound), knee(cells, "reader", game, bound)] for bound in BOUNDS)
-    return markdown_table(("bound", "its knee", "reader's"), lines)
+def knee(curve: Mapping[float, MeanEstimate]) -> str:
+    """The least cap or history from which on a player reaches nine tenths of its score with all in view."""
+    found = "none"
+    for at in sorted(curve, reverse=True):
+        if curve[at].mean < ENTRY * curve[math.inf].mean:
+            break
+        found = f"{at:.0f}" if at < math.inf else found
+    return found
+
+
+def knees_table(rows: Sequence[Row]) -> str:
+    """The knees of the model beside those of `reader`."""
+    lines = (
+        [f"{facts}", bound, knee(curves[QWEN]), knee(curves["reader"])]
+        for (facts, bound), curves in points(rows).items()
+    )
+    return markdown_table(("facts", "bound", "its knee", "reader's"), lines)
 
 
 @figure
-def curves(cells: Cells, game: str) -> Figure:
+def drawn_curves(rows: Sequence[Row]) -> Figure:
     """Draw the scores of the model and of the scripts over the cap and the history."""
-    drawn, axes = panels(len(BOUNDS), columns=len(BOUNDS), size=(4.2, 3.6))
-    counts = set()
-    for panel, bound in zip(axes, BOUNDS, strict=True):
-        for look, player in enumerate((QWEN, *SCRIPTS)):
-            played = {way: cells[player, game, way] for way in CURVES if way.startswith(bound)}
-            means = [mean_score(rows) for rows in played.values()]
-            at = [float(way.split()[1]) for way in played]
-            draw_estimates(panel, at, means, Series.number(look), player)
-            counts |= {each.episodes for each in means}
-        found = f"knee at {knee(cells, QWEN, game, bound)}, reader's at {knee(cells, 'reader', game, bound)}"
-        panel.set(title=found, xlabel=BOUNDS[bound], ylabel=f"right answers of {FACTS[game]}")
+    found, counts = points(rows), set[int]()
+    drawn, axes = panels(len(found), columns=len(found), size=(4.6, 3.6))
+    for panel, ((facts, bound), curves) in zip(axes, found.items(), strict=True):
+        for look, (player, curve) in enumerate(curves.items()):
+            at = [at for at in curve if at < math.inf]
+            draw_estimates(panel, at, [curve[each] for each in at], Series.number(look), player)
+            counts |= {curve[each].episodes for each in at}
+        knees = f"knee at {knee(curves[QWEN])}, reader's at {knee(curves['reader'])}"
+        panel.set(title=f"{facts} things: {knees}", xlabel=BOUNDS[bound], ylabel="right answers", ylim=(0, facts))
     legend_below(drawn, note=sample_note(counts))
     return drawn
 
 
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
-    cells, game = cells_of(rows, CURVED), ENTRIES[CURVED][0]
     return {
-        "entry-formats": formats_table(cells_of(rows)),
+        "entry-formats": formats_table(rows),
         "entry": entry_table(rows),
-        "entry-curves": curves_table(cells, game),
-        "entry-knees": knees_table(cells, game),
+        "entry-curves": curves_table(rows),
+        "entry-knees": knees_table(rows),
     }
 
 
-EXPERIMENT = Experiment(
-    "entry", tables, lambda rows: {"entry-curves": curves(cells_of(rows, CURVED), ENTRIES[CURVED][0])}
-)
+EXPERIMENT = Experiment("entry", tables, lambda rows: {"entry-curves": drawn_curves(rows)})
 
 
 def main() -> None:
@@ -230,13 +264,13 @@ def main() -> None:
     parser = arguments(__doc__, "runs/entry")
     for model in ("gemma", "qwen"):
         parser.add_argument(f"--{model}", help="its file, which is played by its path")
-    parser.add_argument("--enter", choices=ENTRIES, help="ask whether Qwen enters")
+    parser.add_argument("--enter", choices=ASKED, help="ask whether Qwen enters")
     asked = parser.parse_args()
     files = {UNTAUGHT: UNTAUGHT, TAUGHT: TAUGHT, GEMMA: asked.gemma, QWEN: asked.qwen}
     if asked.publish:
         write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz", MODELS)
     elif asked.enter:
-        play_entry(asked.out, QWEN, asked.qwen, asked.enter)
+        play_entry(asked.out, asked.qwen, asked.enter)
     else:
         play_formats(asked.out, {model: file for model, file in files.items() if file})
     EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)

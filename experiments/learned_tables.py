@@ -95,7 +95,6 @@ def tables(played: Played) -> dict[str, str]:
         "learned-trainings": _trainings(played, _of_trainings()),
         "learned-lines": _trainings(played, _of_lines()),
         "learned-manuals": _trainings(played, _of_manuals()),
-        "learned-differences": _differences(played, _comparisons()),
     }
 
 
@@ -125,21 +124,6 @@ def _order(player: str) -> tuple[bool, bool, str]:
 
 Compared = tuple[Cell, Cell]
 """This, and what it is less; `-{}` in a model's name stands for the seed of its training."""
-
-
-def _comparisons() -> list[Compared]:
-    """What is compared of scripts and of single models."""
-    small, full = CAPS[0], None
-    wanted = [(Cell("rule", small, game=game), Cell("rule", full, game=game)) for game in (GAME, BANDIT)]
-    for player in ("rule-notes", "digits", *(f"digits-notes-{seed}" for seed in SEEDS), "digits-notes-0-rewarded"):
-        wanted += [(Cell(player, SMALL, "notes"), Cell(player, SMALL))]
-    for player in ("digits", "small-1"):
-        wanted += [(Cell(f"digits-notes-{seed}", SMALL, "notes"), Cell(player, SMALL)) for seed in SEEDS]
-        wanted += [(Cell("digits-summary-0", SMALL, "summary"), Cell(player, SMALL))]
-    wanted += [(Cell("digits-notes-0-rewarded", SMALL, "notes"), Cell("digits-notes-0", SMALL, "notes"))]
-    for player in ("small-1", "full-0"):
-        wanted += [(Cell(player, SMALL, way), Cell(player, SMALL)) for way in WAYS if way != "drop"]
-    return wanted
 
 
 def _of_lines() -> list[Compared]:
@@ -227,17 +211,6 @@ def _any_seed(each: Sequence[Sequence[float] | None]) -> MeanEstimate | None:
     half = t_quantile((1 - CONFIDENCE) / 2, len(of_seeds) - 1) * spread
     mean = fmean(of_seeds)
     return MeanEstimate(mean, mean - half, mean + half, len(of_seeds))
-
-
-def _differences(played: Played, wanted: Sequence[Compared]) -> str:
-    """Paired differences, whose intervals hold together in 95 of 100 such tables."""
-    compared = [(pair, values) for pair in wanted if (values := _paired(played, pair)) is not None]
-    lines = []
-    for (cell, other), values in compared:
-        estimate = mean_estimate(values, BOUNDS, bonferroni(len(compared)))
-        names = (_name(each) + played.early(each) for each in (cell, other))
-        lines.append((*names, _interval(estimate, "+")))
-    return markdown_table(("this", "less this", "difference [95 %, all together]"), lines)
 
 
 def _name(cell: Cell) -> str:

@@ -4,7 +4,6 @@
     python experiments/models.py --qwen FILE --pilot     # ten worlds, from which the questions were chosen
     python experiments/models.py --qwen FILE             # other worlds; continues where it stopped
     python experiments/models.py --qwen FILE --publish   # both, with three records of every cell
-    python experiments/models.py --controls              # the scripts alone, in seconds
     python experiments/tables.py models                  # the tables of the page, from the published rows
 
 It needs the extras `local`, `popgym`, `evaluation`, `langchain` and `pydantic-ai`. Qwen2.5-Coder-1.5B-Instruct plays as
@@ -17,12 +16,12 @@ played again can differ; records hold what was replied.
 from __future__ import annotations
 
 import tarfile
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from page_tables import (
     HERE,
@@ -31,44 +30,23 @@ from page_tables import (
     interval,
     markdown_table,
     mean_of,
-    mean_score,
     repeat_previous,
     score_of,
     verdict,
 )
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.beside import EARLY, ends_of
 from smartplay_tools.evaluation.analysis.decisions import mde
-from smartplay_tools.evaluation.analysis.figures.style import (
-    GREY,
-    Series,
-    draw_dots,
-    figure,
-    legend_below,
-    mark_notes,
-    panels,
-    sample_note,
-    spread,
-)
 from smartplay_tools.evaluation.analysis.pairs import paired_difference, reward, score, steps
 from smartplay_tools.evaluation.analysis.together import bonferroni
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method
-from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.groups import grouped
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SEED, PILOT_SEED = 27_112_026, 11
 CALLS = 20
 """An episode ends after as many calls, which bounds what one costs on a processor."""
-LAST = 10
-"""Of how many last acts a table says whether they were all the same."""
 CAP = 700
 """The smallest cap on prompts, in tokens, under which strategies play."""
 ENGINE = ("xllamacpp", "format", "model", "adapter")
@@ -174,7 +152,7 @@ def play_controls(out: Path) -> None:
         scripted = "reader" if sp.GAMES[game].memory else "rule"
         worlds = max(8, *(stage.worlds for stage in STAGES if game in stage.games))
         capped = ASKED if game in READING else CAPS
-        players = dict.fromkeys(("random", *fixed_actions(game)), (WIDEST,))
+        players: dict[str, Sequence[str]] = dict.fromkeys(("random", *fixed_actions(game)), (WIDEST,))
         players |= dict.fromkeys((*READING.get(game, ()), scripted), capped)
         players |= {f"blind:{out / scripted / game / WIDEST}": (WIDEST,)}
         for name, ways in players.items():
@@ -193,11 +171,8 @@ def rows_of(out: Path) -> Iterator[Row]:
     for folder in folders(out):
         worlds, player, _, way = folder.path.relative_to(out).parts
         for row in folder.rows():
-            calls = Record.read(folder.transcript(row["key"])).calls
-            acts = [call["arguments"] for call in calls if call["name"] == "act"]
-            last = len(set(acts[-LAST:])) if len(acts) >= LAST else None
             engine = {name: row["versions"].get(name) for name in ENGINE}
-            yield {**row, "player": player, "way": way, "worlds": worlds, "last_acts": last, "engine": engine}
+            yield {**row, "player": player, "way": way, "worlds": worlds, "engine": engine}
 
 
 def folders(out: Path) -> Iterator[RunFolder]:
@@ -228,31 +203,25 @@ def cells_of(rows: Sequence[Row]) -> Cells:
     return grouped(rows, lambda row: (row["worlds"], row["player"], row["game"], row["way"]))
 
 
-def scores_table(cells: Cells, players: Sequence[str], ways: Sequence[str]) -> str:
-    """The mean score of players at the games of the models in every way, with its interval and the number of worlds."""
-    lines, games = [], {game for worlds, player, game, _ in cells if worlds == "fresh" and player in MODELS}
-    for player in players:
-        for game, name in GAMES.items():
-            own = [cells.get(("fresh", player, game, way), []) for way in ways]
-            if any(own) and game in games:
-                lines.append([player, name, *map(_score, own)])
-    return markdown_table(["player", "game", *ways], lines)
+def scores_table(cells: Cells) -> str:
+    """The mean score of the models in the ways of the questions, with its interval and the number of worlds."""
+    lines = []
+    for player, game in product(MODELS, GAMES):
+        own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
+        if any(own):
+            lines.append([player, GAMES[game], *map(_score, own)])
+    return markdown_table(["player", "game", *ASKED], lines)
 
 
 def points_table(cells: Cells) -> str:
     """The points that the two games of the questions have paid, which are not their scores."""
     lines = []
-    for player in (*MODELS, "rule"):
-        for game in READING:
-            own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
-            if any(own):
-                told = [_points(rows) for rows in own]
-                lines.append([player, GAMES[game], *told])
+    for player, game in product((*MODELS, "rule"), READING):
+        own = [cells.get(("fresh", player, game, way), []) for way in ASKED]
+        if any(own):
+            paid = [f"{mean_of(rows, reward):+.2f}" if rows else "" for rows in own]
+            lines.append([player, GAMES[game], *paid])
     return markdown_table(["player", "game", *ASKED], lines)
-
-
-def _points(rows: Sequence[Row]) -> str:
-    return f"{mean_of(rows, reward):+.2f}" if rows else ""
 
 
 def baselines_table(cells: Cells) -> str:
@@ -272,24 +241,17 @@ def baselines_table(cells: Cells) -> str:
 def best_table(cells: Cells) -> str:
     """Every model under the smallest cap beside the baseline of one line that scores most in the same worlds."""
     lines = []
-    for player in MODELS:
-        for game, name in GAMES.items():
-            if own := cells.get(("fresh", player, game, DROPPING), []):
-                best, rows = best_baseline(cells, game, own)
-                less = interval(paired_difference(own, rows, score), "+")
-                lines.append([player, name, f"{len(own)}", f"{mean_of(own, score):.2f}", best, less])
+    for player, game in product(MODELS, GAMES):
+        if own := cells.get(("fresh", player, game, DROPPING), []):
+            worlds = {row["trial"] for row in own}
+            known = {each: _under(cells, each, game, DROPPING) for each in baselines(game)}
+            known = {each: [row for row in rows if row["trial"] in worlds] for each, rows in known.items()}
+            best = max(known, key=lambda each: mean_of(known[each], score))
+            named = f"{best} ({mean_of(known[best], score):.2f})"
+            less = interval(paired_difference(own, known[best], score), "+")
+            lines.append([player, GAMES[game], f"{len(own)}", f"{mean_of(own, score):.2f}", named, less])
     headings = ["player", "game", "worlds", "score", "best baseline", "model less it, score [95 %]"]
     return markdown_table(headings, lines)
-
-
-def best_baseline(cells: Cells, game: str, rows: Sequence[Row]) -> tuple[str, list[Row]]:
-    """Return the baseline of one line that scores most under the smallest cap in the worlds of these rows."""
-    worlds = {row["trial"] for row in rows}
-    others = {
-        each: [row for row in _under(cells, each, game, DROPPING) if row["trial"] in worlds] for each in baselines(game)
-    }
-    best = max(others, key=lambda each: mean_of(others[each], score))
-    return f"{best} ({mean_of(others[best], score):.2f})", others[best]
 
 
 def baselines(game: str) -> Sequence[str]:
@@ -311,35 +273,6 @@ def _score(rows: Sequence[Row]) -> str:
     return f"{score_of(rows)} ({len(rows)})" if rows else ""
 
 
-def ends_table(cells: Cells) -> str:
-    """What the calls of every model came to, and how its episodes ended, over all ways and worlds."""
-    lines = []
-    for player in MODELS:
-        for game, name in GAMES.items():
-            rows = [row for (_, *place), own in cells.items() if place[:2] == [player, game] for row in own]
-            if rows:
-                sums = [f"{sum(row[field] for row in rows):,}" for field in ("steps", "tool_calls", MISTAKES[0])]
-                reasons = Counter(row["end_reason"] for row in rows).most_common()
-                ended = ", ".join(f"{reason} {100 * count / len(rows):.0f} %" for reason, count in reasons)
-                lines.append([player, name, f"{len(rows)}", *sums, ended])
-    headings = ("player", "game", "episodes", "steps", "calls", "illegal", "ended as")
-    return markdown_table(headings, lines)
-
-
-def locked_table(cells: Cells) -> str:
-    """In how many episodes, of those with as many acts, the last acts of a model were all the same."""
-    lines = []
-    for worlds in ("pilot", "fresh"):
-        for player in MODELS:
-            for game in (HANDS, BANDIT):
-                name, own = GAMES[game], [cells.get((worlds, player, game, way), []) for way in ASKED]
-                last = [[row["last_acts"] for row in rows if row["last_acts"]] for rows in own]
-                if any(last):
-                    counts = (f"{each.count(1)} of {len(each)}" if each else "" for each in last)
-                    lines.append([worlds, player, name, *counts])
-    return markdown_table(["worlds", "player", "game", *ASKED], lines)
-
-
 Question = tuple[str, str, str, str]
 """Of a model at a game: whether it scores otherwise in the first way than in the second."""
 
@@ -354,21 +287,14 @@ QUESTIONS: tuple[Question, ...] = (
 """Written down after the pilot, before the models that they ask about had played the worlds of `SEED`."""
 
 
-def difference(cells: Cells, worlds: str, asked: Question, method: Method = USUAL) -> MeanEstimate | None:
-    """Estimate by how much a model scores more in one way than in the other, on the same worlds."""
-    player, game, way, other = asked
-    rows, reference = (cells.get((worlds, player, game, each), []) for each in (way, other))
-    return paired_difference(rows, reference, score, method)
-
-
 def questions_table(cells: Cells) -> str:
     """Every question with its answer; the intervals hold together."""
     lines, together = [], bonferroni(len(QUESTIONS))
-    for asked in QUESTIONS:
-        each = difference(cells, "fresh", asked, together)
+    for player, game, way, other in QUESTIONS:
+        rows, reference = (cells.get(("fresh", player, game, each), []) for each in (way, other))
+        each = paired_difference(rows, reference, score, together)
         if each is None:
             continue
-        player, game, way, other = asked
         shown = f"{mde(each.sd, each.episodes, confidence=together.confidence):.1f}" if each.sd else ""
         names = [player, GAMES[game], way, other, f"{each.episodes}"]
         lines.append([*names, interval(each, "+"), verdict(each), shown])
@@ -377,48 +303,19 @@ def questions_table(cells: Cells) -> str:
     return markdown_table(headings, lines)
 
 
-@figure
-def dots(cells: Cells) -> Figure:
-    """Draw the scores of the models in every way, a panel for each of the two games of the questions."""
-    drawn, axes = panels(2, size=(4.6, 4.0))
-    ways, counts = [way for way in reversed(WAYS) if way not in SLOW], set()
-    marks: list[str] = []
-    for panel, game in zip(axes, (HANDS, BANDIT), strict=True):
-        for look, player in enumerate(MODELS):
-            for place, way in enumerate(ways):
-                if rows := cells.get(("fresh", player, game, way), []):
-                    counts.add(len(rows))
-                    at, mark = [place + spread(look, 3)], EARLY * bool(ends_of(rows))
-                    draw_dots(panel, [mean_score(rows)], at, Series.number(look), player, [mark])
-                    marks.append(mark)
-        name, rows = best_baseline(cells, game, cells["fresh", TAUGHT, game, DROPPING])
-        panel.axvline(mean_of(rows, score), color=GREY, linestyle=":", label="best baseline of one line, under 700")
-        own = cells["fresh", TAUGHT, game, DROPPING]
-        less = paired_difference(own, rows, score)
-        verdict = "scores more" if less is not None and (less.high or 0) < 0 else "scores as much, as far as is shown"
-        title = f"{GAMES[game]}: under {DROPPING} a line of code,\n{name.partition(' ')[0]}, {verdict}"
-        panel.set(title=title, xlabel=f"score in {CALLS} calls", xlim=(-0.5, CALLS), yticks=range(len(ways)))
-        panel.set_yticklabels(ways if panel is axes[0] else [])
-    legend_below(drawn, note="; ".join([sample_note(counts), *mark_notes(marks)]))
-    return drawn
-
-
 def tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page by their names."""
     cells = cells_of(rows)
     return {
-        "models": scores_table(cells, MODELS, ASKED),
+        "models": scores_table(cells),
         "models-points": points_table(cells),
         "models-baselines": baselines_table(cells),
         "models-best": best_table(cells),
-        "models-controls": scores_table(cells, ("random", "blind", "rule", "reader"), CAPS),
-        "models-ends": ends_table(cells),
-        "models-locked": locked_table(cells),
         "models-questions": questions_table(cells),
     }
 
 
-EXPERIMENT = Experiment("models", tables, lambda rows: {"models": dots(cells_of(rows))})
+EXPERIMENT = Experiment("models", tables)
 
 
 def main() -> None:
@@ -426,13 +323,10 @@ def main() -> None:
     parser = arguments(__doc__, "runs/models")
     parser.add_argument("--pilot", action="store_true", help="play the worlds from which the questions were chosen")
     parser.add_argument("--qwen", default="", help="the file of Qwen2.5-Coder-1.5B-Instruct in four bits")
-    parser.add_argument("--controls", action="store_true", help="play the scripts alone")
     asked = parser.parse_args()
-    if not (asked.controls or asked.publish or asked.qwen):
-        parser.error("name the file of Qwen2.5-Coder with --qwen, or play the scripts alone with --controls")
-    if asked.controls:
-        play_controls(asked.out / "fresh")
-    elif not asked.publish:
+    if not (asked.publish or asked.qwen):
+        parser.error("name the file of Qwen2.5-Coder with --qwen")
+    if asked.qwen:
         stages, seed = (PILOT, PILOT_SEED) if asked.pilot else (STAGES, SEED)
         play(asked.out / ("pilot" if asked.pilot else "fresh"), stages, seed, asked.qwen)
         play_controls(asked.out / "fresh")

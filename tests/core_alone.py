@@ -38,7 +38,6 @@ COMMANDS = (
     ("compare", "run", "sweep"),
     ("cost", "run"),
     ("report", "run", "--out", "run.html"),
-    ("share", "hanoi.jsonl", "--out", "hanoi.html"),
     ("export", "run", "--out", "rows.jsonl"),
     ("view", "--play", "any", "--port", "0"),
     ("view", "run", "--port", "0"),

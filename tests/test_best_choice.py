@@ -85,10 +85,10 @@ class Asker:
         return sp.Choice([turn.number for turn in past.turns if {*self.game.needs}.intersection(turn.shows)])
 
 
-def played(cap: int, seed: int, strategy: str | None = None) -> tuple[Record, BestChoice]:
+def played(cap: int, seed: int, strategy: str | None = None, **rules: str) -> tuple[Record, BestChoice]:
     events = []
     budget = sp.Budget(history=None, prompt_tokens=cap, strategy=strategy)
-    with sp.Episode(SETTING, seed=seed, budget=budget, transcript=events) as episode:
+    with sp.Episode(SETTING, seed=seed, budget=budget, transcript=events, **rules) as episode:
         Asker.game = episode.privileged_game()
         sp.play(episode, sp.get_player("reader"))
         found = best_choice(episode.config)
@@ -96,10 +96,14 @@ def played(cap: int, seed: int, strategy: str | None = None) -> tuple[Record, Be
     return Record(events), found
 
 
-@pytest.mark.parametrize("cap", [430, 500, 600])
-def test_a_real_window_keeps_what_dropping_is_said_to_keep(cap):
-    for seed in range(3):
-        record, found = played(cap, seed)
+FIRST = {"first_observation": "prompt", "offered_tools": "useful"}
+"""What the first observation tells is in the head, and no turn."""
+
+
+@pytest.mark.parametrize(("cap", "rules"), [(430, {}), (500, {}), (600, {}), (600, FIRST), (900, FIRST)], ids=str)
+def test_a_real_window_keeps_what_dropping_is_said_to_keep(cap, rules):
+    for seed in range(6 if rules else 3):
+        record, found = played(cap, seed, **rules)
         seen = remembered(record).get("in view", [0, 0])[1]
         assert found.dropping == pytest.approx(seen + (6 - seen) / 9)
         assert found.dropping <= found.without_return == found.at_most <= found.with_return
@@ -125,8 +129,8 @@ def test_a_limited_history_and_a_game_that_tells_nothing():
     found = best_choice(episode.config)
     assert found is not None
     assert found.with_return == pytest.approx(6 / 9)
-    for game, cap in ((SETTING, None), ("Hanoi3Disk-v0", 900)):
-        assert best_choice(sp.Episode(game, seed=1, budget=sp.Budget(prompt_tokens=cap)).config) is None
+    for game, cap, rules in ((SETTING, None, {}), ("Hanoi3Disk-v0", 900, {}), (SETTING, 600, FIRST)):
+        assert best_choice(sp.Episode(game, seed=1, budget=sp.Budget(prompt_tokens=cap), **rules).config) is None
 
 
 def test_rows_and_tables_say_how_far_a_way_is_from_the_best(tmp_path):

@@ -192,22 +192,6 @@ def test_first_act_refuses_the_other_actions_of_a_message():
     assert episode.result.refused_calls == 1
 
 
-class TestIdempotency:
-    """A transport may repeat a call, which must not be played twice."""
-
-    def test_the_last_call_can_be_sent_again_after_the_end(self):
-        with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=1)) as episode:
-            first = episode.call("act", {"action": "1"}, "a")
-            assert episode.call("act", {"action": "1"}, "a").text == first.text
-
-    def test_a_key_lives_as_long_as_the_episode(self):
-        with sp.Episode(RPS, seed=1, budget=sp.Budget(tool_calls=None, stalled_turns=None)) as episode:
-            for key in range(300):
-                episode.call("observe", None, f"key-{key}")
-            assert episode.call("observe", None, "key-0").data.get("replayed")
-        assert episode.call("observe", None, "key-0").data.get("replayed")
-
-
 class TestManual:
     def test_pinned_it_stands_in_the_system_message(self):
         with sp.Episode(RPS, seed=1, manual="pinned") as episode:
@@ -271,11 +255,6 @@ class TestHostContext:
             assert notice.endswith("tokens cut]")
             assert history.startswith("Most recent 1 steps")
             assert history.endswith(f"Player Observation Step 9:\n{seen[8]}\n\n{seen[9]}")
-
-    def test_the_result_says_who_owned_the_context(self):
-        with sp.Episode(RPS, seed=1, context="host") as episode:
-            pass
-        assert episode.result.context == "host"
 
 
 def test_the_functions_are_plain_annotated_documented_callables(episode):

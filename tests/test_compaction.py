@@ -8,7 +8,6 @@ import itertools
 import json
 import threading
 import time
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +16,6 @@ import smartplay_tools as sp
 from smartplay_tools.context import ContextOverflowError, asked
 from smartplay_tools.context.compacting import MOST_QUESTIONS
 from smartplay_tools.context.strategies.custom import IN_FILES
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.players.prompt_reading import call
@@ -130,24 +128,6 @@ def test_copies_are_given_and_only_what_comes_back_matters():
 
     for first, second in zip(play(begin(compact), 4), play(begin(same), 4), strict=True):
         assert first.messages == second.messages
-
-
-def test_broken_arguments_are_given_as_an_empty_object():
-    given: list[str] = []
-
-    def compact(self, history, room):
-        given.extend(each["function"]["arguments"] for m in history for each in m.get("tool_calls", ()))
-        return history
-
-    reply: Any = {**ROCK, "tool_calls": [{**ROCK["tool_calls"][0], "function": {"name": "act", "arguments": "{"}}]}
-    config = begin(same).episode.config.model_copy(update={"prompts": "v1"})  # which sends them as they were said
-    sp.register_strategy("given-arguments", type("T", (), {"compact": compact}))
-    config = config.model_copy(update={"budget": config.budget.model_copy(update={"strategy": "given-arguments"})})
-    with sp.Episode.from_config(config) as episode:
-        conversation = sp.Conversation(episode)
-        prompts = play(conversation, 2, reply)
-    assert given == ["{}"]
-    assert prompts[1].messages[2]["tool_calls"][0]["function"]["arguments"] == "{"
 
 
 def test_room_has_the_tokens_that_are_left_the_count_of_the_window_and_the_latest_prompt():
@@ -877,10 +857,3 @@ def test_asynchronous_conversations_call_it_in_a_thread():
 
     asyncio.run(playing())
     assert threading.get_ident() not in threads
-
-
-def test_a_framework_acts_at_four_fifths_of_the_room_unless_it_is_told_when():
-    for told, room, limit in ((None, 1_000, 800), (300, 1_000, 300), (300, None, 300)):
-        compactor = ImportedCompactor(told)
-        compactor.room = SimpleNamespace(tokens=room)
-        assert compactor.limit == limit

@@ -18,7 +18,6 @@ import smartplay_tools as sp
 from smartplay_tools import registry
 from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
@@ -157,15 +156,6 @@ def test_a_file_that_was_rewritten_is_a_new_strategy(file):
     assert first == third != second
 
 
-def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch):
-    seen = []
-    for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
-        (tmp_path / folder).mkdir()
-        monkeypatch.chdir(tmp_path / folder)
-        seen.append(shown_by(turns))
-    assert seen[0] != seen[1]
-
-
 def test_both_versions_of_a_rewritten_file_are_replayed(file):
     records = []
     for turns in ("range(0)", "range(1)"):
@@ -223,25 +213,6 @@ def test_an_entry_point_is_a_name(file, monkeypatch):
     assert replay(events).identical
     with pytest.raises(sp.InvalidArgumentError, match="is taken"):
         sp.register_strategy("first", Declared)
-
-
-def test_a_choice_costs_what_it_shows(monkeypatch):
-    """The window itself looks at no turn that is neither shown nor pinned."""
-    runs = []
-    original = ContextWindow.row
-    monkeypatch.setattr(ContextWindow, "row", lambda *given: runs.append(1) or original(*given))
-    good = custom.load_strategy(f"{HERE / 'data' / 'broken_strategies.py'}:Good")
-    monkeypatch.setitem(custom._NAMED, "good", good)
-    counts = []
-    budget = sp.Budget(strategy="good", prompt_tokens=900, tool_calls=None, stalled_turns=None)
-    with sp.Episode(RPS, seed=1, budget=budget) as episode:
-        conversation = sp.Conversation(episode)
-        for _ in range(200):
-            runs.clear()
-            conversation.receive(sp.call("observe"))
-            conversation.prompt()
-            counts.append(len(runs))
-    assert max(counts[100:]) <= max(counts[:100])
 
 
 def test_the_judge_agrees(monkeypatch):

@@ -90,20 +90,34 @@ def test_a_model_enters_with_nine_tenths_of_the_best_score_in_enough_worlds(righ
 
 def of_lockers(scores, **facts):
     """Rows of worlds of Lockers with these scores."""
-    facts |= {"game": "Lockers6-v0", "end_reason": "terminated", "repeat": 0, "budget": {}}
+    facts = {"game": "Lockers6-v0", "end_reason": "terminated", "repeat": 0, "budget": {}} | facts
     return [{"score": score, "seed": world, "trial": world, **facts} for world, score in enumerate(scores)]
 
 
 def test_a_knee_is_where_a_player_begins_to_have_nine_tenths_of_its_own_score():
     entry = importlib.import_module("entry")
-    scores = {entry.IN_VIEW: 5, "cap 420": 5, "cap 490": 1, "cap 560": 4.5, "cap 700": 5, "history 9": 4}
-    rows = [row for way, score in scores.items() for row in of_lockers([score] * 4, player=entry.QWEN, way=way)]
-    reader = [row | {"player": "reader", "score": 6} for row in rows]
-    table = entry.tables([*rows, *reader])["entry-knees"]
-    assert table.splitlines()[2:] == [
-        "| qwen2.5-coder-1.5b | cap | 560 | 420 |",
-        "| qwen2.5-coder-1.5b | history | none | 9 |",
-    ]
+    asked = entry.ASKED["four"]
+    scores = dict(zip((entry.IN_VIEW, *asked.curves), (3, 3, 1, 2.9, 2.7, 3, 3, *[2] * 6), strict=True))
+    about = {"worlds": "four", "game": asked.game}
+    rows = [row for way, score in scores.items() for row in of_lockers([score] * 4, way=way, **about)]
+    played = [row | {"player": player} for player in (entry.QWEN, "random") for row in rows]
+    played += [row | {"player": "reader", "score": 4} for row in rows]
+    table = entry.knees_table(played)
+    assert table.splitlines()[2:] == ["| 4 | cap | 470 | 390 |", "| 4 | history | none | 1 |"]
+    some = [row for row in played if row["way"] != "cap 390"]
+    assert "cap" not in entry.knees_table(some), "of a curve that is not whole nothing is said"
+
+
+def test_two_players_agree_about_ways_as_far_as_their_worlds_say():
+    script = importlib.import_module("summaries")
+    ways, played = [way for way in script.WAYS if way != script.IN_VIEW], {}
+    for rank, way in enumerate(ways):
+        for player, scores in ((script.QWEN, [rank, rank + 1]), (script.READER, [rank, rank])):
+            played[player, way] = of_lockers(scores, way=way, player=player, questions=1)
+    assert script.agreement(played) == (pytest.approx(1), pytest.approx(1), pytest.approx(1), len(ways))
+    turned = {(player, way): played[player, ways[::-1][ways.index(way)]] for player, way in played}
+    turned |= {place: rows for place, rows in played.items() if place[0] == script.READER}
+    assert script.agreement(turned)[0] == pytest.approx(-1)
 
 
 @pytest.mark.parametrize("name", ["models", "entry"])

@@ -1,4 +1,4 @@
-"""Exports: what is chosen, what the rows and trajectories say, and that what cannot be trusted is refused."""
+"""Exports: what is chosen, what the rows say, and that what cannot be trusted is refused."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
-from smartplay_tools.context.prompts.wording import VERSION, Wording
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
 
-MANUAL_IS_ABOVE = Wording.of(VERSION)("manual_is_above")
 BUDGET = sp.Budget(prompt_tokens=700)
 
 
@@ -49,18 +46,9 @@ def test_a_row_of_sft_is_what_the_model_saw_and_what_it_said(run, tmp_path):
     assert len(own) == first.result.turns
 
 
-def test_a_row_of_sft_episodes_is_a_whole_conversation(run, tmp_path):
-    export(run, tmp_path / "data", "sft-episodes", completed=True)
-    for row in rows(tmp_path / "data"):
-        calls = [call["id"] for message in row["messages"] for call in message.get("tool_calls", ())]
-        answers = [message["tool_call_id"] for message in row["messages"] if message["role"] == "tool"]
-        assert calls == answers
-        assert row["completed"]
-
-
 def test_columns_have_one_type(run, tmp_path):
     """What Arrow needs: a value of a column, at any depth, is of one type in all rows, or missing."""
-    for name in ("sft", "sft-episodes"):
+    for name in ("sft", "sft-chains"):
         export(run, tmp_path / name, name)
         types: dict[str, set[str]] = {}
 
@@ -93,16 +81,14 @@ def test_columns_have_one_type(run, tmp_path):
     ids=str,
 )
 def test_what_is_left_out_is_counted(run, tmp_path, selection, kept):
-    exported = export(run, tmp_path / "data", "sft-episodes", **selection)
+    exported = export(run, tmp_path / "data", "sft-chains", **selection)
     assert exported.counts["episodes"] == kept
     assert exported.counts["episodes"] + exported.left_out.total() == 12
-    for reason in exported.left_out:
-        assert reason in (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_best_have_the_highest_scores(run, tmp_path):
-    export(run, tmp_path / "all", "sft-episodes")
-    export(run, tmp_path / "best", "sft-episodes", best=1)
+    export(run, tmp_path / "all", "sft-chains")
+    export(run, tmp_path / "best", "sft-chains", best=1)
     for best in rows(tmp_path / "best"):
         rivals = [r for r in rows(tmp_path / "all") if (r["game"], r["player"]) == (best["game"], best["player"])]
         assert best["score"] == max(rival["score"] for rival in rivals)
@@ -139,7 +125,8 @@ def test_data_is_never_overwritten(run, tmp_path):
     [
         ({"format": "csv"}, "csv"),
         ({"best": 0}, "best"),
-        ({"format": "sft-episodes", "summaries": True}, "sft-episodes has no rows for summaries"),
+        ({"format": "inspect", "summaries": True}, "inspect has no place for summaries"),
+        ({"format": "inspect", "pictures": True}, "inspect has no place for pictures"),
     ],
     ids=str,
 )
@@ -156,25 +143,6 @@ def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):
     (first, *_), count = rows(tmp_path / "data"), len(rows(tmp_path / "data"))
     assert "tools" not in first
     assert count == Record.read(record).result.turns
-    for other in ("sft-episodes", "atif"):
-        with pytest.raises(sp.InvalidArgumentError, match="export it as sft"):
-            export(record, tmp_path / "episodes", other)
-
-
-def test_a_trajectory_has_the_calls_with_their_results_and_what_the_prompt_showed(run, tmp_path):
-    export(run, tmp_path / "data", "atif", players=("rule",), games=("Hanoi3Disk-v0",))
-    files = sorted((tmp_path / "data" / "trajectories").glob("*.json"))
-    assert len(files) == 3
-    for file in files:
-        trajectory = json.loads(file.read_text(encoding="utf-8"))
-        result = trajectory["extra"]["smartplay"]["result"]
-        agent = [step for step in trajectory["steps"] if step["source"] == "agent"]
-        assert [step["step_id"] for step in trajectory["steps"]] == list(range(1, len(trajectory["steps"]) + 1))
-        assert sum(step["metrics"]["prompt_tokens"] for step in agent) == result["tokens"]["prompt"]
-        for step in agent:
-            called = [call["tool_call_id"] for call in step["tool_calls"]]
-            assert called == [answer["source_call_id"] for answer in step["observation"]["results"]]
-            assert step["extra"]["smartplay"]["prompt"]["tokens"] == step["metrics"]["prompt_tokens"]
 
 
 def test_the_command_says_what_it_wrote(run, tmp_path):
@@ -183,7 +151,6 @@ def test_the_command_says_what_it_wrote(run, tmp_path):
     assert shown.exit_code == 0
     assert "3 episodes" in shown.output
     assert "left out: 9 (not completed)" in shown.output
-    assert (out / "README.md").read_text(encoding="utf-8").startswith("---\nlanguage: en\n")
 
 
 def test_a_prompt_for_a_summary_is_no_row(tmp_path):
@@ -196,7 +163,6 @@ def test_a_prompt_for_a_summary_is_no_row(tmp_path):
     assert any(event["event"] == "summary" for event in sp.read_transcript(record))
     assert export(record, tmp_path / "data").counts["rows"] == result.turns
     assert [row["turn"] for row in rows(tmp_path / "data")] == list(range(result.turns))
-    export(record, tmp_path / "trajectories", "atif")
 
 
 def transcript(folder: Path, game: str, player: sp.Player, **options) -> Path:
@@ -206,30 +172,13 @@ def transcript(folder: Path, game: str, player: sp.Player, **options) -> Path:
     return record
 
 
-def test_the_manual_that_was_read_is_in_whole_conversations(tmp_path):
+def test_the_manual_that_was_read_is_in_the_rows(tmp_path):
     """In MESSENGER the manual is the task: without it nobody can learn why a move was right."""
     record = transcript(tmp_path, "MessengerL1-v0", sp.get_player("rule"), split="train")
     with sp.Episode("MessengerL1-v0", seed=7, split="train") as episode:
         manual = episode.manual_text
-    export(record, tmp_path / "rows", "sft-episodes")
-    (row,) = rows(tmp_path / "rows")
-    assert [m["role"] for m in row["messages"] if m["content"] == manual] == ["tool"]
-    export(record, tmp_path / "trajectories", "atif")
-    (file,) = (tmp_path / "trajectories" / "trajectories").glob("*.json")
-    steps = json.loads(file.read_text(encoding="utf-8"))["steps"]
-    answers = [answer["content"] for step in steps for answer in step.get("observation", {}).get("results", ())]
-    assert manual in answers
-    assert MANUAL_IS_ABOVE not in answers
-
-
-def test_a_pinned_manual_is_in_the_head_and_is_not_repeated(tmp_path):
-    call = {"id": "", "type": "function", "function": {"name": "read_manual", "arguments": "{}"}}
-    asking = sp.ScriptedPlayer([{"role": "assistant", "content": None, "tool_calls": [call]}] * 3)
-    budget = sp.Budget(tool_calls=3)
-    record = transcript(tmp_path, "MessengerL1-v0", asking, manual="pinned", budget=budget)
-    export(record, tmp_path / "rows", "sft-episodes")
-    (row,) = rows(tmp_path / "rows")
-    assert [m["content"] for m in row["messages"] if m["role"] == "tool"] == [MANUAL_IS_ABOVE] * 3
+    export(record, tmp_path / "rows", "sft-chains")
+    assert any(manual in (message["content"] or "") for row in rows(tmp_path / "rows") for message in row["prompt"])
 
 
 @pytest.mark.parametrize("slack", [0.0, 0.5])
@@ -273,16 +222,15 @@ def test_summaries_have_rows_when_they_are_asked_for(tmp_path, form):
         assert (sent.prompt.messages[-1]["content"], summary["message"]["content"]) in taught
 
 
-@pytest.mark.parametrize("form", ["sft-episodes", "sft-chains"])
-def test_the_record_of_a_host_is_one_conversation(tmp_path, form):
+def test_the_record_of_a_host_is_one_conversation(tmp_path):
     with sp.Episode("MessengerL1-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
         head, manual = episode.head, episode.manual_text
         episode.call("read_manual")
         first, second = episode.call_batch([ToolCall("act", {"action": "1"}), ToolCall("act", {"action": "9"})])
         episode.end("host")
-    export(tmp_path / "host.jsonl", tmp_path / "data", form)
+    export(tmp_path / "host.jsonl", tmp_path / "data", "sft-chains")
     (row,) = rows(tmp_path / "data")
-    messages = row.get("messages") or row["prompt"] + row["completion"]
+    messages = row["prompt"] + row["completion"]
     assert [(m["role"], m["content"]) for m in messages] == [
         *((m["role"], m["content"]) for m in head),
         ("assistant", ""),
@@ -303,33 +251,9 @@ def test_prompts_of_a_host_are_not_recorded_and_not_invented(tmp_path):
         episode.end("host")
     with pytest.raises(sp.InvalidArgumentError, match="export it as sft-chains"):
         export(tmp_path / "host.jsonl", tmp_path / "data", "sft")
-    assert export(tmp_path / "host.jsonl", tmp_path / "data", "atif").counts == {"episodes": 1, "steps": 3}
 
 
-def test_a_card_warns_of_names_that_tell_the_role_and_of_worlds_that_are_evaluated(tmp_path):
-    for game in ("Hanoi3Disk-v0", "MessengerL1-v0"):
-        for trial in range(2):
-            record = tmp_path / "records" / f"{game}.{trial}.jsonl"
-            with sp.Episode(game, seed=trial_seed(0, game, trial), transcript=record) as episode:
-                sp.play(episode, sp.get_player("rule"))
-    export(tmp_path / "records", tmp_path / "data", "sft-episodes")
-    card = (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
-    assert "MessengerL1-v0 played the games and sentences of its split `test`" in card
-    assert "dog, queen, robot, sword: always the message" in card
-    assert "--option split=train" in card
-    assert "Hanoi3Disk-v0 has one world" in card
-    assert "MessengerL1-v0: 2 of these worlds are among the first 100" in card
-
-
-def test_a_card_of_the_train_split_says_so_and_does_not_warn(tmp_path):
-    player, options = sp.get_player("rule"), {"split": "train"}
-    export(transcript(tmp_path, "MessengerL1-v0", player, **options), tmp_path / "data", "sft-episodes")
-    card = (tmp_path / "data" / "README.md").read_text(encoding="utf-8")
-    assert "its split `train`, in which every name has 2 or more roles" in card
-    assert "always the" not in card
-
-
-@pytest.mark.parametrize("form_of_rows", ["sft", "sft-chains", "sft-episodes"])
+@pytest.mark.parametrize("form_of_rows", ["sft", "sft-chains"])
 def test_pictures_are_files_beside_the_rows_on_request(tmp_path, form_of_rows):
     (tmp_path / "records").mkdir()
     for form in ("picture", "text"):
@@ -343,7 +267,7 @@ def test_pictures_are_files_beside_the_rows_on_request(tmp_path, form_of_rows):
     assert made.counts["pictures"] == len(files)
     exported = rows(tmp_path / "data")
     for row in exported:
-        messages = [*row.get("prompt", ()), *row.get("completion", ()), *row.get("messages", ())]
+        messages = [*row["prompt"], *row["completion"]]
         parts = [part for message in messages for part in message["content"]]
         assert [part for part in parts if part["type"] == "image"] == [{"type": "image"}] * len(row["images"])
         assert all((tmp_path / "data" / path).is_file() for path in row["images"])
@@ -357,5 +281,3 @@ def test_episodes_with_pictures_are_left_out_without_the_option(tmp_path):
         sp.play(episode, sp.get_player("random", seed=5))
     with pytest.raises(sp.InvalidArgumentError, match="1 observations are pictures"):
         export(tmp_path / "both.jsonl", tmp_path / "data")
-    with pytest.raises(sp.InvalidArgumentError, match="atif has no place for pictures"):
-        export(tmp_path / "both.jsonl", tmp_path / "data", "atif", pictures=True)

@@ -216,6 +216,6 @@ def test_a_page_is_written(files, tmp_path, name):
 
 
 def test_a_run_is_exported(files, tmp_path):
-    for form in ("sft", "sft-chains", "sft-episodes", "atif"):
+    for form in ("sft", "sft-chains"):
         run("export", "run", "--format", form, "--out", tmp_path / form)
     run("export", "records/pictures.jsonl", "--pictures", "--out", tmp_path / "pictures")

@@ -115,11 +115,7 @@ def test_players_and_games_of_a_notebook_are_played_in_it(tmp_path):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text.strip()) for text in code])
     _, run, refused, game, model, look, frame = executed(notebook, tmp_path).cells
 
-    bar, table = (output["data"]["text/html"] for output in run.outputs)
-    assert '<progress value="2" max="2"' in bar, "the bar is left as the run ended"
-    assert "2/2 episodes" in bar
-    assert "100 calls" in bar
-    assert "100 steps" in bar
+    (table,) = (output["data"]["text/html"] for output in run.outputs)
     assert "2 of 2 episodes finished" in table
     assert "is defined in this notebook, which worker processes cannot import" in output_of(refused)
     assert "MyHanoi-v0 was registered in this notebook" in output_of(game)

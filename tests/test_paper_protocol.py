@@ -190,12 +190,6 @@ def test_no_prompt_is_over_its_cap_and_the_history_is_as_long_as_fits():
     assert history.endswith(contents(thinker.prompts[-3])[3].removeprefix("current step observation: "))
 
 
-def test_history_0_has_no_history_message():
-    thinker = Thinker("Rock", "Rock", "Rock")
-    play("RockPaperScissorBasic-v0", thinker, budget=sp.Budget(history=0, tool_calls=3))
-    assert {len(prompt.messages) for prompt in thinker.prompts} == {4, 6}
-
-
 def test_a_budget_that_cannot_hold_the_smallest_prompt_is_refused_at_once():
     budget = sp.Budget(prompt_tokens=420, result_tokens=1000)
     refused = pytest.raises(sp.InvalidArgumentError, match="prompt_tokens=420")
@@ -206,12 +200,6 @@ def test_a_budget_that_cannot_hold_the_smallest_prompt_is_refused_at_once():
 def test_thoughts_that_fill_the_prompt_end_the_episode():
     result = play(HANOI, Thinker("?", thoughts="word " * 900), budget=sp.Budget(prompt_tokens=1000))
     assert (result.end_reason, result.steps, result.turns) == ("prompt_tokens", 0, 1)
-
-
-def test_the_episode_s_tokens_end_it():
-    result = play(HANOI, Thinker(*["?"] * 30), budget=sp.Budget(episode_tokens=5000, reply_tokens=50))
-    assert result.end_reason == "episode_tokens"
-    assert result.tokens.prompt + result.tokens.reply <= 5000
 
 
 def test_a_withheld_manual_is_in_no_prompt():
@@ -271,11 +259,6 @@ def test_it_plays_on_an_event_loop_too():
             return await sp.aplay(episode, Thinker(*["Noop"] * 30), protocol="paper")
 
     assert asyncio.run(play_it()).fallback_actions == 30
-
-
-def test_an_unknown_protocol_is_one_sentence():
-    with sp.Episode(HANOI, seed=7) as episode, pytest.raises(sp.InvalidArgumentError, match="tools, paper"):
-        sp.play(episode, Thinker(), protocol="papr")
 
 
 def test_the_cost_of_a_prompt_is_counted_as_what_a_cache_could_serve():

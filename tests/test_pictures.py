@@ -15,7 +15,6 @@ import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
 from smartplay_tools.context.tokens.pictures import RULES
 from smartplay_tools.episode import GameTools, cell_config
-from smartplay_tools.episode.config import Rules
 from smartplay_tools.errors import TranscriptError, UnknownNameError
 from smartplay_tools.evaluation.costs.tariffs import charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
@@ -32,7 +31,7 @@ from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
 from tests import fuzz, scripts
 from tests.games.test_minecraft_text import nothing, see
-from tests.test_conversation import acting, calling
+from tests.test_conversation import calling
 
 SHOWN = "The picture shows the current observation."
 
@@ -77,13 +76,6 @@ def test_its_file_is_read_as_its_pixels_enlarged(rows, columns, scale):
     assert picture.sha256 == scripts.picture_digest(picture.png)
 
 
-def test_its_digest_is_of_its_pixels_and_its_size():
-    row, column = (Picture.from_array(noise(1, 4).reshape(shape)) for shape in ((1, 4, 3), (4, 1, 3)))
-    assert row.pixels == column.pixels
-    assert row.sha256 != column.sha256
-    assert Picture.from_array(noise(2, 2), 2).sha256 == Picture.from_array(noise(2, 2).repeat(2, 0).repeat(2, 1)).sha256
-
-
 # Tokens.
 
 
@@ -93,17 +85,6 @@ def test_a_rule_counts_the_examples_of_its_source(rule):
     for width, height, tokens in rule.examples:
         assert TokenCounter(f"approximate+{rule.name}").image(width, height) == tokens
     assert rule.source.startswith("https://")
-
-
-def test_the_narrowest_picture_is_scaled_to_one_pixel_and_no_tile_is_smaller():
-    assert (RULES["claude-28"].count(5_000, 3), RULES["gemini-258"].count(1, 1_000)) == (56, 258_000)
-
-
-@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
-def test_a_larger_picture_never_has_fewer_tokens_below_the_cap_of_its_rule(rule):
-    sizes = [28, 64, 200, 252, 288, 384]
-    counts = [rule.count(side, side) for side in sizes]
-    assert counts == sorted(counts)
 
 
 def test_the_rule_is_part_of_the_tokenizer():
@@ -139,14 +120,6 @@ def test_a_tokenizer_of_yours_may_count_pictures_itself():
 # An episode.
 
 
-def test_words_are_the_default_and_leave_configs_as_they_were():
-    with sp.Episode("Crafter-v0", seed=1) as episode, sp.Episode("Crafter-v0", seed=1, observation="text") as same:
-        assert "observation" not in episode.config.to_json()
-        assert episode.config.key == same.config.key
-        assert episode.config.tokenizer == "o200k_base"
-        assert episode.call("act", {"action": "Noop"}).picture is None
-
-
 @pytest.mark.parametrize(("form", "beside"), [("picture", SHOWN), ("both", "You took action noop.")])
 def test_a_result_shows_the_picture_of_its_observation(form, beside):
     with sp.Episode("Crafter-v0", seed=1, observation=form) as episode:
@@ -180,11 +153,6 @@ def test_picture_size_gives_finer_textures(size, side):
     with sp.Episode("Crafter-v0", seed=1, observation="picture", picture_size=size) as episode:
         picture = episode.call("observe").picture
         assert (picture.width, picture.height) == (side, side)
-
-
-def test_looking_changes_nothing():
-    ends = [played(12, observation=form)[-1]["result"]["state_hash"] for form in ("text", "picture", "both")]
-    assert len(set(ends)) == 1
 
 
 def test_every_block_and_animal_of_minecraft_has_a_colour_of_its_own():
@@ -340,16 +308,6 @@ def test_only_the_newest_pictures_are_shown(form, budget, expected):
         assert sum(Accounts.of(record).parts(view)) == view["tokens"]
 
 
-def test_no_picture_is_kept_that_no_prompt_can_show():
-    with sp.Episode("Crafter-v0", seed=3, observation="both", budget=sp.Budget(newest_pictures=2)) as episode:
-        conversation = sp.Conversation(episode)
-        for action in ("Noop", "Move West", "Move East", "Noop"):
-            conversation.prompt()
-            conversation.receive(acting(action))
-        conversation.prompt()
-        assert len(conversation.pictures) == 2
-
-
 @pytest.mark.parametrize(
     ("form", "budget", "why"),
     [
@@ -411,12 +369,6 @@ def test_gymnasium_adds_a_picture_to_a_text_game_by_its_own_wrapper():
     assert np.array_equal(seen["picture"], game.render())
     assert seen["text"] == game.unwrapped.observation
     both.close()
-
-
-def test_another_word_is_refused():
-    with pytest.raises(sp.InvalidArgumentError, match="observation must be one of text, picture, both"):
-        sp.Episode("Crafter-v0", seed=1, observation="pictures")
-    assert Rules().observation == "text"
 
 
 def test_a_player_of_words_is_refused_before_its_first_reply():

@@ -14,8 +14,6 @@ from pathlib import Path
 
 import pytest
 
-import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.run_writer import only_writer
 from smartplay_tools.types.sums import added
 
 IMPORT_EVERYTHING = """
@@ -80,19 +78,6 @@ def test_without_unix_s_modules_everything_imports_and_a_run_is_played(tmp_path)
     assert printed.splitlines() == [
         "The engine 'minedojo' needs the processes and pipes of Unix; use the engine 'voxel' here, or WSL."
     ]
-
-
-def test_the_lock_s_holder_names_a_command_and_none_of_its_arguments(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["/usr/bin/smartplay-tools", "eval", "--player-option", "key=secret"])
-    with (
-        only_writer(tmp_path),
-        pytest.raises(sp.InvalidArgumentError, match=r"\(smartplay-tools eval, process \d+ on [^ ]+\)"),
-        only_writer(tmp_path),
-    ):
-        pass
-    monkeypatch.setattr(sys, "argv", ["run.py", "sk-12345"])
-    with only_writer(tmp_path):
-        assert all("sk-12345" not in file.read_text() for file in tmp_path.iterdir())
 
 
 def sources() -> list[Path]:

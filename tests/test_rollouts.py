@@ -50,14 +50,6 @@ def test_the_tokens_of_replies_are_in_the_record_and_in_exported_rows():
     assert sp.replay(record).identical
 
 
-def test_without_tokens_nothing_is_written():
-    _, plain = play(sp.ScriptedPlayer([sp.call("act", action="Rock")] * 50))
-    _, sampled = play(Sampler())
-    assert not any("sampled" in event for event in plain)
-    assert "completion_ids" not in next(reply_rows(Record(plain)))
-    assert size(sampled) - size(plain) < 50 * 40
-
-
 class AsksTwice:
     """A compactor that asks two questions for every prompt, and changes nothing."""
 

@@ -7,11 +7,8 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context import ContextWindow, strategies
-from smartplay_tools.context.prompts.wording import VERSION, Wording
+from smartplay_tools.context import strategies
 from smartplay_tools.context.strategies import KINDS
-from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.types import STRATEGIES
 from tests import scripts
 from tests.test_conversation import acting, calling, saying
 
@@ -272,15 +269,6 @@ def test_two_strategies_that_decide_the_same_are_refused(monkeypatch):
         begin(**room(200, first_turns=1, notes_tokens=10))
 
 
-def test_at_their_defaults_nothing_is_written_of_them():
-    events: list[Any] = []
-    with sp.Episode(RPS, seed=1, transcript=events) as episode:
-        sp.play(episode, sp.get_player("rule"))
-    text = str(events)
-    assert not any(name in text for name in ("beyond_history", "notes", "summar", "purpose", "oldest", "own_words"))
-    assert not any("words" in event for event in events)
-
-
 @pytest.mark.parametrize(
     ("budget", "sentence"),
     [({"beyond_history": "mask"}, "masks nothing"), ({"first_turns": 1}, "first_turns has nothing to keep")],
@@ -288,55 +276,3 @@ def test_at_their_defaults_nothing_is_written_of_them():
 def test_where_nothing_leaves_what_would_keep_something_is_refused(budget, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         begin(history=None, **budget)
-
-
-def test_every_field_that_asks_for_a_strategy_has_its_class():
-    assert list(KINDS) == [kind.name for kind in KINDS.values()] == list(STRATEGIES)
-    assert all(kind.option_help for kind in KINDS.values())
-
-
-def test_an_episode_has_strategies_of_its_own():
-    budget = sp.Budget(prompt_tokens=900, slack=0.5, notes_tokens=9, summary_tokens=9)
-    first, second = (sp.Episode(RPS, seed=1, budget=budget).ledger.strategies for _ in range(2))
-    assert first.summaries is not second.summaries
-    assert [tool.spec.name for tool in first.tools] == ["take_notes"]
-    assert first.reserve > 9
-
-
-@pytest.mark.parametrize("strategy", [{}, {"beyond_history": "mask"}, {"notes_tokens": 9}, {"summary_tokens": 30}])
-@pytest.mark.parametrize("slack", [0.0, 0.5])
-def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch, strategy, slack):
-    if "summary_tokens" in strategy and slack == 0:
-        return
-    counter = TokenCounter(WORDS)
-    budget = sp.Budget(history=8, prompt_tokens=900, slack=slack, **strategy)
-    episode = sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=budget)
-    conversation = sp.Conversation(sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=sp.Budget(notes_tokens=9)))
-    conversation.receive(acting())
-    conversation.prompt()
-    sums = 0
-    tokens = ContextWindow._prompt_tokens
-
-    def counted(window: ContextWindow, first: int) -> int:
-        nonlocal sums
-        sums += 1
-        return tokens(window, first)
-
-    monkeypatch.setattr(ContextWindow, "_prompt_tokens", counted)
-    window = ContextWindow(episode.head, episode.tools, episode.budget, counter)
-    most = 0
-    for number in range(1_000):
-        sums = 0
-        window.append(_turn(number))
-        most = max(most, sums)
-        if window.view().purpose != "play":
-            window.answer("It goes on.")
-    assert most <= 2 * 10 + 6
-
-
-def _turn(number: int) -> Any:
-    from smartplay_tools.context import Item, Turn
-
-    result: sp.Message = {"role": "tool", "content": f"Round {number} was tied.", "tool_call_id": f"{number}"}
-    item = Item(result, number + 1, number + 1, 0, words=Wording.of(VERSION))
-    return Turn(number, acting(say="Rock it is."), (item,), number)

@@ -100,11 +100,6 @@ def test_special_tokens_are_text():
     assert WORDS.text("<|endoftext|>") > 1
 
 
-def test_images_are_refused():
-    with pytest.raises(ValueError, match="text only"):
-        WORDS.message({"role": "user", "content": [{"type": "image_url", "image_url": {"url": "x"}}]})
-
-
 def test_long_runs_are_counted_in_pieces():
     text = "x" * 120_000
     encode = o200k_base().encode_ordinary
@@ -150,37 +145,6 @@ def test_a_pair_is_its_character_and_a_lone_one_the_replacement_character():
     assert well_formed("a\ud83d") == "a\ufffd"
     assert well_formed("\ude00\ud83db") == "\ufffd\ufffdb"
     assert WORDS.text("\ud83d" + "\ude00") == WORDS.text("\N{GRINNING FACE}")
-
-
-def test_no_text_is_tokenised_twice():
-    class Counting:
-        name = "counting"
-
-        def __init__(self) -> None:
-            self.texts: list[str] = []
-
-        def count(self, text: str) -> int:
-            self.texts.append(text)
-            return len(text.split())
-
-    tokenizer = Counting()
-    with sp.Episode(
-        "RockPaperScissorBasic-v0", seed=3, tokenizer=tokenizer, budget=sp.Budget(prompt_tokens=300)
-    ) as episode:
-        sp.play(episode, sp.get_player("random"))
-    assert len(tokenizer.texts) == len(set(tokenizer.texts))
-
-
-def test_episodes_share_the_counter_of_a_tokenizer_that_its_name_fixes():
-    def counter(tokenizer):
-        with sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=3, tokenizer=tokenizer) as episode:
-            return episode.counter
-
-    assert counter(None) is counter("o200k_base")
-    assert counter("approximate") is counter("approximate")
-    assert counter(Lengths(int)) is not counter(Lengths(int))
-    with pytest.raises(UnknownNameError):
-        counter("")
 
 
 def test_the_memory_of_long_texts_is_bounded():

@@ -64,12 +64,10 @@ def test_errors_warnings_and_logs(caplog: pytest.LogCaptureFixture):
     assert caplog.messages == [f"{SHOWN} failed: 3"]
 
 
-def test_tables_results_and_pages():
+def test_tables_and_pages():
     table = TextTable(HOSTILE, (Column(HOSTILE, words=True),), ((HOSTILE,),), (HOSTILE,))
-    result = sp.play(sp.Episode("Hanoi3Disk-v0", seed=1), sp.get_player("rule"))
     template = environment("smartplay_tools.web.site", "A page").from_string("{{ a }}{{ a ~ '<b>'|safe }}")
     shown = [to_markdown(table), to_latex(table), to_html([table]), template.render(a=HOSTILE)]
-    shown.append(result.model_copy(update={"game": HOSTILE, "error": HOSTILE})._repr_html_())
     for text in shown:
         assert "owned" in text
         assert not HIDDEN.search(text)
@@ -199,25 +197,7 @@ def test_nothing_passes_by():
     for path in [*modules(), *sorted((ROOT / "adapters").rglob("*.py"))]:
         if path in (PACKAGE / "visible.py", PACKAGE / "terminal.py", PACKAGE / "streams.py"):
             continue
-        is_program = any(ast.unparse(node).startswith("if __name__ == '__main__'") for node in tree(path).body)
+        conditions = [ast.unparse(node.test) for node in tree(path).body if isinstance(node, ast.If)]
+        is_program = "__name__ == '__main__'" in conditions
         found = [*shown_unseen([*ast.walk(tree(path))], is_command=path.is_relative_to(PACKAGE / "cli") or is_program)]
         assert not found, f"{path.relative_to(ROOT)} shows text by {found}: use smartplay_tools.visible or .terminal"
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "print(name)",
-        "from rich import print",
-        "from rich.console import Console",
-        "import rich.console; rich.console.Console()",
-        "from logging import getLogger",
-        "import logging; logging.getLogger('x').warning(name)",
-        "import sys; sys.stderr.write(name)",
-        "import typer; typer.echo(name)",
-        "import html; html.escape(name)",
-        "import sys; print_to = sys.stdout",
-    ],
-)
-def test_what_would_pass_by_is_found(line: str):
-    assert [*shown_unseen([*ast.walk(ast.parse(line))], is_command=False)]

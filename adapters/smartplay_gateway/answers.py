@@ -6,11 +6,12 @@ OpenAI begins the output with an item of that type.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import time
 import uuid
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from smartplay_tools.types.arguments import object_in
 if TYPE_CHECKING:
     from starlette.requests import Request
 
-__all__ = ["GONE", "Report", "left"]
+__all__ = ["GONE", "Report", "while_connected"]
 
 Json = dict[str, Any]
 
@@ -36,10 +37,20 @@ GONE = 499
 """The status of a request whose client has gone, as web servers log it; nobody receives it."""
 
 
-async def left(request: Request) -> None:
-    """Wait until the client has gone."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
+async def while_connected(request: Request, work: Awaitable[Json]) -> Json | None:
+    """Return what is awaited; None once the client has gone, after which nothing of it goes on."""
+
+    async def left() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+
+    task, gone = asyncio.ensure_future(work), asyncio.create_task(left())
+    try:
+        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+        return None if gone.done() else task.result()
+    finally:
+        task.cancel()
+        gone.cancel()
 
 
 @dataclass

@@ -1,9 +1,11 @@
-"""Compaction at the endpoints: a summary by the model stands in the place of a conversation, as providers do it.
+"""Edits and compactions at the endpoints: what a request asks its provider for is done here, as the provider would.
 
-Anthropic's `compact_20260112` and `compaction` of Messages, and OpenAI's `compaction` and `/responses/compact` of
-Responses, with any model behind the endpoint, which keeps nothing: the summary is in the answer, as an item or a block
-that clients send back and that is read here. A provider's own item, which is not, stays as it is, and the compaction of
-its conversation stays with the provider. docs/provider-edits.md has the definitions, and what we chose.
+Edits that clear are applied to the messages before these are fitted. Then a summary by the model stands in the place of
+a conversation: Anthropic's `compact_20260112` and `compaction` of Messages, and OpenAI's `compaction` and
+`/responses/compact` of Responses, with any model behind the endpoint. The endpoint keeps nothing: the summary is in the
+answer, as an item or a block that clients send back and that is read here. A provider's own item, which is not, stays
+as it is, and the compaction of its conversation stays with the provider. docs/provider-edits.md has the definitions,
+and what we chose.
 """
 
 from __future__ import annotations
@@ -18,16 +20,23 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from smartplay_gateway.answers import Report
-from smartplay_gateway.edits import applied
 from smartplay_gateway.surfaces import COMPACT, Json, RefusedError, Surface
 from smartplay_tools import ContextManager, InvalidArgumentError, PromptOverflowError
-from smartplay_tools.context.strategies.provider_edits import SUMMARY, Compact, OpenAICompaction, summary_in
+from smartplay_tools.context.strategies.provider_edits import (
+    SUMMARY,
+    ClearThinking,
+    Compact,
+    OpenAICompaction,
+    applied,
+    clearing_edits,
+    summary_in,
+)
 from smartplay_tools.types.arguments import object_in
 
 __all__ = ["Managed", "NoSummaryError", "is_managed", "managed", "opened"]
 
 FIELD = "context_management"
-THRESHOLD_BETA, DEMAND_BETA = "compact-2026-01-12", "compact-2026-09-04"
+EDITS_BETA, THRESHOLD_BETA, DEMAND_BETA = "context-management-2025-06-27", "compact-2026-01-12", "compact-2026-09-04"
 
 MARK = "smartplay-tools:"
 """How the content of our items, and the signature of our blocks, begins."""
@@ -86,7 +95,7 @@ async def managed(body: Json, surface: Surface, betas: str, manager: ContextMana
     def read() -> tuple[Json, list[Json] | None, Wish | None]:
         given, edits = opened(body, surface, betas), None
         if surface.form == "anthropic" and surface.conversation(given) is not None:
-            given, edits = applied(given, betas, lambda messages: surface.count(given, messages, manager))
+            given, edits = _cleared(given, surface, betas, manager)
         rest, wish = wish_of(given, surface, betas)
         return rest, edits, wish
 
@@ -96,6 +105,27 @@ async def managed(body: Json, surface: Surface, betas: str, manager: ContextMana
         done.report.edits = edits
         return done
     return Managed(asked, None if edits is None else Report(surface.form, edits))
+
+
+def _cleared(body: Json, surface: Surface, betas: str, manager: ContextManager) -> tuple[Json, list[Json] | None]:
+    """Return a request without the edits that clear, applied, and what they cleared; None if it asks for none."""
+    if (wanted := body.get(FIELD)) is None:
+        return body, None
+    given = wanted.get("edits", []) if isinstance(wanted, Mapping) else None
+    if not (edits := clearing_edits(given, Compact.name)):
+        return body, None
+    if EDITS_BETA not in _names(betas):
+        raise InvalidArgumentError(f"{FIELD}: Extra inputs are not permitted without the beta {EDITS_BETA}.")
+    thinking = body.get("thinking")
+    is_thinking = isinstance(thinking, Mapping) and thinking.get("type") in ("enabled", "adaptive")
+    if isinstance(edits[0], ClearThinking) and not is_thinking:
+        raise InvalidArgumentError(f"`{ClearThinking.name}` strategy requires `thinking` to be enabled.")
+    if not all(isinstance(message, Mapping) for message in body["messages"]):
+        return body, None  # the upstream says what is wrong with it
+    made, reports = applied(edits, body["messages"], lambda messages: surface.count(body, messages, manager))
+    edited = {name: value for name, value in body.items() if name != FIELD} | {"messages": made}
+    rest = [edit for edit in given or () if edit["type"] == Compact.name]
+    return edited | ({FIELD: {**wanted, "edits": rest}} if rest else {}), reports
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ with extra_named("An endpoint", "serve"):
     from starlette.routing import Route
     from starlette.types import ASGIApp, Receive, Scope, Send
 
-from smartplay_gateway.answers import GONE, left
+from smartplay_gateway.answers import GONE, while_connected
 from smartplay_gateway.compaction import NoSummaryError, is_managed, managed
 from smartplay_gateway.surfaces import COMPACT, RESPONSES as RESPONSES_SURFACE, Surface
 from smartplay_tools import (
@@ -160,16 +160,8 @@ async def respond(
     await asyncio.wait({answer}, timeout=HEAD_AFTER)
     if body.get("stream") and (not answer.done() or answer.exception() is None):
         return _Stream(answer, form, body, headers)
-    if not answer.done():
-        gone = asyncio.create_task(left(request))
-        try:
-            await asyncio.wait({answer, gone}, return_when=asyncio.FIRST_COMPLETED)
-            if not answer.done():
-                return Response(status_code=GONE)
-        finally:
-            answer.cancel()
-            gone.cancel()
-    return json_response(answer.result(), 200, headers)
+    made = answer.result() if answer.done() else await while_connected(request, answer)
+    return Response(status_code=GONE) if made is None else json_response(made, 200, headers)
 
 
 class _Stream(StreamingResponse):

@@ -32,7 +32,7 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.answers import GONE, Report, left
+from smartplay_gateway.answers import GONE, Report, while_connected
 from smartplay_gateway.compaction import NoSummaryError, is_managed, managed, opened
 from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
@@ -214,15 +214,9 @@ class _Exchange:
 
         Once the client has gone, nothing is asked any more.
         """
-        asking, gone = asyncio.create_task(self._ask(body)), asyncio.create_task(left(self.request))
-        try:
-            await asyncio.wait({asking, gone}, return_when=asyncio.FIRST_COMPLETED)
-            if gone.done():
-                raise _UnansweredError(Response(status_code=GONE))
-            return asking.result()
-        finally:
-            asking.cancel()
-            gone.cancel()
+        if (answer := await while_connected(self.request, self._ask(body))) is None:
+            raise _UnansweredError(Response(status_code=GONE))
+        return answer
 
     async def _ask(self, body: Json) -> Json:
         prompt, counted = await self.fitted(body)

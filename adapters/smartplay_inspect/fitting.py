@@ -37,6 +37,7 @@ from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
 from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
 from smartplay_tools.players import asks_management
+from smartplay_tools.players.conversion import function_call
 
 OPTIONS = frozenset(inspect.signature(ContextManager).parameters)
 """The arguments of a `ContextManager`."""
@@ -186,10 +187,7 @@ def as_chat(message: ChatMessage) -> dict[str, Any]:
         if message.error is not None:
             chat["content"] = f"Error: {message.error.message}"
     if isinstance(message, ChatMessageAssistant) and message.tool_calls:
-        chat["tool_calls"] = [
-            {"id": c.id, "type": "function", "function": {"name": c.function, "arguments": sent_arguments(c)}}
-            for c in message.tool_calls
-        ]
+        chat["tool_calls"] = [function_call(c.id, c.function, sent_arguments(c)) for c in message.tool_calls]
     return chat
 
 

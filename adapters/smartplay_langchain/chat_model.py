@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from langchain_core.callbacks import AsyncCallbackManagerForLLMRun, CallbackManagerForLLMRun
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
-from langchain_core.messages import AIMessage, AIMessageChunk, BaseMessage
-from langchain_core.messages.tool import tool_call_chunk
-from langchain_core.outputs import ChatGeneration, ChatGenerationChunk, ChatResult
+from langchain_core.messages import AIMessage, BaseMessage
+from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 from langchain_core.utils.function_calling import convert_to_openai_tool
 from pydantic import ConfigDict, Field
@@ -18,16 +17,15 @@ from pydantic import ConfigDict, Field
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
 from smartplay_tools.context.prompts import received
-from smartplay_tools.players.conversion import arguments_text, halves
 from smartplay_tools.types.messages import calls_of, text_of
 
 
 class PlayerChatModel(BaseChatModel):
     """A player as a chat model.
 
-    Replies are streamed in pieces, and report the player's usage. `tool_choice` restricts the tools that the player is
-    shown, except where a summary is asked for, which `Prompt.purpose` tells the player. A player that does
-    not call a tool although it must is an `InvalidArgumentError`.
+    Replies report the player's usage; a stream has one piece, the whole reply. `tool_choice` restricts the tools that
+    the player is shown, except where a summary is asked for, which `Prompt.purpose` tells the player. A player that
+    does not call a tool although it must is an `InvalidArgumentError`.
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -74,30 +72,6 @@ class PlayerChatModel(BaseChatModel):
         **settings: Any,
     ) -> ChatResult:
         return _result(await self._aanswer(messages, stop, settings))
-
-    def _stream(
-        self,
-        messages: list[BaseMessage],
-        stop: list[str] | None = None,
-        run_manager: CallbackManagerForLLMRun | None = None,
-        **settings: Any,
-    ) -> Iterator[ChatGenerationChunk]:
-        for chunk in _pieces(self._answer(messages, stop, settings)):
-            if run_manager is not None:
-                run_manager.on_llm_new_token(chunk.text, chunk=chunk)
-            yield chunk
-
-    async def _astream(
-        self,
-        messages: list[BaseMessage],
-        stop: list[str] | None = None,
-        run_manager: AsyncCallbackManagerForLLMRun | None = None,
-        **settings: Any,
-    ) -> AsyncIterator[ChatGenerationChunk]:
-        for chunk in _pieces(await self._aanswer(messages, stop, settings)):
-            if run_manager is not None:
-                await run_manager.on_llm_new_token(chunk.text, chunk=chunk)
-            yield chunk
 
     def _answer(self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: dict[str, Any]) -> AIMessage:
         if not isinstance(self.player, Player):
@@ -155,26 +129,3 @@ def _cut(message: Message, stop: Sequence[str] | None) -> Message:
 
 def _result(message: AIMessage) -> ChatResult:
     return ChatResult(generations=[ChatGeneration(message=message)])
-
-
-def _pieces(message: AIMessage) -> Iterator[ChatGenerationChunk]:
-    """Yield a reply in chunks: its text and the arguments of its calls in two pieces each, then its usage."""
-    if isinstance(message.content, str):
-        for piece in halves(message.content):
-            yield ChatGenerationChunk(message=AIMessageChunk(content=piece))
-    else:
-        yield ChatGenerationChunk(message=AIMessageChunk(content=message.content))
-    for index, call in enumerate((*message.tool_calls, *message.invalid_tool_calls)):
-        first = tool_call_chunk(name=call["name"], args="", id=call["id"], index=index)
-        yield ChatGenerationChunk(message=AIMessageChunk(content="", tool_call_chunks=[first]))
-        for piece in halves(arguments_text(call["args"])):
-            chunk = tool_call_chunk(name=None, args=piece, id=None, index=index)
-            yield ChatGenerationChunk(message=AIMessageChunk(content="", tool_call_chunks=[chunk]))
-    last = AIMessageChunk(
-        content="",
-        usage_metadata=message.usage_metadata,
-        response_metadata=message.response_metadata,
-        additional_kwargs=message.additional_kwargs,
-        chunk_position="last",
-    )
-    yield ChatGenerationChunk(message=last)

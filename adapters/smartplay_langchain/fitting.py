@@ -7,7 +7,6 @@ every message.
 
 from __future__ import annotations
 
-import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias, cast
 
@@ -30,6 +29,7 @@ with extra_named("ContextManagerMiddleware", "langchain"):
 from smartplay_langchain.asking import StandIn
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
 from smartplay_tools.players import asks_management
+from smartplay_tools.players.conversion import function_call
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
@@ -191,12 +191,5 @@ def as_chat(message: BaseMessage, number: int) -> Mapping[str, Any]:
         chat["tool_call_id"] = message.tool_call_id
     if isinstance(message, AIMessage) and (message.tool_calls or message.invalid_tool_calls):
         calls = [*message.tool_calls, *message.invalid_tool_calls]
-        chat["tool_calls"] = [
-            {"id": call["id"], "type": "function", "function": {"name": call["name"], "arguments": _text(call["args"])}}
-            for call in calls
-        ]
+        chat["tool_calls"] = [function_call(call["id"] or "", call["name"] or "", call["args"]) for call in calls]
     return chat
-
-
-def _text(arguments: Any) -> str:
-    return arguments if isinstance(arguments, str) else json.dumps(arguments, ensure_ascii=False)

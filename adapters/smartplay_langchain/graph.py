@@ -10,25 +10,15 @@ The state is read from its end to the latest reply, so a turn costs the same at 
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from typing import Any
 
-from langchain_core.language_models import BaseChatModel, LanguageModelInput
+from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AIMessage, AnyMessage, BaseMessage, HumanMessage, SystemMessage, ToolMessage
-from langchain_core.runnables import Runnable
 from langchain_core.tools import BaseTool
 
-from smartplay_langchain.asking import (
-    ModelReply,
-    PromptSettings,
-    RequestOutcome,
-    ToolChoice,
-    Tools,
-    bind,
-    read_error,
-    read_reply,
-    spec_of,
-)
+from smartplay_langchain.asking import PromptSettings, RequestOutcome, ToolChoice, Tools, WindowedModel, spec_of
 from smartplay_langchain.calls import (
     HELD,
     OURS,
@@ -39,7 +29,7 @@ from smartplay_langchain.calls import (
 )
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_langchain.toolkit import artifact_of, is_of_a_game
-from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, ToolResult
+from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
 from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.types.messages import Call
@@ -77,7 +67,7 @@ class GraphSession(CallPlayer):
         self._only_game_tools = only_game_tools
         self._history = HostHistory[BaseMessage](self.episode.counter, lambda message: (message.id, str(message.text)))
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
-        self._other_tools = list(foreign_tools)
+        self._all_tools = [*self.tools, *foreign_tools]
 
     def ask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model with the next prompt and return the messages for the state.
@@ -88,43 +78,28 @@ class GraphSession(CallPlayer):
         raises, the episode does not change, and you may ask again; a summary that was taken stays. An agent in a tool
         of this one is answered in words.
         """
-        if self.is_asked_by_sub_agent:
-            return [AIMessage(self.episode.words("sub_agent"))]
-        if (recorded := self.recorded_reply(messages)) is not None:
-            return recorded
-        added, tools = self.update(messages), [*self.tools, *self._other_tools]
-        session = self.prepare(messages, tools=tools)
-
-        def send(prompt: Prompt) -> ModelReply:
-            messages = self.prompt_settings.messages(prompt, model)
-            try:
-                return read_reply(self._bound(model, tools, prompt).invoke(messages))
-            except Exception as error:
-                return read_error(error)
-
-        reply = session.ask(send)
-        return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
+        if (known := self._without_asking(messages)) is not None:
+            return known
+        added, windowed = self.update(messages), self.windowed(model, messages)
+        windowed.bind_tools(self._all_tools).invoke(messages)
+        return [*added, *self._reply_of(windowed.outcome)]
 
     async def aask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model as `ask` does, without blocking the event loop."""
-        import asyncio
+        if (known := self._without_asking(messages)) is not None:
+            return known
+        added, windowed = await asyncio.to_thread(self.update, messages), self.windowed(model, messages)
+        await windowed.bind_tools(self._all_tools).ainvoke(messages)
+        return [*added, *self._reply_of(windowed.outcome)]
 
+    def _without_asking(self, messages: Sequence[BaseMessage]) -> list[AnyMessage] | None:
+        """Return the words for a sub-agent, or a reply that the record has and the state has not."""
         if self.is_asked_by_sub_agent:
             return [AIMessage(self.episode.words("sub_agent"))]
-        if (recorded := self.recorded_reply(messages)) is not None:
-            return recorded
-        added, tools = await asyncio.to_thread(self.update, messages), [*self.tools, *self._other_tools]
-        session = await asyncio.to_thread(self.prepare, messages, tools=tools)
+        return self.recorded_reply(messages)
 
-        async def send(prompt: Prompt) -> ModelReply:
-            messages = self.prompt_settings.messages(prompt, model)
-            try:
-                return read_reply(await self._bound(model, tools, prompt).ainvoke(messages))
-            except Exception as error:
-                return read_error(error)
-
-        reply = await session.aask(send)
-        return added if reply is None else [*added, *self.receive(RequestOutcome(reply))]
+    def _reply_of(self, outcome: RequestOutcome) -> list[AnyMessage]:
+        return [] if outcome.over else self.receive(outcome)
 
     # The parts of it, for the middleware.
 
@@ -189,6 +164,14 @@ class GraphSession(CallPlayer):
             self._add(added)
         return self.session
 
+    def windowed(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> WindowedModel:
+        """Return what asks the model with the next prompt, given the messages in the state."""
+
+        def prepare(system: Sequence[SystemMessage], added: Sequence[BaseMessage], tools: Tools) -> AgentSession:
+            return self.prepare(messages, tools=tools, system=system, added=added)
+
+        return WindowedModel(model, messages, prepare, self.prompt_settings)
+
     def receive(self, outcome: RequestOutcome, reply: AIMessage | None = None) -> list[AnyMessage]:
         """Take the model's reply and return it for the state; `reply` is given if a middleware has changed it.
 
@@ -214,9 +197,6 @@ class GraphSession(CallPlayer):
                 )
             if self.session.latest_turn is not None:
                 self.session.add(from_langchain(message))
-
-    def _bound(self, model: BaseChatModel, tools: Tools, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
-        return bind(model, tools, self.prompt_settings.of(prompt, model), prompt)
 
     def _for_state(self, reply: AIMessage) -> list[AnyMessage]:
         assert self.session is not None

@@ -24,11 +24,11 @@ with extra_named("SmartPlayMiddleware", "langchain"):
         ToolCallRequest,
         hook_config,
     )
-    from langchain_core.messages import AIMessage, BaseMessage, SystemMessage, ToolMessage
+    from langchain_core.messages import AIMessage, BaseMessage, ToolMessage
     from langchain_core.tools import BaseTool
     from langgraph.types import Command
 
-from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice, Tools, WindowedModel
+from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
@@ -96,7 +96,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         """Have the model called with the window, after a summary where one is owed, and take its reply."""
         if (response := self._without_asking(request)) is not None:
             return response
-        windowed = self._windowed(request)
+        windowed = self._graph.windowed(request.model, request.state["messages"])
         response = handler(request.override(model=cast("BaseChatModel", windowed)))
         return self._received(windowed.outcome, response)
 
@@ -104,7 +104,7 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         """Do what `wrap_model_call` does, without blocking the event loop."""
         if (response := self._without_asking(request)) is not None:
             return response
-        windowed = self._windowed(request)
+        windowed = self._graph.windowed(request.model, request.state["messages"])
         response = await handler(request.override(model=cast("BaseChatModel", windowed)))
         return await asyncio.to_thread(self._received, windowed.outcome, response)
 
@@ -116,11 +116,6 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
             self._stopped(reply)
             return None
         return None if reply.tool_calls or self.episode.done else {"jump_to": "model"}
-
-    @hook_config(can_jump_to=["model"])
-    async def aafter_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
-        """Continue the run as `after_model` does, in an asynchronous agent."""
-        return self.after_model(state, runtime)
 
     def wrap_tool_call(self, request: ToolCallRequest, handler: Callable[[ToolCallRequest], ToolOutput]) -> ToolOutput:
         """Run a call; calls of unknown tools are answered in the game's words."""
@@ -157,14 +152,6 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         if recorded is None and self.episode.done:
             return ModelResponse(result=[OVER])
         return None if recorded is None else ModelResponse(result=list(recorded))
-
-    def _windowed(self, request: ModelRequest[Any]) -> WindowedModel:
-        messages: list[BaseMessage] = list(request.state["messages"])
-
-        def prepare(system: Sequence[SystemMessage], added: Sequence[BaseMessage], tools: Tools) -> AgentSession:
-            return self._graph.prepare(messages, tools=tools, system=system, added=added)
-
-        return WindowedModel(request.model, messages, prepare, self._graph.prompt_settings)
 
     def _received(self, outcome: RequestOutcome, response: ModelResponse[Any]) -> ModelResponse[Any]:
         reply = next((message for message in response.result if isinstance(message, AIMessage)), None)

@@ -10,15 +10,15 @@ image in a tool's message depends on its package: OpenAI's sends it on to chat c
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any
 
 from langchain_core.messages import ToolMessage
 from langchain_core.runnables import RunnableConfig
 from langchain_core.tools import BaseTool, BaseToolkit
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import ConfigDict, Field
 
 from smartplay_langchain.messages import image_block
-from smartplay_tools import Budget, Episode, ToolResult, schema
+from smartplay_tools import Episode, ToolResult, schema
 
 Content = str | list[str | dict[Any, Any]]
 """The content of a message: text, or content blocks."""
@@ -29,12 +29,6 @@ class SmartPlayTool(BaseTool):
 
     episode: Episode = Field(exclude=True, repr=False)
     response_format: Any = "content_and_artifact"
-
-    def get_input_schema(self, config: RunnableConfig | None = None) -> type[BaseModel]:
-        """Return the arguments as a model. It is not used for validation, which is the episode's task."""
-        assert isinstance(self.args_schema, dict)
-        fields: dict[str, Any] = dict.fromkeys(self.args_schema["properties"], (str, ...))
-        return create_model(f"{self.name}_input", **fields)
 
     def invoke(self, input: Any, config: RunnableConfig | None = None, **kwargs: Any) -> Any:  # noqa: A002
         """Call the tool; a `ToolCall` gives a `ToolMessage`, plain arguments give the text."""
@@ -52,24 +46,13 @@ class SmartPlayTool(BaseTool):
 
 
 class SmartPlayToolkit(BaseToolkit):
-    """The tools of an episode: `SmartPlayToolkit(episode=...)` or `SmartPlayToolkit.from_game(...)`."""
+    """The tools of an episode; with `context="host"` its `observe` shows the history, too."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
     episode: Episode = Field(exclude=True, repr=False)
     pictures: bool = False
     """Whether the agent's model sees pictures in results; without it, an episode that has pictures is refused."""
-
-    @classmethod
-    def from_game(
-        cls, game: str, *, seed: int, budget: Budget | None = None, pictures: bool = False, **options: Any
-    ) -> Self:
-        """Create the episode and its toolkit. The host owns the context, so `observe` also shows the history.
-
-        `options` are `Episode`'s other arguments.
-        """
-        episode = Episode(game, seed=seed, budget=budget, **{"context": "host", **options})
-        return cls(episode=episode, pictures=pictures)
 
     def get_tools(self) -> list[BaseTool]:
         """Return observe, act and read_manual."""

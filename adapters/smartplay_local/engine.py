@@ -131,11 +131,6 @@ class LocalServer:
         self._server: Any = how.start()
         self.base_url = f"{self._server.listening_address}/v1"
 
-    def tokens(self, text: str) -> int:
-        """Return how many tokens of this model a text has, by the engine's own count."""
-        body = {"content": text, "add_special": False, "parse_special": False}
-        return len(self.ask("/tokenize", body)["tokens"])
-
     def written(self, messages: Sequence[Mapping[str, Any]], tools: Sequence[Mapping[str, Any]]) -> str:
         """Return a prompt as the model's chat template writes it; a `ValueError` says why it cannot."""
         try:

@@ -8,18 +8,12 @@ dependencies. The file's sha256 decides whether it is the model.
 and of facts; then the facts (name, type, value), then for each tensor its name, its shape, its type and where its
 weights begin. Numbers are little-endian.
 https://github.com/ggml-org/ggml/blob/master/docs/gguf.md
-
-`GgufTokenizer` counts tokens with the file's vocabulary, as the model's engine does. The file holds the tokens and
-merges of a byte-pair encoding, which the library `tokenizers` runs, and the name of the rule by which text is first
-split. llama.cpp has these rules in its code. The counts of those supported here were compared with its own; for a model
-with another rule, `hf:` takes the `tokenizer.json` that was published with it.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import json
 import os
 import struct
 import subprocess
@@ -29,14 +23,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
-from smartplay_tools.errors import InvalidArgumentError, extra_named
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.types.quantities import megabytes
-
-if TYPE_CHECKING:
-    import tokenizers
-
 
 FOLDER = "SMARTPLAY_MODELS"
 """The environment variable that names the folder of models; by default it is in the user's cache folder."""
@@ -121,12 +111,15 @@ def models_folder() -> Path:
 
 
 def find_model(name: str = "") -> Path:
-    """Return the file of a known model, or of a path; the empty name is `DEFAULT_MODEL`."""
+    """Return the file of a known model, of a path, or of a name in the folder of models.
+
+    The empty name is `DEFAULT_MODEL`. Records have the name that was given, which for a file in that folder is no path.
+    """
     listed = KNOWN_MODELS.get(name or DEFAULT_MODEL)
     if listed is None:
-        path = Path(name).expanduser()
-        if path.is_file():
-            return path
+        for path in (Path(name).expanduser(), models_folder() / name):
+            if path.is_file():
+                return path
         raise InvalidArgumentError(
             f"There is no model file {name}; name a GGUF file, or one of {', '.join(KNOWN_MODELS)}, which "
             "`smartplay-tools model get` downloads."
@@ -354,48 +347,3 @@ def _limited(count: int) -> int:
     if count > LONGEST:
         raise ValueError("a number that no file has")
     return count
-
-
-PREFIX = "tokenizer.ggml."
-
-SPLITS = ("smollm",)
-"""The rules for splitting text whose counts were compared with llama.cpp's."""
-
-
-class GgufTokenizer:
-    """The vocabulary of a model file; `source` is a known model's name or a path."""
-
-    def __init__(self, source: str) -> None:
-        self.name = f"gguf:{source}"
-        self.sha256, self._tokenizer = _vocabulary_of(find_model(source))
-
-    def count(self, text: str) -> int:
-        """Return the number of tokens of the text, without those that frame a sequence."""
-        return len(self._tokenizer.encode(text, add_special_tokens=False))
-
-
-@functools.lru_cache(maxsize=4)
-def _vocabulary_of(path: Path) -> tuple[str, tokenizers.Tokenizer]:
-    """Return the digest of a model's vocabulary, and its tokenizer."""
-    model = read_gguf(path)
-    kind, split = model.facts.get(f"{PREFIX}model"), model.facts.get(f"{PREFIX}pre")
-    if kind != "gpt2" or split not in SPLITS:
-        raise InvalidArgumentError(
-            f"The vocabulary of {name_of(str(path))} is of a kind ({kind}, {split}) that was not compared with its "
-            "engine; take hf:PATH with the tokenizer.json that was published with the model."
-        )
-    vocabulary = [model.facts[f"{PREFIX}tokens"], model.facts[f"{PREFIX}merges"], split]
-    digest = hashlib.sha256(json.dumps(vocabulary).encode()).hexdigest()
-    return digest, _tokenizer(model)
-
-
-def _tokenizer(model: GGUF) -> Any:
-    with extra_named("The vocabulary of a model file", "local"):
-        from tokenizers import Tokenizer, models, pre_tokenizers
-    tokens = {token: at for at, token in enumerate(model.facts[f"{PREFIX}tokens"])}
-    merges = [tuple(merge.split(" ", 1)) for merge in model.facts[f"{PREFIX}merges"]]
-    tokenizer = Tokenizer(models.BPE(vocab=tokens, merges=merges))
-    # Every digit is its own token; then GPT-2's rule, which `ByteLevel` has.
-    digits = pre_tokenizers.Digits(individual_digits=True)
-    tokenizer.pre_tokenizer = pre_tokenizers.Sequence([digits, pre_tokenizers.ByteLevel(add_prefix_space=False)])
-    return tokenizer

@@ -21,12 +21,10 @@ from smartplay_local.model_files import (
     sha256_of_file,
 )
 from smartplay_local.text import FORMATS, argument_of, as_text, bounded, call_in, grammar_of, sample
-from smartplay_tools import Budget, Conversation, Episode, InvalidArgumentError, Prompt, Reply, get_player, play
+from smartplay_tools import Budget, Episode, InvalidArgumentError, Prompt, Reply, play
 from smartplay_tools.errors import extra_named
 from smartplay_tools.games import lockers_setting
-from smartplay_tools.players import ModelCallError
 from smartplay_tools.terminal import say
-from smartplay_tools.types.arguments import value_in
 from smartplay_tools.types.messages import calls_of, text_of
 
 with extra_named("smartplay_local", "local"):
@@ -42,8 +40,8 @@ MOST_TOKENS = 2_000
 TOLD, QUESTIONS = 8, 4
 """How many things a model is told in the trial, and of how many of them it is asked."""
 
-TRIAL_TOKENS = 80
-"""Cap on a reply in the trial."""
+TRIAL_TOKENS, STALLED = 80, 2
+"""Cap on a reply in the trial, and after how many turns in a row without a step it ends."""
 
 PASSES = 0.75
 """The share of the trial's questions that a model has to answer for a format to be one in which it can play."""
@@ -71,40 +69,15 @@ def tried(how: Loading) -> tuple[Format, str]:
 
 
 def _trial(how: Loading, form: Format) -> tuple[int, int]:
-    """How many questions a model answers right in a format, and how many with a legal action.
-
-    While it is told things, the right calls are made for it; its answers are its own, and stay in its view.
-    """
+    """How many questions a model answers right in a format, and how many steps it plays."""
     beside = None if how.adapter is None else str(how.adapter)
     settings = {name: getattr(how, name) for name in ("context", "threads", "slots")}
     player = LocalPlayer(str(how.model), adapter=beside, format=form, retries=0, **settings)
     rules: Any = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
-    budget = Budget(history=None, reply_tokens=TRIAL_TOKENS, tool_calls=TOLD + QUESTIONS, stalled_turns=None)
-    right, legal = 0, 0
+    budget = Budget(history=None, reply_tokens=TRIAL_TOKENS, tool_calls=TOLD + QUESTIONS, stalled_turns=STALLED)
     with player, Episode(lockers_setting("LockersTrial-v0", facts=TOLD), seed=0, budget=budget, **rules) as episode:
-        conversation = Conversation(episode)
-        reader: Any = get_player("reader")
-        reader.attach(conversation)
-        while (prompt := conversation.prompt()) is not None:
-            reply = reader.reply(prompt)
-            if episode.stats.steps >= TOLD:
-                wanted = _action(reply)
-                try:
-                    reply = player.reply(prompt)
-                except ModelCallError:  # the engine cannot read what the model writes in its template
-                    break
-                right, legal = right + (_action(reply) == wanted), legal + (_action(reply) in episode.game.actions)
-                if _action(reply) not in episode.game.actions:
-                    break
-            conversation.receive(reply)
-    return right, legal
-
-
-def _action(reply: Reply) -> str | None:
-    """The action that a reply plays by its first call; None without one."""
-    calls = calls_of(reply.message)
-    values = value_in(calls[0]["function"]["arguments"]) if calls else None
-    return values.get("action") if isinstance(values, dict) else None
+        result = play(episode, player)
+    return int(result.score), result.steps
 
 
 class LocalPlayer(OpenAIPlayer):

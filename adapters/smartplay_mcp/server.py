@@ -41,9 +41,6 @@ PARAMETERS = {
     "resources/list": "PaginatedRequestParams",
     "resources/templates/list": "PaginatedRequestParams",
     "resources/read": "ReadResourceRequestParams",
-    "prompts/list": "PaginatedRequestParams",
-    "prompts/get": "GetPromptRequestParams",
-    "completion/complete": "CompleteRequestParams",
 }
 """Methods, and the package's types for their parameters."""
 

@@ -5,7 +5,7 @@
     :prompt-tokens: 700
     ```
 
-The page is one file without a network, as `smartplay-tools share` writes it.
+The page is one file without a network.
 """
 
 from __future__ import annotations

@@ -80,7 +80,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "compare": _Entry("compare:compare", True),
         "cost": _Entry("cost:cost", True),
         "report": _Entry("report:report", True),
-        "share": _Entry("report:share", True),
         "view": _Entry("view:view"),
     },
     "Publish": {

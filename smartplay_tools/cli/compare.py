@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.errors import InvalidArgumentError
@@ -37,15 +36,6 @@ def compare(
             metavar="M", help="The difference that does not matter, in points or human scores (0.1h), for verdicts."
         ),
     ] = None,
-    match: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FIELDS", help="Compare only sides with the same values of these, such as history,prompt_tokens."
-        ),
-    ] = None,
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
-    tokenizer: options.Tokenizers = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:
@@ -56,13 +46,11 @@ def compare(
 
     Example: smartplay-tools compare runs/before runs/after --format latex
     """
-    form = Format.JSON if as_json else form
-    check_columns(cache, caches, form)
     rows = _rows_by_run(folders)
     given = None if margin is None else Margin.parse(margin)
-    compared = compare_runs(rows, reference=reference, margin=given, match=options.names(match))
-    tables = [*comparison_tables(compared), *cost_columns(folders, cache, caches)]
-    print_tables(form, tables, as_rows(compared), plain(compared))
+    compared = compare_runs(rows, reference=reference, margin=given)
+    form = Format.JSON if as_json else form
+    print_tables(form, comparison_tables(compared), as_rows(compared), plain(compared))
 
 
 def _rows_by_run(folders: Sequence[Path]) -> dict[str, Sequence[Row]]:

@@ -1,4 +1,4 @@
-"""The command `cost`, and the option `--cache` of other commands: what runs cost under the rules of caches."""
+"""The command `cost`: what runs cost under the rules of caches."""
 
 from __future__ import annotations
 
@@ -15,11 +15,16 @@ from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.threads import print_thread_costs, thread_files
 from smartplay_tools.costs.cached import PLACES, Place
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.analysis.formats import TextTable
-from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables, costs_table
+from smartplay_tools.evaluation.analysis.money import CellCost, cell_costs, cost_rows, cost_tables
 from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.providers.prices import Price
+
+Caches = Annotated[
+    list[str] | None,
+    typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
+]
+CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with further rules of caches.")]
 
 
 def cost(
@@ -27,8 +32,8 @@ def cost(
         list[Path],
         typer.Argument(metavar="DIR...", help="Folders of runs, or context records.", show_default=False),
     ],
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
+    cache: Caches = None,
+    caches: CachesFile = None,
     marks: Annotated[
         str, typer.Option(help="Where prompts are marked, for rules that need it: stable, end, both or none.")
     ] = ",".join(PLACES),
@@ -71,22 +76,3 @@ def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path 
             f"{names} has no finished episode with prompts and usage on record, so nothing can be said about its cost."
         )
     return cells
-
-
-def check_columns(cache: list[str] | None, caches: Path | None, form: Format) -> None:
-    """Raise an `InvalidArgumentError` for unknown rules, or for rules in a format without tables."""
-    if not cache:
-        return
-    tariffs_of(cache, caches=caches)
-    if form in (Format.JSON, Format.CSV):
-        raise InvalidArgumentError(
-            f"--cache adds a table, which {form.upper()} cannot hold; smartplay-tools cost --format {form} has it."
-        )
-
-
-def cost_columns(folders: Sequence[Path], cache: list[str] | None, caches: Path | None) -> list[TextTable]:
-    """Return the table with a column for each rule that is asked for, if any is."""
-    if not cache:
-        return []
-    tariffs = tariffs_of(cache, caches=caches)
-    return [costs_table(read_costs(folders, tariffs, caches), tariffs)]

@@ -110,7 +110,7 @@ def print_run(run: Run, *, as_json: bool) -> None:
         print_json({**facts, **summary_json(summary)})
     else:
         console = table_console()
-        for table in run_tables(run.folder, run.rows, summary):
+        for table in run_tables(run.rows, summary):
             print_table(console, table)
         print_next(console, [run.folder.path])
     runs.conclude(run, quiet=as_json)

@@ -17,7 +17,7 @@ def export(
     ],
     out: Annotated[Path, typer.Option(help="The new folder to write.", show_default=False)],
     format: Annotated[  # noqa: A002 - the option's name
-        str, typer.Option(help="sft (a row for every reply), sft-chains, sft-episodes, atif or inspect.")
+        str, typer.Option(help="sft (a row for every reply), sft-chains or inspect.")
     ] = "sft",
     games: Annotated[str | None, typer.Option(help="Only these settings, with commas.")] = None,
     players: Annotated[str | None, typer.Option(help="Only these players, with commas.")] = None,
@@ -36,7 +36,7 @@ def export(
     best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
     tokenizer: options.Tokenizers = None,
 ) -> None:
-    """Write finished episodes as training rows, trajectories or Inspect logs.
+    """Write finished episodes as training rows or Inspect logs.
 
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """

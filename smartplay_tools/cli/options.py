@@ -91,11 +91,6 @@ def _opened(names: list[str] | None) -> list[str] | None:
 
 TOKENIZERS = "A tokenizer that records name, if it is no part of this package: hf:PATH_OR_NAME or a name; repeatable."
 Tokenizers = Annotated[list[str] | None, typer.Option("--tokenizer", help=TOKENIZERS, callback=_opened)]
-Caches = Annotated[
-    list[str] | None,
-    typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
-]
-CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with further rules of caches.")]
 
 
 def _in_a_folder(path: Path | None) -> Path | None:

@@ -73,7 +73,7 @@ def play(
     second = second_player(given, seed=seed)
     who = get_player(player, seed=seed, **without_second(given))
     known = runs.prices(price)
-    prices = {who.name: known.get(player) or find_price(player, given)}
+    prices = {getattr(who, "name", player): known.get(player) or find_price(player, given)}
     if (answering := second_name(given)) is not None:
         prices.setdefault(answering, known.get(answering) or find_price(answering, {}))
     settings = {**episode.conditions, **episode.options}

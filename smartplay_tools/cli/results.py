@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
 
 from smartplay_tools.cli import options, program
-from smartplay_tools.cli.cost import check_columns, cost_columns
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.progress import print_running, spending_sentences
@@ -20,18 +19,19 @@ from smartplay_tools.cli.threads import print_threads, thread_files
 from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
 from smartplay_tools.evaluation.analysis.headline import TERMS, headline
-from smartplay_tools.evaluation.analysis.pairs import RowCondition
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.repeats import Succeeds, as_json as repeats_json, repeated, repeats_table
+from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
-from smartplay_tools.evaluation.analysis.window_tables import took_tables
-from smartplay_tools.evaluation.analysis.windows import compare_windows, latencies
+from smartplay_tools.evaluation.analysis.window_tables import points_tables
+from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
-from smartplay_tools.statistics.intervals import Method
 from smartplay_tools.terminal import Console, Text, say
+
+NOW = ("calls", "steps", "tokens", "cost", "latest_error", "stalled", "began_again")
+"""The figures of a run that is being played."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,7 @@ def results(
     as_json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(help="Write a CSV file with a row for each episode.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write the same as Parquet, with column types.")] = None,
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
-    tokenizer: options.Tokenizers = None,
     weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
-    success: Annotated[
-        str | None, typer.Option(metavar="'score >= X'", help="Which episodes count as successes of repeats.")
-    ] = None,
-    exact: Annotated[bool, typer.Option("--exact", help="Show exact intervals of shares (Clopper-Pearson).")] = False,
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
 
@@ -74,38 +67,34 @@ def results(
     if files := thread_files(folders):
         print_threads(files, form)
         return
-    check_columns(cache, caches, form)
-    succeeds = None if success is None else RowCondition.parse(success)
-    shown = read_each(folders, lambda folder: _read(folder, weights, exact=exact))
+    shown = read_each(folders, lambda folder: _read(folder, weights))
     _write_files(shown, csv, parquet)
     if form is Format.TEXT:
         console = table_console()
         for run in shown:
-            _show(console, run, everything=everything, succeeds=succeeds)
+            _show(console, run, everything=everything)
         terms = TextTable(
             "meaning of the terms", (Column("term", words=True), Column("meaning", words=True)), tuple(TERMS.items())
         )
-        print_tables(form, [*cost_columns(folders, cache, caches), *([terms] if explain else [])])
+        print_tables(form, [terms] if explain else [])
         print_next(console, folders, everything=everything)
         return
     tables = [
         table.of_run(str(run.folder.path)) if len(shown) > 1 else table
         for run in shown
-        for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds)
+        for table in run_tables(run.rows, run.summary, everything=everything)
     ]
     rows = [{"run": str(run.folder.path), **row} for run in shown for row in cell_rows(run.summary)]
-    summaries = [_facts(run, succeeds) for run in shown]
+    summaries = [_facts(run) for run in shown]
     data = summaries[0] if len(summaries) == 1 else summaries
-    print_tables(form, [*tables, *cost_columns(folders, cache, caches)], rows, data)
+    print_tables(form, tables, rows, data)
 
 
 def run_tables(
-    folder: RunFolder,
     rows: Sequence[Row],
     summary: RunSummary,
     *,
     everything: bool = False,
-    succeeds: Succeeds | None = None,
 ) -> Iterator[TextTable]:
     """Yield a run's headline and failures, or all tables of its summary; then its repeats, if any."""
     if summary.cells:
@@ -113,11 +102,10 @@ def run_tables(
     if everything:
         yield from details(summary)
         yield from remembering_tables(rows)
-        if rows:
-            yield from took_tables(compare_windows(rows), latencies(rows, folder.timings()))
+        yield from points_tables(compare_windows(rows))
     elif summary.failures:
         yield failures_table(summary.failures)
-    if figures := repeated(rows, succeeds):
+    if figures := repeated(rows):
         yield repeats_table(figures)
 
 
@@ -134,10 +122,10 @@ def print_next(console: Console, folders: Sequence[Path], *, everything: bool = 
         say(f"  {command}")
 
 
-def _read(folder: Path, weights: str, *, exact: bool) -> _Shown:
+def _read(folder: Path, weights: str) -> _Shown:
     run = RunFolder(folder)
     rows, failures = run.rows(), run.failures()
-    summary = summarize(rows, failures, weights=cast(Any, weights), method=Method(exact=exact))
+    summary = summarize(rows, failures, weights=cast(Any, weights))
     return _Shown(run, list(rows), run_snapshot(run), summary)
 
 
@@ -149,24 +137,24 @@ def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None
             write(rows, path)
 
 
-def _facts(run: _Shown, succeeds: Succeeds | None) -> dict[str, Any]:
+def _facts(run: _Shown) -> dict[str, Any]:
     now = run.snapshot
     counts = {name: getattr(now, name) for name in ("planned", "finished", "running", "paused")}
-    figures = {"now": asdict(now.figures())} if now.is_live else {}
+    figures = {"now": {name: getattr(now, name) for name in NOW}} if now.is_live else {}
     more = {"spending": now.spending.to_json(), "warnings": unplayed(run.rows, run.folder.first_reply)}
     facts = {"folder": str(run.folder.path), **counts, "failed_attempts": now.failed, **figures, **more}
-    repeats = [repeats_json(each) for each in repeated(run.rows, succeeds)]
+    repeats = [repeats_json(each) for each in repeated(run.rows)]
     return {**facts, **summary_json(run.summary), **({"repeats": repeats} if repeats else {})}
 
 
-def _show(console: Console, run: _Shown, *, everything: bool, succeeds: Succeeds | None) -> None:
+def _show(console: Console, run: _Shown, *, everything: bool) -> None:
     now = run.snapshot
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
     say(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
     if now.finished < now.planned:
         print_running(console, now)
-    for table in run_tables(run.folder, run.rows, run.summary, everything=everything, succeeds=succeeds):
+    for table in run_tables(run.rows, run.summary, everything=everything):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
         say(line)

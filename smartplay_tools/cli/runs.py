@@ -14,7 +14,7 @@ from smartplay_tools.cli import INTERRUPTED, options
 from smartplay_tools.cli.estimate import print_estimate, print_pilot
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs.plan import Plan, player_of, priced_names
+from smartplay_tools.evaluation.runs.plan import Plan, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import not_shown
@@ -140,7 +140,7 @@ class RunCommand:
             prices=prices(self.price),
         )
         if self.dry_run:
-            check_prices(how.prices or (), priced_names(plan.cells))
+            check_prices(how.prices or (), map(player_of, plan.cells))
             print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
             return None
         # A person plays on the terminal on which the progress would be shown.

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from smartplay_tools.cli import options, runs
-from smartplay_tools.cli.cost import check_columns, cost_columns
+from smartplay_tools.cli import runs
 from smartplay_tools.cli.episode_options import GRID, EpisodeOptions, listed, with_episode_options
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
@@ -17,8 +16,7 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
-from smartplay_tools.evaluation.analysis.windows import latencies
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
@@ -39,8 +37,6 @@ def sweep(
         typer.Option("--single", help="Print intervals that hold for each difference alone, not for all together."),
     ] = False,
     form: FormatOption = Format.TEXT,
-    cache: options.Caches = None,
-    caches: options.CachesFile = None,
     *,
     run: runs.RunCommand,
     episode: EpisodeOptions,
@@ -52,7 +48,6 @@ def sweep(
     configs = run.players(listed("--players", players))
     cells = grid(listed("--games", games), configs, vary=episode.vary, **episode.of_cells)
     form = Format.JSON if run.as_json else form
-    check_columns(cache, caches, form)
     for reason in cells.left_out:
         say(f"Left out: {reason}", err=True)
     done = run.play(plan_episodes(cells.cells, trials=run.trials, seed=run.seed), configs)
@@ -60,9 +55,9 @@ def sweep(
         return
     swept = Sweep.of(done, cells)
     written = swept.write()
-    took = took_tables(swept.comparisons, latencies(swept.rows, done.folder.timings()))
-    tables = [windows_table(swept.comparisons, single=single), *took, *remembering_tables(swept.rows)]
-    print_tables(form, [*tables, *cost_columns([run.out], cache, caches)], swept.summary, swept.summary)
+    shown = [windows_table(swept.comparisons, single=single), *points_tables(swept.comparisons)]
+    tables = [*shown, *remembering_tables(swept.rows)]
+    print_tables(form, tables, swept.summary, swept.summary)
     if form is Format.TEXT:
         _print_files(done.folder.path, written)
     runs.conclude(done, quiet=run.as_json)

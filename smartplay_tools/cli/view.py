@@ -60,9 +60,6 @@ def view(
     ] = None,
     plugins: options.Plugins = False,
     game: options.GameFiles = None,
-    annotate: Annotated[
-        bool, typer.Option("--annotate", help="Let visitors write notes about turns, kept beside the records.")
-    ] = False,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the site in a browser.")] = False,
     *,
     episode: EpisodeOptions,
@@ -81,7 +78,7 @@ def view(
     own = () if playing is None else (playing.folder,)
     runs = RunList(folders or ([] if playing else [Path()]), own=own)
     where: dict[str, Any] = {"host": host, "port": port, "token": token, "hosts": allow_host or ()}
-    server = ViewServer(runs, play=playing, plugins=plugins, annotate=annotate, **where)
+    server = ViewServer(runs, play=playing, plugins=plugins, **where)
     count = len(runs.current())
     counted = "1 run" if count == 1 else f"{count} runs" if count else "No run yet (new ones appear)"
     served = counted if playing is None else f"{counted}, and {to_play} to play (recorded in {out}),"

@@ -49,7 +49,6 @@ from smartplay_tools.types import (
     ToolCall,
     ToolResult,
     ToolSpec,
-    facts_as_html,
 )
 from smartplay_tools.types.arguments import as_text, read, well_formed
 from smartplay_tools.types.messages import Message
@@ -375,17 +374,6 @@ class Episode:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _repr_html_(self) -> str:
-        if self.result is not None:
-            return self.result._repr_html_()
-        facts = {
-            "player": self.config.player or "none yet",
-            "seed": str(self.config.seed),
-            "budget": self.config.budget.describe() or "default",
-            "steps": f"{self.stats.steps} of {self.spec.rollout:,}",
-        }
-        return facts_as_html(self.spec.id, facts)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(

@@ -5,7 +5,7 @@ only its job is lost: a thread cannot be stopped, and `concurrent.futures` gives
 dies. So each worker is a process with a pipe. It is spawned, never forked, so that it begins with a clean interpreter
 on every system, whatever threads its parent has.
 
-`parallel_map` reads records with a pool and with this process, which works while the others start. The results do not
+`parallel_map` reads records with a pool; where one of its processes dies, this one does the rest. The results do not
 depend on the number of processes, except for their order.
 """
 
@@ -26,7 +26,6 @@ from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, Generic, Self, TypeVar
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -235,77 +234,25 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-@contextmanager
-def parallel_map(
-    work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int
-) -> Iterator[Iterator[tuple[int, R]]]:
-    """Do the work on chunks of the items; the value is an iterator over pairs of a chunk's number and its result.
+def parallel_map(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int) -> Iterator[tuple[int, R]]:
+    """Do the work on chunks of the items; yield each chunk's number and its result, in the order of completion.
 
-    Results come in the order of completion. The other processes begin at once, this one when the iterator is first
-    used. `work` and the items must be picklable.
+    With fewer than two processes, this one does it. `work` and the items must be picklable.
     """
     size = max(1, min(LONGEST_CHUNK, len(items) // (SHARES * processes)))
-    chunks = [items[first : first + size] for first in range(0, len(items), size)]
-    if processes < 2:
-        yield ((number, work(chunk)) for number, chunk in enumerate(chunks))
-        return
-    shared = _Shared(work, chunks)
-    others = threading.Thread(target=shared.hand_over, args=(processes - 1,))
-    others.start()
-    try:
-        yield shared.results()
-    finally:
-        shared.stop()
-        others.join()
-
-
-class _Shared(Generic[T, R]):
-    """Chunks that other processes take from the front, handed over by a thread, and this one from the end."""
-
-    def __init__(self, work: Callable[[Sequence[T]], R], chunks: Sequence[Sequence[T]]) -> None:
-        self._work, self._chunks = work, chunks
-        self._left = deque(range(len(chunks)))
-        self._theirs: SimpleQueue[tuple[int, R | Lost] | BaseException] = SimpleQueue()
-
-    def hand_over(self, processes: int) -> None:
-        """Have other processes work until nothing is left, or one of them dies: then this one goes on alone."""
+    left = deque(enumerate(items[first : first + size] for first in range(0, len(items), size)))
+    if processes > 1:
         all_live = True
 
         def take() -> tuple[int, Sequence[T]] | None:
-            number = self._next(self._left.popleft) if all_live else None
-            return None if number is None else (number, self._chunks[number])
+            return left.popleft() if left and all_live else None
 
-        try:
-            with ProcessPool(partial(_work_on, self._work), processes) as pool:
-                for (number, _), result in pool.run(take):
-                    all_live = all_live and not isinstance(result, Lost)
-                    self._theirs.put((number, result))
-        except BaseException as error:
-            self._theirs.put(error)
-
-    def results(self) -> Iterator[tuple[int, R]]:
-        """Yield all results, those of this process between those of the others."""
-        for _ in self._chunks:
-            number = self._next(self._left.pop) if self._theirs.empty() else None
-            if number is None:
-                done = self._theirs.get()
-                if isinstance(done, BaseException):
-                    raise done
-                number, result = done
-                if not isinstance(result, Lost):
-                    yield number, result
-                    continue
-            yield number, self._work(self._chunks[number])
-
-    def stop(self) -> None:
-        """Begin no more chunks, because nobody wants the results."""
-        self._left.clear()
-
-    @staticmethod
-    def _next(pop: Callable[[], int]) -> int | None:
-        with suppress(IndexError):  # the other thread was faster
-            return pop()
-        return None
+        with ProcessPool(partial(_work_on, work), processes) as pool:
+            for (number, chunk), result in pool.run(take):
+                all_live = all_live and not isinstance(result, Lost)
+                yield number, work(chunk) if isinstance(result, Lost) else result
+    for number, chunk in left:
+        yield number, work(chunk)
 
 
 def _work_on(work: Callable[[Sequence[T]], R], job: tuple[int, Sequence[T]]) -> R:

@@ -199,14 +199,6 @@ class TextGame(gymnasium.Env[str, Any]):
         """Return recorded options as keyword arguments that leave nothing to this machine."""
         return dict(options)
 
-    @classmethod
-    def worlds(cls, options: Mapping[str, Any]) -> str | None:
-        """Return what one must know before training on the worlds of these options; None for nothing.
-
-        It is Markdown for a dataset card, and follows the name of the setting.
-        """
-        return None
-
     # What a game defines.
 
     @abstractmethod

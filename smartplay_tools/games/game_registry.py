@@ -169,14 +169,6 @@ class GameSpec(Scoring):
         """Return how many actions the game has."""
         return len(self.load().actions) if self.action_count is None else self.action_count
 
-    def _repr_html_(self) -> str:
-        from smartplay_tools.types import facts_as_html
-
-        facts = {"family": self.family, "past steps shown": str(self.history), "steps": f"{self.rollout:,}"}
-        facts |= {"episodes in the paper": str(self.trials)}
-        facts |= {} if self.human_score is None else {"human score": f"{self.human_score:g}"}
-        return facts_as_html(self.id, facts)
-
     def __getstate__(self) -> dict[str, Any]:
         # The benchmark's ratings are read-only views, which do not pickle.
         return {**vars(self), "challenges": dict(self.challenges)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
@@ -95,11 +94,6 @@ class Hanoi(TextGame):
             characters="".join(describe(self._rods, a) for a in range(6)),
             **options,
         )
-
-    @classmethod
-    def worlds(cls, options: Mapping[str, Any]) -> str:
-        """Say that there is only one world."""
-        return "has one world: every seed is the same game, so a player that is trained on it cannot be held out of it."
 
     @property
     def optimal_action(self) -> int | None:

@@ -193,7 +193,7 @@ def _is_words(value: Any) -> bool:
     if type(value) is dict:
         return any(value.keys() <= names for names in UNORDERED) and all(map(_is_words, value.values()))
     if type(value) is list:
-        return all(map(_is_words, value))
+        return all(type(each) is dict and _is_words(each) for each in value)
     return value is None or type(value) is str
 
 

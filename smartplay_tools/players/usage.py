@@ -34,17 +34,11 @@ def read_usage(usage: Any, interface: Literal["chat", "responses", "messages"]) 
         reasoning=counts["reasoning"],
     )
     read = read.checked(reported_in([usage], "total_tokens"))
-    for each in compactions_in(usage):  # which the other counts are without
-        if (more := read_usage(each, interface)) is not None:
-            read += more.model_copy(update={"requests": 0})
-    return read
-
-
-def compactions_in(usage: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return what Anthropic reports of the questions for a summary beside the reply's own tokens."""
     listed = usage.get("iterations")
-    mappings = [each for each in listed if isinstance(each, Mapping)] if isinstance(listed, list) else []
-    return [each for each in mappings if each.get("type") == "compaction"]
+    for each in listed if isinstance(listed, list) else ():
+        if isinstance(each, Mapping) and each.get("type") == "compaction":  # Anthropic's other counts are without it
+            read += (read_usage(each, interface) or Usage()).model_copy(update={"requests": 0})
+    return read
 
 
 @cache

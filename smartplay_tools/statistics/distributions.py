@@ -121,15 +121,6 @@ def wilson(successes: int, n: int, confidence: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4096)
-def clopper_pearson(successes: int, n: int, confidence: float) -> tuple[float, float]:
-    """The exact interval of a share (Clopper and Pearson 1934): it covers at least as often as it says."""
-    tail = (1 - confidence) / 2
-    low = crossing(lambda share: tail - 1 + binomial_at_most(successes - 1, n, share), 0, 1)
-    high = crossing(lambda share: binomial_at_most(successes, n, share) - tail, 0, 1)
-    return 0.0 if successes == 0 else low, 1.0 if successes == n else high
-
-
-@lru_cache(maxsize=4096)
 def tango(first: int, second: int, n: int, confidence: float) -> tuple[float, float]:
     """The score interval of a difference of paired shares (Tango 1998).
 

@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.statistics.distributions import NORMAL, Values, clopper_pearson, t_quantile, tango, wilson
+from smartplay_tools.statistics.distributions import NORMAL, Values, t_quantile, tango, wilson
 
 __all__ = ["Bounds", "MeanEstimate", "Method", "mean_estimate"]
 
@@ -96,8 +96,6 @@ class Method:
     """How intervals are made."""
 
     confidence: float = CONFIDENCE
-    exact: bool = False
-    """Clopper and Pearson's interval of a share, which covers at least as often as it says, instead of Wilson's."""
     bootstrap: bool = True
     """Without it, Student's t alone, as for intervals that hold together."""
 
@@ -221,7 +219,7 @@ def _share_interval(ordered: Ordered, bounds: Bounds, method: Method) -> Interva
     if bounds.paired:
         low, top = tango(high, ordered.count(bounds.low), n, method.confidence)
         return bounds.high * low, bounds.high * top
-    low, top = (clopper_pearson if method.exact else wilson)(high, n, method.confidence)
+    low, top = wilson(high, n, method.confidence)
     return bounds.low + width * low, bounds.low + width * top
 
 

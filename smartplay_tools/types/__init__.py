@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         ToolResult as ToolResult,
         ToolSpec as ToolSpec,
         Usage as Usage,
-        facts_as_html as facts_as_html,
     )
 
 if not TYPE_CHECKING:

@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 
 from smartplay_tools.types.budget import Count, NewerCost, NewerCount, Recorded
 from smartplay_tools.types.pictures import Picture
-from smartplay_tools.visible import as_html
 
 TOOL_NAMES = ("observe", "act", "read_manual")
 """The tools that every agent has. There is no tool to reset, to seed or to read the score."""
@@ -317,27 +316,7 @@ class EpisodeResult(Recorded):
     """The differences from the paper's protocol: name -> {"paper": ..., "played": ...}."""
     versions: dict[str, str]
 
-    def _repr_html_(self) -> str:
-        human = "" if self.normalized_score is None else f" ({self.normalized_score:.0%} of the human score)"
-        names = ("illegal_actions", "malformed_calls", "refused_calls", "idle_replies", "cut_results")
-        mistakes = [f"{getattr(self, name)} {name.replace('_', ' ')}" for name in names if getattr(self, name)]
-        facts = {
-            "score": f"{self.score:g}{human}",
-            "end": self.end_reason + (f": {self.error}" if self.error else ""),
-            "steps": f"{self.steps} in {self.turns} turns",
-            "tokens": f"{self.tokens.prompt:,} in prompts, {self.tokens.reply:,} in replies",
-            "mistakes": ", ".join(mistakes) or "none",
-            "seed": str(self.seed),
-        }
-        return facts_as_html(self.game, facts)
-
 
 MISTAKES = ("illegal_actions", "malformed_calls", "idle_replies", "fallback_actions")
 """The counts of an `EpisodeResult` that are a model's mistakes; refused calls are not, as the batch policy decides
 those."""
-
-
-def facts_as_html(title: str, facts: Mapping[str, str]) -> str:
-    """Return a title and facts as a small table, as a notebook shows objects."""
-    rows = "".join(f"<tr><th>{as_html(name)}</th><td>{as_html(text)}</td></tr>" for name, text in facts.items())
-    return f"<div><b>{as_html(title)}</b><table>{rows}</table></div>"

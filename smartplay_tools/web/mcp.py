@@ -1,6 +1,6 @@
 """The Model Context Protocol for one game: answers to JSON-RPC messages, without I/O.
 
-A game is a small server: three tools that never change, a text, two prompts, no session, and no requests to clients.
+A game is a small server: three tools that never change, a text, no session, and no requests to clients.
 This module implements the part of the protocol that it needs, for both generations: the handshake (`initialize`, up to
 2025-11-25) and, since 2026-07-28, requests that each name their version. It does not use the official package, because
 importing it takes longer than hosts wait for a server, and because agent frameworks pin conflicting versions of it.
@@ -15,8 +15,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
-
-from smartplay_tools.web import mcp_prompts
 
 if TYPE_CHECKING:
     from smartplay_tools.types import ToolResult, ToolSpec
@@ -66,8 +64,6 @@ SERVER_INFO = {"name": "smartplay", "title": "SmartPlay", "version": version("sm
 CAPABILITIES: dict[str, Any] = {
     "tools": {"listChanged": False},
     "resources": {"listChanged": False},
-    "prompts": {"listChanged": False},
-    "completions": {},
 }
 INSTRUCTIONS = (
     "This server is one game, to be played until it is over. Read the manual first with `read_manual`; `observe` shows "
@@ -94,7 +90,6 @@ OUTPUT_SCHEMA: dict[str, Any] = {
 CACHEABLE = {
     "server/discover",
     "tools/list",
-    "prompts/list",
     "resources/list",
     "resources/templates/list",
     "resources/read",
@@ -203,12 +198,6 @@ async def result_of(hosted: Hosted, method: str, params: Mapping[str, Any]) -> d
             return {"resourceTemplates": []}
         case "resources/read":
             return {"contents": [{"uri": MANUAL, "mimeType": "text/plain", "text": await _read(hosted, params)}]}
-        case "prompts/list":
-            return {"prompts": mcp_prompts.listed(await hosted.ready()) if hosted.is_read_by_host else []}
-        case "prompts/get":
-            return await _prompt(hosted, params)
-        case "completion/complete":
-            return mcp_prompts.completed(await hosted.ready(), params)
     raise ProtocolError(METHOD_NOT_FOUND, "Method not found", method[:80])
 
 
@@ -250,17 +239,6 @@ def call_result(result: ToolResult) -> dict[str, Any]:
         "structuredContent": {"text": result.text, **facts},
         "isError": result.is_error,
     }
-
-
-async def _prompt(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
-    offered = mcp_prompts.listed(await hosted.ready()) if hosted.is_read_by_host else []
-    description = next((prompt["description"] for prompt in offered if prompt["name"] == params.get("name")), None)
-    if description is None:
-        raise ProtocolError(INVALID_PARAMS, f"There is no prompt {str(params.get('name'))[:80]}.")
-    if params["name"] == mcp_prompts.MANUAL:
-        return mcp_prompts.prompt(description, await _read(hosted, {"uri": MANUAL}))
-    arguments = params.get("arguments")
-    return mcp_prompts.prompt(description, mcp_prompts.text_of_play(arguments if isinstance(arguments, dict) else {}))
 
 
 async def _read(hosted: Hosted, params: Mapping[str, Any]) -> str:

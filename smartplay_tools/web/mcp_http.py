@@ -87,7 +87,7 @@ def _check_headers(request: Request, message: Any) -> None:
     meta = params.get("_meta") if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or mcp.VERSION_KEY not in meta:
         raise ProtocolError(mcp.INVALID_PARAMS, f"params._meta has no {mcp.VERSION_KEY}.")
-    method, named = message.get("method"), {"tools/call": "name", "prompts/get": "name", "resources/read": "uri"}
+    method, named = message.get("method"), {"tools/call": "name", "resources/read": "uri"}
     expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": method}
     if method in named and params.get(named[method]) is not None:
         expected["mcp-name"] = params[named[method]]

@@ -46,7 +46,7 @@ class Hosted(Protocol):
 
     @property
     def is_read_by_host(self) -> bool:
-        """Whether the host reads by itself, so that resources and prompts are of use to it."""
+        """Whether the host reads by itself, so that resources are of use to it."""
         ...
 
     @property

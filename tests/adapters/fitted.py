@@ -52,17 +52,25 @@ class FittedConformance:
         """Have an agent read the book, whose calls have the ids `cPAGE`."""
         raise NotImplementedError
 
-    def check(self, book: Book) -> tuple[list[Messages], Messages]:
-        """Every prompt is under its cap by a fresh count of what was sent, whole and with its task, and the framework
-        keeps everything. Returns the prompts and what is kept in the form of the judge."""
+    async def read_by_sub_agent(self, manager: sp.ContextManager, chief: sp.ContextManager) -> Book:
+        """Have an agent that is held by `chief` call an agent that is held by `manager` and reads the book."""
+        raise NotImplementedError
+
+    def prompts(self, book: Book) -> list[Messages]:
+        """The prompts in the form of the judge: each is under its cap by a fresh count, whole, and with its task."""
         host = HOSTS[self.framework][0]()
-        sent, stored = [host.read([*each]) for each in book.sent], host.read([*book.stored])
+        sent = [host.read([*each]) for each in book.sent]
         assert len(sent) == PAGES + 1
         for messages in sent:
             counted = sp.ContextManager(None, form=host.form).fit(messages, tools=book.tools, system=book.system)
             assert (counted.tokens <= CAP, counted.repaired, counted.made) == (True, [], 0)
             assert not is_broken(host.form, messages)
             assert TASK in [message.get("content") for message in messages[:2]]
+        return sent
+
+    def check(self, book: Book) -> tuple[list[Messages], Messages]:
+        """The framework keeps everything. Returns the prompts and what is kept in the form of the judge."""
+        sent, stored = self.prompts(book), HOSTS[self.framework][0]().read([*book.stored])
         assert len(sent[-1]) < len(stored)
         found = [(m.get("tool_call_id", m.get("call_id")), m.get("output", m.get("content"))) for m in stored]
         results = [(int(call[1:]), text) for call, text in found if call and call[1:].isdigit() and text]
@@ -75,6 +83,9 @@ class FittedConformance:
         if streamed and not self.streams:
             pytest.skip("its agents are not streamed")
         self.check(await self.read(sp.ContextManager(CAP, slack=slack), streamed=streamed))
+
+    async def test_sub_agents_have_managers_of_their_own(self):
+        self.prompts(await self.read_by_sub_agent(sp.ContextManager(CAP), sp.ContextManager(400)))
 
     async def test_a_compactor_rewrites_what_is_sent_alone(self):
         sent, stored = self.check(await self.read(sp.ContextManager(CAP, strategy=cleared)))

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from inspect import signature
 from typing import Any
 
 import pytest
 from langchain.agents.middleware import AgentMiddleware, HumanInTheLoopMiddleware
-from langchain_core.language_models import BaseChatModel
-from langchain_core.messages import BaseMessage, HumanMessage
-from langchain_core.messages.ai import UsageMetadata
-from langchain_core.outputs import ChatGeneration, ChatResult
-from langchain_core.utils.function_calling import convert_to_openai_tool
+from langchain_core.messages import HumanMessage
 from langgraph.graph import START, MessagesState, StateGraph
 from langgraph.prebuilt import ToolNode
-from smartplay_langchain import GraphSession, from_langchain, to_langchain
+from smartplay_langchain import GraphSession, PlayerChatModel
 
-from tests.adapters.conformance import Received
+import smartplay_tools as sp
+from tests.adapters.conformance import Received, received
 
 needs_single_approvals = pytest.mark.skipif(
     "interrupt_mode" not in signature(HumanInTheLoopMiddleware).parameters,
@@ -25,49 +22,21 @@ needs_single_approvals = pytest.mark.skipif(
 )
 
 
-class ScriptedModel(BaseChatModel):
-    script: Iterator[Any]
-    sent: list[Any]
-    settings: list[dict[str, Any]]
-    max_tokens: int | None = None
-    """The user's own cap on replies, which a request's replaces."""
-    usage: Any = None
-    """The `sp.Usage` that each reply reports."""
+class ScriptedModel(PlayerChatModel):
+    """Replies with a script; `max_tokens` is the user's own cap on replies, which a request's replaces."""
 
-    def __init__(self, script: Iterable[Any], max_tokens: int | None = None, usage: Any = None) -> None:
+    def __init__(self, script: Iterable[Any], max_tokens: int | None = None, usage: sp.Usage | None = None) -> None:
         own = {} if max_tokens is None else {"max_tokens": max_tokens}
-        super().__init__(script=iter(script), sent=[], settings=[], usage=usage, **own)
+        super().__init__(player=sp.ScriptedPlayer(script, usage), **own)
+
+    def bind_tools(self, tools: Any, *, tool_choice: Any = None, **settings: Any) -> Any:
+        """A player is shown the tools that it may call; this model is shown all that it is sent."""
+        return super().bind_tools(tools, **settings)
 
     @property
     def received(self) -> list[Received]:
         """What the model was sent, in canonical form."""
-        requests = []
-        for messages, settings in zip(self.sent, self.settings, strict=True):
-            functions = [convert_to_openai_tool(tool)["function"] for tool in settings.get("tools", ())]
-            tools = [(function["name"], function["description"], function["parameters"]) for function in functions]
-            requests.append(Received(messages, tools, settings.get("max_tokens", self.max_tokens)))
-        return requests
-
-    @property
-    def _llm_type(self) -> str:
-        return "scripted"
-
-    def bind_tools(self, tools: Any, **kwargs: Any) -> Any:
-        return self.bind(tools=tools, **kwargs)
-
-    def _generate(self, messages: list[BaseMessage], stop: Any = None, run_manager: Any = None, **kwargs: Any) -> Any:
-        self.sent.append([dict(from_langchain(message)) for message in messages])
-        self.settings.append(kwargs)
-        (reply,) = to_langchain([next(self.script)])
-        if (usage := self.usage) is not None:
-            counts = {
-                "input_tokens": usage.prompt,
-                "output_tokens": usage.reply,
-                "total_tokens": usage.prompt + usage.reply,
-            }
-            reply.usage_metadata = UsageMetadata(**counts, input_token_details={"cache_read": usage.cached})
-            reply.response_metadata["model_name"] = "scripted"
-        return ChatResult(generations=[ChatGeneration(message=reply)])
+        return list(map(received, self.player.prompts))
 
 
 class Reminder(AgentMiddleware[Any, Any, Any]):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
-import random
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,8 +11,10 @@ import pytest
 from smartplay_gateway import ContextEndpoint
 
 import smartplay_tools as sp
+from tests.adapters import endpoint_edits_judge
 from tests.adapters.test_context_endpoint import MESSAGE, Upstream, events
 
+PATHS = ("messages", "responses", "responses/compact")
 BETA = "context-management-2025-06-27"
 THINKING = {"type": "enabled", "budget_tokens": 1_024}
 
@@ -142,32 +142,12 @@ def test_what_the_provider_refuses_is_its_own_error(
     assert not upstream.requests
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_random_conversations_are_right_to_the_token(endpoint: ContextEndpoint, upstream: Upstream, seed: int):
-    """Decided again here, from the definition alone."""
-    chance = random.Random(seed)
-    count = chance.randrange(1, 12)
-    tools = [chance.choice(["read", "find"]) for _ in range(count)]
-    messages = [{"role": "user", "content": "Read."}, *(each for n, tool in enumerate(tools) for each in use(n, tool))]
-    keep, excluded, trigger = chance.randrange(5), chance.choice([[], ["find"]]), chance.randrange(1, 700)
-    least = chance.choice([0, 0, 60, 300])
-    edit = {
-        "type": "clear_tool_uses_20250919",
-        "trigger": {"type": "input_tokens", "value": trigger},
-        "keep": {"type": "tool_uses", "value": keep},
-        "exclude_tools": excluded,
-        "clear_at_least": {"type": "input_tokens", "value": least},
-    }
-    answer = ask(endpoint, messages, [edit])
-    wanted = json.loads(json.dumps(messages))
-    for number in range(max(0, count - keep)):
-        if tools[number] not in excluded:
-            wanted[2 + 2 * number]["content"][0]["content"] = "[cleared]"
-    saved = tokens(messages) - tokens(wanted)
-    is_applied = tokens(messages) > trigger and saved > 0 and saved >= least
-    assert upstream.body["messages"] == (wanted if is_applied else messages)
-    reports = [each.cleared_input_tokens for each in answer.context_management.applied_edits]
-    assert reports == ([saved] if is_applied else [])
+def test_random_conversations_are_right_to_the_token():
+    """A small part of `python -m tests.adapters.endpoint_edits_judge`."""
+    found = endpoint_edits_judge.main(150, seed=10**6)
+    edits = ("clear_tool_uses_20250919", "clear_thinking_20251015", "context_management")
+    ways = (*(f"cleared by {name}" for name in edits), *(f"compacted by {path}" for path in PATHS))
+    assert all(found[way] > 0 for way in (*ways, "cut to the cap", "bad input"))
 
 
 @pytest.mark.parametrize("form", ["responses", "anthropic"])

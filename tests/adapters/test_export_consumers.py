@@ -1,4 +1,4 @@
-"""What reads the exports: `datasets` and TRL's `SFTTrainer` train on the rows, `atif` validates the trajectories.
+"""What reads the exports: `datasets` and TRL's `SFTTrainer` train on the rows.
 
 `.ci/run` has an environment with them: torch as a build for processors, and a model that is too small to learn.
 """
@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("trl", reason="needs trl, datasets and atif; `.ci/run` has an environment with them")
+pytest.importorskip("trl", reason="needs trl and datasets; `.ci/run` has an environment with them")
 
-import atif
-from datasets import load_dataset
+from datasets import Dataset, load_dataset
 from trl import SFTConfig, SFTTrainer
 
 import smartplay_tools as sp
@@ -39,12 +38,17 @@ def settings(folder: Path, **own: Any) -> SFTConfig:
     return SFTConfig(output_dir=str(folder / "out"), max_length=16384, **here, **own)
 
 
-@pytest.mark.parametrize("name", ["sft", "sft-chains", "sft-episodes"])
+def read(folder: Path) -> Dataset:
+    """Read the rows in a folder."""
+    data = str(folder / "data" / "data.jsonl")
+    return load_dataset("json", data_files=data, split="train", cache_dir=str(folder / "cache"))
+
+
+@pytest.mark.parametrize("name", ["sft", "sft-chains"])
 def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     export(run, tmp_path / "data", name, players=("rule",))
-    # By its card, as from the Hub.
-    rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
+    rows = read(tmp_path)
     tokenizer = tiny_model.tokenizer()
     which = {"completion_only_loss": True} if name == "sft" else {"assistant_only_loss": True}
     trainer = SFTTrainer(
@@ -66,7 +70,7 @@ def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch
 
 def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
     export(run, tmp_path / "data", "sft", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
-    rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
+    rows = read(tmp_path)
     (record,) = [
         path
         for path in (run / "episodes").glob("*.jsonl")
@@ -87,7 +91,7 @@ def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
 def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
-    rows = load_dataset(str(tmp_path / "data"), split="train", cache_dir=str(tmp_path / "cache"))
+    rows = read(tmp_path)
     tokenizer = tiny_model.tokenizer()
     trainer = SFTTrainer(
         model=tiny_model.model(tokenizer),
@@ -105,25 +109,3 @@ def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
 
 def replies_of(rows):
     return [[message for message in row["completion"] if message["role"] == "assistant"] for row in rows]
-
-
-def test_trajectories_are_valid(run, tmp_path):
-    export(run, tmp_path / "data", "atif")
-    files = sorted((tmp_path / "data" / "trajectories").glob("*.json"))
-    assert len(files) == 8
-    for file in files:
-        trajectory = atif.Trajectory.model_validate_json(file.read_text(encoding="utf-8"))
-        assert trajectory.agent.name == "smartplay-tools"
-
-
-def test_a_trajectory_with_broken_arguments_is_valid(tmp_path):
-    record = tmp_path / "one.jsonl"
-    call = {"id": "", "type": "function", "function": {"name": "act", "arguments": '{"action": '}}
-    reply = {"role": "assistant", "content": None, "reasoning_content": "Hm.", "tool_calls": [call]}
-    with sp.Episode("Hanoi3Disk-v0", seed=1, budget=sp.Budget(tool_calls=2), transcript=record) as episode:
-        sp.play(episode, sp.ScriptedPlayer([{"role": "assistant", "content": "Well."}, reply, reply]))
-    export(record, tmp_path / "data", "atif")
-    trajectory = atif.Trajectory.model_validate_json((tmp_path / "data" / "trajectories" / "one.json").read_text())
-    step = next(step for step in trajectory.steps if step.tool_calls)
-    assert (step.tool_calls[0].arguments, step.tool_calls[0].extra) == ({}, {"sent": '{"action": '})
-    assert step.reasoning_content == "Hm."

@@ -73,6 +73,17 @@ class TestAgents(FittedConformance):
         schema = sp.ToolSpec(read.name, read.description, read.params_json_schema)
         return Book(model.sent, result.to_input_list(), [schema], SYSTEM)
 
+    async def read_by_sub_agent(self, manager: sp.ContextManager, chief: sp.ContextManager) -> Book:
+        inner, outer = Reader(), ScriptedModel()
+        outer.enqueue([function_call("ask", '{"input": "Read all pages."}', call_id="a")])
+        outer.enqueue([assistant_message("Read.")])
+        reader = Agent("reader", instructions=SYSTEM, model=ContextManagerModel(inner, manager), tools=[read])
+        ask = reader.as_tool("ask", "Ask the reader.", max_turns=200)
+        agent = Agent("chief", model=ContextManagerModel(outer, chief), tools=[ask])
+        assert (await Runner.run(agent, TASK)).final_output == "Read."
+        schema = sp.ToolSpec(read.name, read.description, read.params_json_schema)
+        return Book(inner.sent, [], [schema], SYSTEM)
+
 
 async def test_a_session_keeps_everything():
     model, session = Reader(), SQLiteSession("book")

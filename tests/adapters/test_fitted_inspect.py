@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("inspect_ai", reason="needs smartplay-tools[inspect]; `.ci/run` has an environment with it")
 
 from inspect_ai import Task, eval_async
-from inspect_ai.agent import react
+from inspect_ai.agent import as_tool, react
 from inspect_ai.dataset import Sample
 from inspect_ai.model import (
     ChatMessage,
@@ -97,6 +97,23 @@ class TestInspect(FittedConformance):
         assert log.status == "success", log.error
         (sample,) = log.samples or ()
         return Book(reader.sent, sample.messages, tool_specs(reader.tools[0]))
+
+    async def read_by_sub_agent(self, manager: sp.ContextManager, chief: sp.ContextManager) -> Book:
+        inner, outer = Reader(), Reader(1)
+
+        def ask(messages: list[ChatMessage], tools: list[ToolInfo], *rest: Any) -> ModelOutput:
+            output = outer(messages, tools, *rest)
+            for call in output.message.tool_calls or ():
+                call.arguments = {"input": TASK} if call.function == "read" else call.arguments
+            return output
+
+        own = fitted_model(get_model("mockllm/model", custom_outputs=inner, memoize=False), manager)
+        reader = react(name="read", description="Reads.", prompt=SYSTEM, tools=[read()], model=own)
+        model = fitted_model(get_model("mockllm/model", custom_outputs=ask, memoize=False), chief)
+        task = Task([Sample(TASK)], solver=react(prompt=SYSTEM, tools=[as_tool(reader)]))
+        (log,) = await eval_async(task, model=model, log_dir="memory://logs", score=False)
+        assert log.status == "success", log.error
+        return Book(inner.sent, [], tool_specs(inner.tools[0]))
 
 
 async def test_tools_and_the_output_schema_count():

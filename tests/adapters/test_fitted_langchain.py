@@ -101,6 +101,20 @@ class TestLangChain(FittedConformance):
             state = reader.invoke(ASK, LONG)
         return Book(model.sent, state["messages"], [SPEC])
 
+    async def read_by_sub_agent(self, manager: sp.ContextManager, chief: sp.ContextManager) -> Book:
+        books: list[Book] = []
+
+        @tool("read")
+        async def ask(page: int) -> str:
+            """Have the book read."""
+            books.append(await self.read(manager))
+            return "Read."
+
+        outer = Reader(sent=[], tools=[], pages=1)
+        await create_agent(outer, [ask], middleware=[ContextManagerMiddleware(chief)]).ainvoke(ASK)
+        (book,) = books
+        return book
+
 
 def test_an_agent_has_langchains_own_summaries_under_an_exact_cap():
     asked: list[int] = []

@@ -100,6 +100,19 @@ class TestPydanticAI(FittedConformance):
             assert "".join([piece async for piece in stream.stream_text(delta=True)]) == "Done."
         return book(reader, stream.all_messages())
 
+    async def read_by_sub_agent(self, manager: sp.ContextManager, chief: sp.ContextManager) -> Book:
+        books: list[Book] = []
+
+        async def ask(page: int) -> str:
+            books.append(await self.read(manager))
+            return "Read."
+
+        outer = Agent(Reader(1).model, tools=[], capabilities=[ContextManagerCapability(chief)])
+        outer.tool_plain(ask, name="read")
+        assert (await outer.run(TASK)).output == "Done."
+        (read_book,) = books
+        return read_book
+
 
 def test_a_history_goes_on_in_another_run():
     reader = Reader()

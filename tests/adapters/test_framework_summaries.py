@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -24,7 +24,7 @@ from agents import (
     set_tracing_disabled,
 )
 from langchain.agents import create_agent
-from langchain.agents.middleware import ModelRetryMiddleware, dynamic_prompt
+from langchain.agents.middleware import ModelRetryMiddleware
 from langchain_core.callbacks import BaseCallbackHandler
 from langchain_core.messages import BaseMessage
 from langgraph.graph import MessagesState
@@ -168,10 +168,7 @@ HOSTS = {
     "Agents SDK, streamed": partial(agents_sdk, streamed=True),
 }
 
-ALIKE = {"LangChain agent, async", "LangGraph, async", "Agents SDK, streamed"}
-"""Hosts that differ from another one in how replies are awaited."""
 in_every_host = pytest.mark.parametrize("host", HOSTS)
-in_each_kind_of_host = pytest.mark.parametrize("host", [host for host in HOSTS if host not in ALIKE])
 
 
 def as_asked(events: list[Any], stub: Provider) -> None:
@@ -241,45 +238,6 @@ def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host)
     assert episode.result == undisturbed(host).result
     assert stub.bodies == undisturbed(host).stub.bodies
     as_asked(events, stub)
-
-
-def spent_at_the_first_summary() -> int:
-    """Tokens up to and with the reply that is the first summary, by our count, which is the same in every host."""
-    spent = 0
-    for event in undisturbed("LangChain agent").events:
-        if event["event"] == "usage":
-            spent += event["prompt"] + event["reply"]
-            if event.get("purpose") == "summary":
-                return spent
-    raise AssertionError("there is no summary")
-
-
-@in_each_kind_of_host
-def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run(host):
-    episode, events = fresh(BUDGET.model_copy(update={"episode_tokens": spent_at_the_first_summary() + 5}))
-    with Provider() as stub, episode:
-        HOSTS[host](episode, stub)
-    assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
-    assert stub.purposes[-1] == "summary"
-    as_asked(events, stub)
-
-
-def counting() -> Callable[..., str]:
-    numbers: Iterator[int] = itertools.count()
-    return lambda context, agent=None: f"This is prompt {next(numbers)}."
-
-
-def by_a_changing_agent(episode: sp.Episode, stub: Provider) -> None:
-    middleware = [dynamic_prompt(counting()), SmartPlayMiddleware(episode)]
-    create_agent(client(stub), middleware=middleware).invoke({"messages": []}, THREAD)
-
-
-@pytest.mark.parametrize("play", [by_a_changing_agent, partial(agents_sdk, instructions=counting())])
-def test_a_head_that_changes_is_refused_in_a_sentence(play):
-    episode, _ = fresh(BUDGET)
-    sentence = "turns are summarised or rewritten, the head"
-    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match=sentence):
-        play(episode, stub)
 
 
 @pytest.mark.parametrize("inside", [False, True])

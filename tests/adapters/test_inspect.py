@@ -37,14 +37,12 @@ from smartplay_inspect.messages import from_inspect, from_output
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record
-from smartplay_tools.transcript import Event
 from smartplay_tools.types.messages import text_of
 from tests.adapters import rerouted
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
     EACH,
-    IDLE,
     SEED,
     Held,
     Received,
@@ -174,41 +172,6 @@ def test_a_player_of_openais_client_sends_every_prompt_through_inspects_bridge(p
     assert list(map(spelled, model.received)) == list(map(spelled, prompts))
     assert without_usage(episode.result) == without_usage(expected.result)
     assert sp.replay(record).identical
-
-
-def test_two_samples_at_once():
-    """Inspect runs one evaluation at a time, and its samples side by side."""
-    scripts = {"a": BASIC, "b": IDLE}
-    episodes = {name: fresh(BUDGETS["tight"]) for name in scripts}
-    models = {name: Scripted(script) for name, script in scripts.items()}
-    turn = {"taken": 0, "waits": 0}
-
-    async def answer(messages: Any, tools: Any, tool_choice: Any, config: Any) -> ModelOutput:
-        turn["waits"] += 1
-        turn["taken"] = max(turn["taken"], turn["waits"])
-        await anyio.sleep(0.01)
-        turn["waits"] -= 1
-        return models[played()](messages, tools, tool_choice, config)
-
-    def played() -> str:
-        from inspect_ai.util import store
-
-        return str(store().get("name"))
-
-    def new_episode(state: Any, record: list[Event]) -> sp.Episode:
-        state.store.set("name", state.sample_id)
-        return episodes[str(state.sample_id)][0]
-
-    task = Task([Sample(input="Play.", id=name) for name in scripts], solver=smartplay_agent(new_episode))
-    assert run(task, answer, max_samples=2).status == "success"
-    assert turn["taken"] == 2
-    for name, script in scripts.items():
-        expected, _ = fresh(BUDGETS["tight"])
-        with expected:
-            prompts, *_ = by_conversation(expected, script)
-        result = episodes[name][0].result
-        assert without_usage(result) == without_usage(expected.result)
-        assert list(map(spelled, models[name].received)) == list(map(spelled, prompts))
 
 
 @pytest.mark.parametrize(
@@ -367,7 +330,7 @@ def test_a_trial_is_the_world_of_the_same_trial_in_eval(tmp_path):
     assert seeds == [episode["seed"] for episode in manifest["episodes"]]
 
 
-def test_random_players_do_not_disturb_each_other():
+def test_samples_that_run_at_once_do_not_disturb_each_other():
     def scores(samples: int) -> list[Any]:
         task = smartplay("BanditTwoArmedHighLowFixed-v0", trials=3)
         (log,) = evaluate(task, model="smartplay/random", display="none", max_samples=samples)

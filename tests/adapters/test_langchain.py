@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 
 def tools(**options: Any) -> dict[str, Any]:
-    toolkit = SmartPlayToolkit.from_game("RockPaperScissorBasic-v0", seed=0, **options)
+    toolkit = SmartPlayToolkit(episode=sp.Episode("RockPaperScissorBasic-v0", seed=0, context="host", **options))
     return {tool.name: tool for tool in toolkit.get_tools()}
 
 
@@ -39,26 +39,10 @@ class Act:
         return {"action": "Rock"}
 
 
-class Observe:
-    @property
-    def tool_constructor(self):
-        return tools()["observe"]
-
-    @property
-    def tool_invoke_params_example(self):
-        return {}
-
-
 class TestActUnit(Act, ToolsUnitTests): ...
 
 
 class TestActIntegration(Act, ToolsIntegrationTests): ...
-
-
-class TestObserveUnit(Observe, ToolsUnitTests): ...
-
-
-class TestObserveIntegration(Observe, ToolsIntegrationTests): ...
 
 
 class TestToolkit:

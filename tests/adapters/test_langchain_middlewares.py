@@ -478,15 +478,6 @@ def forbidden_weather() -> str:
     raise AssertionError("a tool that is hidden is not run")
 
 
-def test_another_tool_with_the_name_of_one_of_the_games_is_refused():
-    """LangChain's agent would run the other."""
-    mine = tool("act", description="Act.")(lambda action: "Mine.")
-    episode, events = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match="Two tools have the name act; rename yours"):
-        create_agent(ScriptedModel([]), [mine], middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
-    assert not [event for event in events if event["event"] == "usage"]
-
-
 def test_a_second_agent_on_an_episode_that_is_over_is_refused_in_a_sentence():
     with sp.Episode("RockPaperScissorBasic-v0", seed=7, budget=sp.Budget(tool_calls=2)) as episode:
         for number in range(2):

@@ -19,7 +19,6 @@ from smartplay_local.text import as_text, call_in, grammar_of
 from smartplay_openai import chat_reply
 
 import smartplay_tools as sp
-from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.players import get_player
 from tests.dialects.rules import DIALECTS
 from tests.dialects.scripts import HOSTILE, ODD, SOLVED
@@ -126,23 +125,6 @@ def test_a_draw_depends_on_the_seed_only():
     calls = [json.dumps(reply["tool_calls"][0]["function"]) for reply in replies]
     assert calls[0] == calls[1]
     assert len(set(calls)) > 1
-
-
-@needs_model
-def test_the_vocabulary_counts_what_the_engine_counts(server):
-    tokenizer = get_tokenizer("gguf:smollm2-135m")
-    texts = ["Hello  world\n\n12 things", "  a\tb\r\n\r\n  c ", "naïve ½ ² ٣ 漢字 🙂", "<|im_start|>user WE'RE"]
-    for game in ("RockPaperScissorBasic-v0", "MessengerL2-v0", "Hanoi3Disk-v0", "Crafter-v0"):
-        with sp.Episode(game, seed=1) as episode:
-            texts += [episode.manual_text, episode.call("observe").text]
-    assert [tokenizer.count(text) for text in texts] == [server.tokens(text) for text in texts]
-
-
-@needs_model
-def test_an_episode_is_counted_with_the_models_vocabulary():
-    with sp.Episode(GAME, seed=1, tokenizer="gguf:smollm2-135m", budget=sp.Budget(prompt_tokens=900)) as episode:
-        assert sp.play(episode, get_player("rule")).end_reason == "rollout"
-        assert episode.config.tokenizer_sha256 == get_tokenizer("gguf:smollm2-135m").sha256
 
 
 @needs_model

@@ -16,7 +16,6 @@ import httpx2
 import pytest
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from mcp_types import PromptReference
 from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, serve_stdio
 
 import smartplay_tools as sp
@@ -73,31 +72,12 @@ class TestServer:
             with pytest.raises(MCPError, match="There is no resource"):
                 await client.read_resource("smartplay://secrets")
 
-    async def test_a_manual_that_is_withheld_is_neither_a_resource_nor_a_prompt(self, mode):
+    async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
         episode, _ = fresh(context="host", manual="none")
         async with Client(in_memory(episode), mode=mode) as client:
             assert (await client.list_resources()).resources == []
             with pytest.raises(MCPError, match="There is no resource"):
                 await client.read_resource(MANUAL)
-            assert [prompt.name for prompt in (await client.list_prompts()).prompts] == ["play"]
-            reference = PromptReference(type="ref/prompt", name="play")
-            assert (await client.complete(reference, {"name": "action", "value": ""})).completion.values == []
-
-    async def test_a_person_finds_prompts_and_the_names_of_actions(self, mode):
-        episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
-            assert [prompt.name for prompt in (await client.list_prompts()).prompts] == ["play", "manual"]
-            (play,) = (await client.get_prompt("play", {"action": "Rock"})).messages
-            assert play.content.text == 'Play the game until it is over. Begin with the action "Rock".'
-            (manual,) = (await client.get_prompt("manual")).messages
-            assert manual.content.text == episode.game.manual
-            reference = PromptReference(type="ref/prompt", name="play")
-            begun = {"name": "action", "value": "move the top disk of rod a"}
-            completion = (await client.complete(reference, begun)).completion
-            assert completion.values == [act(f"A->{rod}")[1]["action"] for rod in "BC"]
-            with pytest.raises(MCPError, match="There is no prompt"):
-                await client.get_prompt("win")
-        assert episode.stats.tool_calls == 1
 
     async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
         episode, _ = fresh(context="host")

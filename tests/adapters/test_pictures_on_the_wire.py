@@ -175,7 +175,8 @@ def test_langchains_tools_return_content_blocks():
     pytest.importorskip("langchain_core")
     from smartplay_langchain import SmartPlayToolkit
 
-    toolkit = SmartPlayToolkit.from_game("Crafter-v0", seed=1, observation="picture", pictures=True)
+    episode = sp.Episode("Crafter-v0", seed=1, observation="picture", context="host")
+    toolkit = SmartPlayToolkit(episode=episode, pictures=True)
     with toolkit.episode:
         act = {tool.name: tool for tool in toolkit.get_tools()}["act"]
         call = {"type": "tool_call", "id": "c", "name": "act", "args": {"action": "Noop"}}

@@ -141,8 +141,15 @@ nothing to spend or to hide."""
 OWN_KEYS = "ContextEndpoint, passing_app"
 """The server that has no token, because its clients send the key of the model: it is for this machine only."""
 
-every_server = pytest.mark.parametrize("name", SERVERS)
-every_guarded_server = pytest.mark.parametrize("name", [name for name in SERVERS if name != OPEN])
+
+def of_servers(*but: str) -> pytest.MarkDecorator:
+    """All servers but these; fast tests ask each application at one address."""
+    slow = [name for name in SERVERS if name.startswith("WindowEndpoint: /v1/")]
+    names = [pytest.param(name, marks=pytest.mark.slow if name in slow else ()) for name in SERVERS if name not in but]
+    return pytest.mark.parametrize("name", names)
+
+
+every_server, every_guarded_server = of_servers(), of_servers(OPEN)
 
 
 @pytest.fixture
@@ -263,7 +270,7 @@ def test_only_expected_hosts_and_pages_are_answered(serve: Make, name: str) -> N
     assert answered(case, body, headers={"Origin": case.server.url.rstrip("/")})[0] in (200, 201)
 
 
-@pytest.mark.parametrize("name", [name for name in SERVERS if name not in (OPEN, OWN_KEYS)])
+@of_servers(OPEN, OWN_KEYS)
 def test_an_address_for_others_needs_names_and_a_token(serve: Make, name: str) -> None:
     with pytest.raises(sp.InvalidArgumentError, match="Other machines can reach"):
         serve(name, host="0.0.0.0")

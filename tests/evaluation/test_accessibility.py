@@ -72,7 +72,7 @@ def records(folder: Path) -> list[str]:
 
 
 def test_the_site(opened, runs):
-    with view.ViewServer(view.RunList([runs]), annotate=True) as server:
+    with view.ViewServer(view.RunList([runs])) as server:
         page = opened(f"{server.url}#run=one")
         page.locator("#rows a").first.wait_for()
         assert_accessible(page)
@@ -91,7 +91,7 @@ def test_the_report_of_several_runs(opened, runs, tmp_path):
 
 def test_a_page_to_send(opened, runs, tmp_path):
     record = next(RunFolder(runs / "two").records())
-    write_excerpt(record, tmp_path / "some.html", turns=(10, 20))
+    write_excerpt(record, tmp_path / "some.html")
     assert_accessible(opened((tmp_path / "some.html").as_uri()))
 
 

@@ -10,7 +10,7 @@ from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tab
 from smartplay_tools.evaluation.analysis.formats import to_latex
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from tests.evaluation.window_rows import row
 
@@ -27,7 +27,7 @@ def played(player, steps, end_reason="episode_tokens", game=HANDS, trials=4, sco
 def tables(rows):
     """Every table of a run, of a sweep and of a comparison, by its title."""
     comparisons = compare_windows(rows)
-    shown = [headline(summarize(rows)), windows_table(comparisons), *took_tables(comparisons, {})]
+    shown = [headline(summarize(rows)), windows_table(comparisons), *points_tables(comparisons)]
     return [*shown, *comparison_tables(compare({"run": rows}))]
 
 

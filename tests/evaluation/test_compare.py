@@ -90,19 +90,6 @@ def test_other_versions_are_named():
     assert "smartplay-tools differs: 1.0 in a, 2.0 in b" in comparison_tables(comparison)[0].notes
 
 
-def test_like_is_matched_with_like():
-    """A cap on replies was added everywhere; only the history should differ."""
-    before = [r for h in (1, 5) for r in episodes([1, 2], history=h)]
-    after = [r for h in (1, 5) for r in episodes([3, 5], history=h, reply_tokens=100)]
-    runs = {"a": before, "b": after}
-    assert [pairing.reference.facts["history"] for pairing in compare(runs).pairings] == [1, 1]
-    matched = compare(runs, match=["history"]).pairings
-    assert [(p.side.facts["history"], p.reference.facts["history"]) for p in matched] == [(1, 1), (5, 5)]
-    assert {p.side.facts["reply_tokens"] for p in matched} == {100}
-    with pytest.raises(sp.InvalidArgumentError, match="cannot be matched by colour"):
-        compare(runs, match=["colour"])
-
-
 def test_names_say_what_differs_and_a_note_what_does_not():
     run = {"a": [r for h in (1, 5) for r in episodes([1, 2], history=h, reply_tokens=100)]}
     (table, *_) = comparison_tables(compare(run))

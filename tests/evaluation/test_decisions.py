@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-
-import numpy as np
 import pytest
-import scipy
 from typer.testing import CliRunner
 
 import smartplay_tools as sp
@@ -14,9 +10,6 @@ from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde
 from smartplay_tools.statistics.intervals import Bounds, Sample
-from tests.evaluation import simulations
-from tests.evaluation.populations import BANDIT, HANOI, MESSENGER, RPS, tilted
-from tests.evaluation.simulated_tables import NEAR, published
 from tests.evaluation.window_rows import row
 
 SMALL = Sample([0.5, -0.5] * 50)
@@ -87,40 +80,3 @@ def test_losing_as_much_in_every_world_is_no_null_and_playing_alike_is_identical
 def test_a_run_that_is_named_twice_is_refused(tmp_path):
     refused = CliRunner().invoke(app, ["compare", str(tmp_path), str(tmp_path / ".." / tmp_path.name)])
     assert (refused.exit_code, refused.output.count("named twice")) == (2, 1)
-
-
-# Simulations.
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*simulations.ALIKE][:1])
-def test_the_page_says_how_often_a_word_is_wrong(name):
-    """Two players that score alike are "different", and those that differ by the margin "equivalent".
-
-    Of the fewest pairs of one row; `python -m tests.evaluation.simulated_tables` makes them all.
-    """
-    key, margin = simulations.ALIKE[name]
-    wrong = simulations.wrong_words(simulations.against_itself(key), margin, simulations.WORD_SIZES[0])
-    assert wrong == pytest.approx(published("words")[name][:2], abs=NEAR)
-    assert max(wrong) <= 0.065  # 5 %, and three standard errors
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cell", "difference"),
-    [
-        ((HANOI, "random", 50), 0.6),
-        ((MESSENGER, "random", 3), 0.3),
-        ((RPS, "random", 50), 2),
-        ((BANDIT, "random", 50), 2),
-    ],
-)
-def test_the_difference_that_is_promised_is_seen(cell, difference):
-    """With so many pairs that a difference is their MDE, Student's t sees it in 75 to 87 of 100 comparisons."""
-    population = simulations.against_itself(cell)
-    weights = tilted(population.values, difference)
-    spread = np.sqrt(weights @ (population.values - difference) ** 2)
-    pairs = next(n for n in itertools.count(2) if mde(spread, n) <= difference)
-    samples = simulations.draw(population, pairs, 0, weights)
-    seen = np.mean(scipy.stats.ttest_1samp(samples, 0, axis=1).pvalue < 0.05)
-    assert 0.75 <= seen <= 0.87

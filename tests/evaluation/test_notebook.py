@@ -9,7 +9,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.pages.report.page import render_report
-from smartplay_tools.games import get_spec
 
 pytestmark = pytest.mark.slow
 
@@ -60,13 +59,3 @@ def test_an_episode_is_replayed_below_the_cell(run):
 def test_an_episode_that_is_not_there_is_one_sentence(run, episode, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         run.show(episode)
-
-
-def test_an_episode_a_result_and_a_game_show_themselves():
-    with sp.Episode(HANOI, seed=7, budget=sp.Budget(history=2)) as episode:
-        assert "<th>budget</th><td>history 2</td>" in episode._repr_html_()
-        result = sp.play(episode, sp.get_player("rule"))
-    assert episode._repr_html_() == result._repr_html_()
-    assert "<th>score</th><td>3 (100% of the human score)</td>" in result._repr_html_()
-    assert f"<b>{HANOI}</b>" in get_spec(HANOI)._repr_html_()
-    assert "<td>&lt;&amp;&gt;</td>" in result.model_copy(update={"end_reason": "<&>"})._repr_html_()

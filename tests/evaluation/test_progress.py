@@ -35,7 +35,7 @@ def half_played(tmp_path) -> RunFolder:
 def test_an_episode_under_way_is_read_from_its_growing_record(tmp_path):
     folder = half_played(tmp_path)
     follower = RunFollower(folder)
-    (record,) = follower.count().playing
+    (record,) = follower.snapshot().playing
     assert (record.game, record.player) == (BANDIT, "random")
     assert 20 <= record.steps <= 30
     before = record.totals.replies
@@ -44,7 +44,7 @@ def test_an_episode_under_way_is_read_from_its_growing_record(tmp_path):
     written = record.path.read_text()
     usage = '{"event": "usage", "turn": 99, "prompt": 7, "reply": 1, "provider": null}\n'
     record.path.write_text(written[: written.rindex("\n") + 1] + usage)
-    assert follower.count().playing == (record,)
+    assert follower.snapshot().playing == (record,)
     assert record.totals.replies == before + 1
     assert run_snapshot(folder).running == 1
 

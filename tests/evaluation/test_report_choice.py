@@ -16,7 +16,6 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import DamageWarning, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from tests.evaluation.players import Broken
 from tests.evaluation.report_runs import known_for_now, record
 from tests.evaluation.test_view import unpacked
 
@@ -71,36 +70,10 @@ def test_a_number_takes_the_first_trials_of_every_game(run):
     assert {(rows[key]["game"], rows[key]["trial"]) for key in held([run], "2")} == {(HANOI, 0), (BANDIT, 0)}
 
 
-def test_keys_are_chosen_and_what_chooses_nothing_is_an_error(run):
-    rows = RunFolder(run).rows()
-    keys = [rows[1]["key"], rows[4]["key"]]
-    assert held([run], ",".join(reversed(keys))) == keys
-    for asked in ("failed", "mistakes", "0", "0123456789abcdef", "last"):
+def test_what_chooses_nothing_is_an_error(run):
+    for asked in ("failed", "0", "last"):
         with pytest.raises(sp.InvalidArgumentError, match=f"--episodes {asked} chooses no episode"):
             held([run], asked)
-
-
-def test_mistakes_and_failures_can_be_chosen(tmp_path):
-    run, players = tmp_path / "run", {"breaks": Broken, "idle": Idle, "random": random_player}
-    sp.evaluate([HANOI], players, out=run, trials=1, budgets=sp.Budget(tool_calls=2), executor="inline")
-    assert len(held([run], "failed")) == 3, "it plays no more after three"
-    (idle,) = (row["key"] for row in RunFolder(run).rows() if row["player"] == "idle")
-    assert held([run], "mistakes") == [idle]
-
-
-class Idle:
-    """A player that calls no tool."""
-
-    name = "idle"
-
-    def __init__(self, *, seed: int) -> None: ...
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        return sp.Reply({"role": "assistant", "content": "Let me think."})
-
-
-def random_player(*, seed: int) -> sp.Player:
-    return sp.get_player("random", seed=seed)
 
 
 def test_episodes_of_several_runs_are_pairs(run, tmp_path):
@@ -142,8 +115,7 @@ def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path,
     for seed in range(4):
         record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
     shown = sources.find_sources(tmp_path / "records").episodes
-    with reading.reading(shown, "", workers=3) as read:
-        drawn = [json.loads(episode.text)["drawing"] for episode in read()[0]]
+    drawn = [json.loads(episode.text)["drawing"] for episode in reading.read_episodes(shown, "", workers=3)[0]]
     assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
 
 

@@ -173,8 +173,8 @@ def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
     record = whole.transcript(whole.rows[0]["key"])
     commands = (
         ("results", whole.folder.path, "--csv", place),
-        ("export", whole.folder.path, "--format", "atif", "--out", place),
-        ("share", record, "--out", place.with_suffix(".html")),
+        ("export", whole.folder.path, "--format", "sft-chains", "--out", place),
+        ("report", record, "--out", place.with_suffix(".html")),
     )
     for command in commands:
         done = CliRunner().invoke(app, list(map(str, command)))

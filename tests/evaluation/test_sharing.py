@@ -37,16 +37,15 @@ def refuse(numbers: Sequence[int]) -> list[int]:
     ],
 )
 def test_every_item_is_done_once_and_its_place_is_told(processes, count):
-    with parallel_map(squares, range(count), processes) as chunks:
-        done = sorted(chunks)
+    done = sorted(parallel_map(squares, range(count), processes))
     assert [number for number, _ in done] == list(range(len(done)))
     assert [square for _, squares in done for square in squares] == [number**2 for number in range(count)]
 
 
 @pytest.mark.slow
 def test_another_process_gets_its_next_chunk_when_one_is_done():
-    with parallel_map(functools.partial(slow_at_home, home=os.getpid(), pause=0.1), range(400), 3) as chunks:
-        done = [item for _, items in sorted(chunks) for item in items]
+    work = functools.partial(slow_at_home, home=os.getpid(), pause=0.1)
+    done = [item for _, items in sorted(parallel_map(work, range(400), 3)) for item in items]
     assert [number for number, _ in done] == list(range(400))
     elsewhere = sum(process != os.getpid() for _, process in done)
     assert elsewhere > 100
@@ -54,17 +53,15 @@ def test_another_process_gets_its_next_chunk_when_one_is_done():
 
 @pytest.mark.slow
 def test_when_the_other_processes_die_this_one_does_their_work():
-    with parallel_map(
-        functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True), range(200), 3
-    ) as chunks:
-        done = [item for _, items in sorted(chunks) for item in items]
+    work = functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True)
+    done = [item for _, items in sorted(parallel_map(work, range(200), 3)) for item in items]
     assert done == [(number, os.getpid()) for number in range(200)]
 
 
 @pytest.mark.parametrize("processes", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_an_error_of_the_work_is_raised(processes):
-    with parallel_map(refuse, range(5), processes) as chunks, pytest.raises(ValueError, match=r"not [0-4]"):
-        list(chunks)
+    with pytest.raises(ValueError, match=r"not [0-4]"):
+        list(parallel_map(refuse, range(5), processes))
 
 
 def dies_at(number: int, *, fatal: int) -> int:

@@ -127,7 +127,7 @@ def test_an_episode_that_a_later_attempt_finished_is_not_missing():
 
 def test_nothing_gives_an_empty_summary():
     summary = summarize([])
-    assert (summary.cells, summary.profiles, summary.baselines, summary.failures) == ((), (), (), ())
+    assert (summary.cells, summary.profiles, summary.failures) == ((), (), ())
 
 
 # Deviations from the paper.
@@ -240,7 +240,7 @@ def test_a_player_with_two_sets_of_options_is_told_apart_everywhere():
     assert [line[0].strip() for line in compared.rows[1:]] == named
 
 
-# Profiles and baselines.
+# Profiles.
 
 
 def test_every_player_has_a_profile():
@@ -252,29 +252,3 @@ def test_every_player_has_a_profile():
     assert scores["planning"] == pytest.approx((cells[BANDIT] + 3 * cells[HANOI]) / 4)
     zero_based = summarize(rows, weights="zero-based").profiles[1].capabilities
     assert {s.capability: s for s in zero_based.scores}["planning"].estimate.mean == pytest.approx(cells[HANOI])
-
-
-def test_baselines_set_the_run_beside_the_paper():
-    rows = [row for player in ("random", "rule") for row in play_rows(HANOI, player)]
-    (baselines,) = summarize(rows).baselines
-    assert (baselines.game, baselines.comparable) == (HANOI, True)
-    assert baselines.get("rule").score == 3
-    assert baselines.get("rule").episodes == 5
-    assert baselines.get("random").score < 3
-    assert baselines.get("human", "paper").normalized_score == 1
-    assert baselines.get("GPT-4-0613", "paper").score == 2.5
-    assert len(baselines.models) == 8
-    assert baselines.get("oracle") is None
-
-
-def test_players_under_other_conditions_have_baselines_of_their_own():
-    rows = [play_row(HANOI, "random"), play_row(HANOI, "rule", budget=sp.Budget(prompt_tokens=2_000))]
-    first, second = summarize(rows).baselines
-    assert (first.label, second.label) == ("", "prompts <= 2,000")
-    assert first.get("rule") is None
-
-
-def test_a_setting_outside_the_papers_tables_has_the_runs_marks_only():
-    (baselines,) = summarize(play_rows("Hanoi4Disk-v0", trials=2)).baselines
-    assert [each.name for each in baselines.baselines] == ["rule"]
-    assert not baselines.comparable

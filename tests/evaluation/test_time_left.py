@@ -29,10 +29,10 @@ def test_a_follower_estimates_from_the_records(tmp_path):
     lines = record.read_text().splitlines(keepends=True)
     record.write_text("".join(lines[:3]))
     follower = RunFollower(folder, lambda: clock[0])
-    assert follower.count().seconds_left is None
+    assert follower.snapshot().seconds_left is None
     record.write_text("".join(lines))
     clock[0] = 25.0
-    now = follower.count()
+    now = follower.snapshot()
     (playing,) = now.playing
     (finished,) = follower.results.values()
     assert now.seconds_left == pytest.approx(finished.spent.replies - playing.totals.replies, rel=0.2)

@@ -279,25 +279,6 @@ def test_a_person_plays_an_episode(show, tmp_path, width, scheme):
         assert games.run_of(HANOI).folder.rows()[0]["steps"] == 1
 
 
-def test_a_note_is_written_with_a_key_and_is_in_the_list(show, runs, tmp_path):
-    shutil.copytree(runs / "one", tmp_path / "one")
-    with view.ViewServer(view.RunList([tmp_path]), annotate=True) as server:
-        page = show(server.url)
-        page.locator("#rows a").first.click()
-        page.wait_for_selector("body[data-ready] #player:not([hidden])")
-        page.keyboard.press("ArrowRight")
-        page.keyboard.press("a")
-        page.keyboard.type("<b>it forgets</b>")
-        page.locator("#save-note").click()
-        page.locator("#note .note", has_text="<b>it forgets</b>").wait_for()
-        page.keyboard.press("ArrowRight")
-        assert "turn 1" in page.locator("#note").inner_text()
-        page.keyboard.press("Escape")
-        page.wait_for_selector("body[data-ready] #rows > div")
-        page.select_option("#only", "notes")
-        assert page.locator("#count").inner_text() == "1 episode"
-
-
 def test_the_picture_of_a_turn_is_copied_or_saved(show, site, tmp_path):
     """A PNG as wide as the page: on the clipboard, or, where a page may not write there, as a file."""
     copied = {"permissions": ["clipboard-read", "clipboard-write"]}

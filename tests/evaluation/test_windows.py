@@ -10,8 +10,8 @@ import pytest
 from smartplay_tools.evaluation.analysis.grouping import labels
 from smartplay_tools.evaluation.analysis.names import series_name
 from smartplay_tools.evaluation.analysis.together import holm, jointly
-from smartplay_tools.evaluation.analysis.window_tables import took_tables, windows_table
-from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows, latencies
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows
 from smartplay_tools.statistics.intervals import Sample
 from tests.evaluation.window_rows import row
 
@@ -160,20 +160,6 @@ def test_differences_that_hold_together_are_no_wider_than_by_bonferroni_and_narr
     assert level(apart[:1]) == pytest.approx(0.05, rel=0.1)
     assert level(np.ones((4, 20))) == pytest.approx(1 - 0.95**0.25, rel=0.1)  # constant: nothing correlates
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-
-
-def test_what_episodes_took_has_intervals_and_paired_differences():
-    facts = {h: {"history": h, "cost": h / 100, "turns": 10} for h in (2, 50)}
-    rows = [row(s, 1.0, tokens=h * 10 + s, key=f"{s}{h}", **facts[h]) for s in (1, 2, 3) for h in facts]
-    timings = [{"key": r["key"], "seconds": 6.0, "game_seconds": 1.0} for r in rows]
-    tokens, cost = took_tables(compare_windows(rows), latencies(rows, timings))
-    assert [column.heading for column in tokens.columns] == ["window", "tokens", "+-", "s"]
-    assert tokens.rows[1:] == (
-        ("  history 2", "22 [20, 24]", "-480", "0.5"),
-        ("  history 50", "502 [500, 504]", "-", "0.5"),
-    )
-    assert cost.rows[1:] == (("  history 2", "0.02", "-0.48"), ("  history 50", "0.50", "-"))
-    assert len(took_tables(compare_windows(rows), {})[0].columns) == 3
 
 
 def test_cells_with_the_same_window_are_told_apart_by_their_other_caps():

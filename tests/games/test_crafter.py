@@ -1,8 +1,6 @@
 """Crafter as an environment: seeding, copies, state hashes, borders, ends and pictures."""
 
-import copy
 import hashlib
-import pickle
 
 import numpy as np
 import pytest
@@ -10,11 +8,10 @@ from crafter import constants, engine
 
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.game import Crafter
-from smartplay_tools.games.crafter.noise import Points
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
-from smartplay_tools.games.crafter.stream import Stream, world_seed
-from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place
+from smartplay_tools.games.crafter.stream import world_seed
+from smartplay_tools.games.crafter.world import place
 from smartplay_tools.games.specs import GAMES
 
 
@@ -52,28 +49,6 @@ def test_the_tables_are_those_of_the_package() -> None:
     initial = {**dict.fromkeys(facts.VITALS, facts.MOST), **dict.fromkeys(facts.ITEMS, 0)}
     assert {name: {"max": facts.MOST, "initial": count} for name, count in initial.items()} == constants.items
     assert list(facts.ACHIEVEMENTS) == constants.achievements
-
-
-def test_what_collecting_placing_and_making_take_and_give() -> None:
-    for material, rule in facts.COLLECT.items():
-        rules = constants.collect[facts.NAMES[material]]
-        assert rules["require"] == ({rule.tool: 1} if rule.tool else {})
-        assert rules["receive"] == {rule.item: 1}
-        assert (rules["leaves"], rules.get("probability", 1)) == (facts.NAMES[rule.leaves], rule.probability)
-    for name, placing in facts.PLACE.items():
-        rules = constants.place[name]
-        assert rules["uses"] == dict(placing.uses)
-        assert rules["where"] == [facts.NAMES[material] for material in placing.where]
-        assert (rules["type"] == "object") == (placing.what == facts.PLANT)
-    for name, making in facts.MAKE.items():
-        rules = constants.make[name]
-        assert (rules["uses"], rules["gives"]) == (dict(making.uses), 1)
-        assert rules["nearby"] == [facts.NAMES[material] for material in making.nearby]
-    assert (len(facts.COLLECT), len(facts.PLACE), len(facts.MAKE)) == (
-        len(constants.collect),
-        len(constants.place),
-        len(constants.make),
-    )
 
 
 # --- Text ------------------------------------------------------------------------------------------------------------
@@ -140,20 +115,6 @@ def test_killed_in_sleep(text: str, status: str) -> None:
     assert "- health: 0/9" in observation
 
 
-def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
-    game = started(5)
-    go_to(game, 30, 30)
-    player = game._world.player
-    player.facing = DIRECTIONS[3]
-    plant = Thing(facts.PLANT, place(30, 31))
-    player.world.set_ground(plant.at, facts.GRASS)
-    player.world.add(plant)
-    for plant.clock, eaten in ((300, 0), (301, 1)):
-        player._do()
-        assert player.unlocked.get("eat_plant", 0) == eaten
-    assert plant.clock == 0
-
-
 def test_unknown_options_are_refused_in_one_sentence() -> None:
     with pytest.raises(ValueError, match=r"^engine must be one of .*, not 'slow'\.$"):
         make(engine="slow")
@@ -177,27 +138,6 @@ def test_world_seeds_are_those_of_cpython() -> None:
     assert seeds == [int(number) for number in pinned.split()]
 
 
-def test_small_draws_are_those_of_numpy() -> None:
-    ours, numpys = Stream(3), np.random.RandomState(3)
-    for bound in [*range(1, 145), 2**31 - 1]:
-        assert ours.below(bound) == numpys.randint(0, bound)
-        assert ours.uniform() == numpys.uniform()
-        assert ours.quarter() == numpys.randint(0, 4)
-
-
-def test_noise_is_that_of_opensimplex() -> None:
-    import opensimplex
-
-    rng = np.random.default_rng(1)
-    x, y = rng.uniform(-30, 60, (2, 1500))
-    z = rng.integers(0, 9, 1500).astype(float)
-    points = Points(x, y, z)
-    for seed in (0, 2**31 - 2):
-        library = opensimplex.OpenSimplex(seed)
-        expected = [library.noise3(*point) for point in zip(x.tolist(), y.tolist(), z.tolist(), strict=True)]
-        assert points.values(seed).tolist() == expected
-
-
 def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
     first, second = started(3), started(3)
     assert first.state_hash() == second.state_hash()
@@ -208,65 +148,6 @@ def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
     assert len(worlds) == 4
     first.reset(seed=3)
     assert first.state_hash() in worlds
-
-
-def test_without_any_seed_worlds_differ() -> None:
-    first, second = make(), make()
-    first.reset()
-    second.reset()
-    assert first.state_hash() != second.state_hash()
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-@pytest.mark.parametrize("steps", [3, 210])
-def test_a_copy_continues_identically(copied: object, steps: int) -> None:
-    game = started(11)
-    random_steps(game, steps)
-    twin = copied(game)
-    before = twin.state_hash()
-    assert game.state_hash() == before
-    seen = random_steps(game, 120, seed=1)
-    assert twin.state_hash() == before, "the copy shares state with its original"
-    assert random_steps(twin, 120, seed=1) == seen
-    assert twin.state_hash() == game.state_hash()
-
-
-@pytest.mark.slow
-def test_a_copy_of_the_reference_engine_continues_identically() -> None:
-    game = started(11, engine="crafter")
-    random_steps(game, 30)
-    twins = [copy.deepcopy(game), pickle.loads(pickle.dumps(game))]
-    seen = random_steps(game, 30, seed=1)
-    assert [random_steps(twin, 30, seed=1) for twin in twins] == [seen, seen]
-    fast = started(11)
-    random_steps(fast, 30)
-    random_steps(fast, 30, seed=1)
-    assert fast.state_hash() == game.state_hash()
-
-
-def test_the_state_hash_covers_what_cannot_be_seen() -> None:
-    def hash_after(change: object) -> str:
-        game = started(2)
-        change(game)
-        return game.state_hash()
-
-    def cow_is_hurt(game: Crafter) -> None:
-        game._world.world.things[0].health -= 1
-
-    def hungrier(game: Crafter) -> None:
-        game._world.player._hunger += 1
-
-    def one_draw(game: Crafter) -> None:
-        game._world.world.stream.uniform()
-
-    def other_order(game: Crafter) -> None:
-        game._world.world.things.reverse()
-
-    def far_cell(game: Crafter) -> None:
-        game._world.world.set_ground(place(1, 1), facts.TABLE)
-
-    changes = [lambda game: None, cow_is_hurt, hungrier, one_draw, other_order, far_cell]
-    assert len({hash_after(change) for change in changes}) == len(changes)
 
 
 # --- Environment -----------------------------------------------------------------------------------------------------
@@ -281,30 +162,7 @@ def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     assert (terminated, truncated, info["completed"]) == (False, True, 0)
 
 
-def test_all_texts_fit_the_observation_space() -> None:
-    game = started(8)
-    for _ in range(300):
-        game._world.player.inventory.update(dict.fromkeys((*facts.VITALS, *facts.ITEMS), 9))
-        observation, *_ = game.step(game.action_space.sample())
-        assert observation in game.observation_space
-
-
 # --- Pictures --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("engine", ["fast", pytest.param("crafter", marks=pytest.mark.slow)])
-def test_looking_at_pictures_changes_nothing(engine: str) -> None:
-    watched, blind = started(9, engine=engine, render_mode="rgb_array"), started(9)
-    for step in range(1, 190):
-        watched.step(step % 6)
-        blind.step(step % 6)
-        if step % 10 == 0:
-            picture = watched.render()
-            assert (picture.shape, picture.dtype) == ((64, 64, 3), np.uint8)
-            assert np.array_equal(picture, watched.render())
-            assert watched.state_hash() == blind.state_hash()
-    if engine == "crafter":
-        assert np.array_equal(watched.render(), watched._world.picture)
 
 
 class Stage:

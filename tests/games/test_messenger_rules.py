@@ -96,30 +96,6 @@ def test_recorded_starts_are_possible() -> None:
             assert {*state.places, state.avatar} <= slots
 
 
-@pytest.mark.parametrize(
-    ("movement", "offset", "count"),
-    [
-        ("chaser", (3, 5), 2),
-        ("chaser", (0, -4), 1),
-        ("chaser", (0, 0), 4),
-        ("fleeing", (-2, 2), 2),
-        ("fleeing", (6, 0), 3),
-        ("fleeing", (0, 0), 4),
-        ("immovable", (1, 1), 1),
-    ],
-)
-def test_movers_draw_uniformly_from_their_choices(movement: rules.Movement, offset: rules.Place, count: int) -> None:
-    here = (8, 8)
-    state = State((here, (0, 0), (18, 18)), (movement, "immovable", "immovable"), (8 + offset[0], 8 + offset[1]))
-    choices = rules.choices(movement, here, (8 + offset[0], 8 + offset[1]))
-    assert len(set(choices)) == count
-    chance = np.random.default_rng(3)
-    drawn = Counter(rules.step(state, 4, chance).state.places[0] for _ in range(2000))
-    assert set(drawn) == {(8 + x, 8 + y) for x, y in choices}
-    if count > 1:
-        assert scipy.stats.chisquare(list(drawn.values())).pvalue > 0.001
-
-
 @pytest.mark.parametrize("level", [2, 3])
 def test_the_seeded_dynamics_follow_the_stated_probabilities(level: int) -> None:
     """Pooled over recorded situations: observed against expected counts of every outcome."""
@@ -154,11 +130,6 @@ def test_every_enemy_of_level_3_costs_one() -> None:
     state = State(((10, 9), (0, 0), (18, 18), (9, 10), (11, 11)), ("immovable",) * 5, (10, 10))
     (outcome,) = rules.outcomes(state, 4)
     assert (outcome.reward, outcome.ended) == (-3, True)
-
-
-def test_after_the_end_levels_2_and_3_stand_still() -> None:
-    dead = State(((10, 9), (0, 0), (18, 18)), ("chaser", "fleeing", "chaser"), None)
-    assert rules.step(dead, 0, np.random.default_rng(0)) == (dead, 0, True)
 
 
 def test_games_are_those_of_the_splits() -> None:

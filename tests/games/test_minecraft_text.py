@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy
 
-from smartplay_tools.games.minecraft.observation import Observation, malmo_rays, rays, true_rays
+from smartplay_tools.games.minecraft.observation import Observation, malmo_rays, true_rays
 from smartplay_tools.games.minecraft.text import components, describe
 
 NORTH, EAST, SOUTH, WEST = -180.0, -90.0, 0.0, 90.0
@@ -190,32 +190,6 @@ def test_directions_of_blocks_around(cell, words, mode):
     assert around(observation, mode) == [f" - sand, {words}"]
 
 
-HERE, TO_SOUTH, TO_EAST = (FEET, FEET, FEET), (FEET, FEET, slice(5, 9)), (5, FEET, FEET)
-
-
-@pytest.mark.parametrize(
-    ("name", "places", "lines"),
-    [
-        pytest.param("stone", [np.s_[:, :3, :]], [], id="nothing of the layers deeper than that under the feet"),
-        pytest.param("water", [HERE], [], id="nothing of a group that is centred on the feet"),
-        pytest.param("sand", [TO_SOUTH], [" - sand, 2.50 blocks away, to south"], id="the distance of the centre"),
-        pytest.param(
-            *("sand", [(FEET, FEET, 6), (5, FEET, 7)], [" - sand, 2.00 blocks away, to south"]),
-            id="of two groups, which touch at an edge, the nearer one",
-        ),
-        pytest.param(
-            *("sand", [(3, FEET, FEET), TO_EAST], [" - sand, 1.00 blocks away, to west"]),
-            id="of two groups at the same distance the first",
-        ),
-    ],
-)
-def test_of_the_blocks_around_one_group_a_name_is_told(name, places, lines):
-    observation = nothing()
-    for place in places:
-        observation.blocks[place] = name
-    assert around(observation) == lines
-
-
 def test_the_rounding_of_32_bits_decides_between_equal_distances_in_the_papers_text():
     """As in the original: both groups are the square root of 2 away, and the smaller one is the second."""
     observation = nothing()
@@ -224,41 +198,7 @@ def test_the_rounding_of_32_bits_decides_between_equal_distances_in_the_papers_t
     assert around(observation, "paper") == [" - water, 1.41 blocks away, above you to west"]
 
 
-def test_a_name_stands_where_its_first_group_does():
-    """First by x, then y, then z; the first cell of a group decides the order, not the one that is described."""
-    observation = nothing()
-    observation.blocks[0, FEET, 0] = "sand"
-    observation.blocks[1, FEET, 0] = "clay"
-    observation.blocks[5, FEET, FEET] = "sand"
-    assert around(observation) == [" - sand, 1.00 blocks away, to east", " - clay, 5.00 blocks away, to north-west"]
-
-
 # The view.
-
-
-def test_cells_that_touch_at_a_corner_are_one_thing():
-    observation = nothing()
-    see(observation, 8, 8, "sand", 9)
-    see(observation, 9, 9, "sand", 7)
-    see(observation, 3, 3, "sand", 5)
-    lines = view(observation)
-    assert [line.split(",")[1] for line in lines] == [" 5.00 blocks away", " 7.00 blocks away"]
-
-
-def test_a_thing_is_as_far_as_its_nearest_cell_and_lies_where_the_first_of_these_does():
-    observation = nothing(SOUTH)
-    for column, distance in ((0, 9), (1, 5), (2, 5)):
-        see(observation, MIDDLE, column, "sand", distance)
-    see(observation, MIDDLE, 3, "sand", 8)
-    assert view(observation) == [" - sand, 5.00 blocks away, at your level to south-west, taking 1% of screen"]
-
-
-def test_things_stand_in_the_order_of_their_first_cells():
-    observation = nothing()
-    see(observation, 5, 9, "water", 1)
-    see(observation, 5, 7, "sand", 2)
-    see(observation, 4, 12, "cactus", 3)
-    assert [line.split(",")[0] for line in view(observation)] == [" - cactus", " - sand", " - water"]
 
 
 @pytest.mark.parametrize(("cells", "share"), [(1, "0%"), (2, "1%"), (4, "1%"), (5, "2%"), (17, "6%")])
@@ -267,11 +207,6 @@ def test_the_share_of_the_screen_is_rounded(cells, share):
     for column in range(cells):
         see(observation, MIDDLE, column, "sand", 5)
     assert view(observation)[0].endswith(f"taking {share} of screen")
-
-
-def test_a_full_view_takes_all_of_the_screen():
-    observation = nothing(ray_blocks=np.full(290, "sand"))
-    assert view(observation)[0].endswith("taking 100% of screen")
 
 
 def test_null_is_not_told():
@@ -352,21 +287,6 @@ def test_the_originals_rays_turn_about_the_worlds_axis():
     assert north[first] == pytest.approx([0, -down, -np.cos(np.radians(48))], abs=1e-6)
     assert np.array_equal(east[1:18], east[last - MIDDLE : last - MIDDLE + 17])
     assert not east[1:, 1].any()
-
-
-@pytest.mark.parametrize(("yaw", "ahead"), [(NORTH, (0, -1)), (EAST, (1, 0)), (SOUTH, (0, 1)), (WEST, (-1, 0))])
-def test_true_rays_are_the_same_fan_in_every_heading(yaw, ahead):
-    fan = true_rays(yaw)
-    assert fan[0] == pytest.approx([ahead[0], 0, ahead[1]], abs=1e-6)
-    assert fan[1 + MIDDLE, 1] == pytest.approx(-np.sin(np.radians(48)))
-    right = (-ahead[1], ahead[0])
-    assert fan[1 + MIDDLE * 17] @ [right[0], 0, right[1]] == pytest.approx(np.sin(np.radians(48)))
-    assert np.linalg.norm(fan, axis=1) == pytest.approx(1)
-
-
-def test_each_mode_casts_its_own_rays():
-    assert np.array_equal(rays(EAST, "paper"), malmo_rays(EAST))
-    assert np.array_equal(rays(EAST, "corrected"), true_rays(EAST))
 
 
 def test_the_alphabetically_first_name_around_is_lumped_together():

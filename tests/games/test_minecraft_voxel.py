@@ -5,19 +5,17 @@ from __future__ import annotations
 import hashlib
 import itertools
 import statistics
-import tracemalloc
 
 import numpy as np
 import pytest
-import scipy
 
 import smartplay_tools as sp
 from smartplay_tools.games.minecraft.observation import RAY_RANGES, true_rays
 from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, Stride
-from smartplay_tools.games.minecraft.voxel import animals, plants, start
+from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES, SOLID, Block
-from smartplay_tools.games.minecraft.voxel.climate import SEA_LEVEL, Biome, biomes, climate, terrain
-from smartplay_tools.games.minecraft.voxel.rays import Fan, hit_boxes
+from smartplay_tools.games.minecraft.voxel.climate import Biome, biomes, climate
+from smartplay_tools.games.minecraft.voxel.rays import Fan
 from smartplay_tools.games.minecraft.voxel.walking import Walker
 from smartplay_tools.games.minecraft.voxel.world import BOTTOM, HEIGHT, SIDE, VoxelWorld
 from tests.guides.voxel import Guide
@@ -89,41 +87,6 @@ def test_what_a_walker_reads_and_sees_is_pinned():
     assert digest.hexdigest()[:16] == "40bfbec33b381c3e"
 
 
-def test_water_stands_where_the_ground_is_low_and_nowhere_else():
-    x, z = np.arange(-200, 200)[:, None], np.arange(-200, 200)[None, :]
-    heights = hashlib.sha256()
-    for seed in range(4):
-        biome, ground = terrain(seed, x, z)
-        heights.update(ground.tobytes())
-        sea = np.isin(biome, [Biome.OCEAN, Biome.DEEP_OCEAN, Biome.FROZEN_OCEAN])
-        assert (ground[sea] < SEA_LEVEL - 1).all()
-        assert (ground[np.isin(biome, [Biome.BEACH, Biome.DESERT, Biome.PLAINS])] > 50).all()
-        beach = ground[np.isin(biome, [Biome.BEACH, Biome.COLD_BEACH, Biome.STONE_BEACH])]
-        assert ((beach >= SEA_LEVEL - 2) & (beach <= SEA_LEVEL + 1)).all()
-    assert heights.hexdigest()[:16] == "a45a2c4e2e615eb5"
-
-
-def test_biomes_can_be_told_by_what_grows_there():
-    signs = {
-        Biome.DESERT: Block.CACTUS,
-        Biome.JUNGLE: Block.JUNGLE_WOOD,
-        Biome.TAIGA: Block.SPRUCE_WOOD,
-        Biome.ICE_SPIKES: Block.PACKED_ICE,
-        Biome.BIRCH_FOREST: Block.BIRCH_LEAVES,
-        Biome.ROOFED_FOREST: Block.DARK_OAK_WOOD,
-        Biome.SAVANNA: Block.ACACIA_WOOD,
-    }
-    axis = np.arange(-150, 150) * 16
-    map_of_biomes, digest = biomes(climate(3, axis[:, None], axis[None, :])), hashlib.sha256()
-    for biome, sign in signs.items():
-        i, j = (int(places[len(places) // 2]) for places in np.nonzero(map_of_biomes == biome))
-        world = VoxelWorld(3)
-        world.prepare(int(axis[i]), int(axis[j]))
-        assert (world.blocks[world.biome == biome] == sign).any(), biome.name
-        digest.update(region(world, int(axis[i]), int(axis[j])).tobytes())
-    assert digest.hexdigest()[:16] == "6f709151d7d05e72"
-
-
 def test_names_in_paper_mode_are_the_games_display_names():
     """The original's display name is the same for every kind of wood."""
     assert NAMES["paper"][[Block.BIRCH_WOOD, Block.JUNGLE_LEAVES, Block.GRASS_BLOCK]].tolist() == [
@@ -132,12 +95,6 @@ def test_names_in_paper_mode_are_the_games_display_names():
         "grass block",
     ]
     assert NAMES["corrected"][[Block.BIRCH_WOOD, Block.JUNGLE_LEAVES]].tolist() == ["birch wood", "jungle leaves"]
-
-
-def test_no_plant_reaches_further_than_the_margin_in_which_plants_are_known():
-    for shape in plants.SHAPES:
-        cells = np.concatenate([shape.trunk, shape.foliage])
-        assert np.abs(cells[:, [0, 2]]).max() <= plants.REACH
 
 
 # Rays.
@@ -175,36 +132,6 @@ def test_rays_hit_what_a_walk_from_cell_to_cell_hits():
                 block, distance = march(world, eye, fan[n].astype(float), float(RAY_RANGES[n]))
                 differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
     assert differences <= 1  # of 264: rays that graze an edge within rounding
-
-
-def test_far_and_near_blocks_of_a_sparse_world_are_hit_and_layers_of_air_above_it_may_be_named():
-    random, world = np.random.default_rng(0), VoxelWorld(0)
-    top = 70
-    world.blocks[..., :top] = random.integers(0, 100, (SIDE, SIDE, top), np.uint8) == 0
-    world.blocks[..., 0] = Block.BEDROCK
-    differences, near, far = 0, 0, 0
-    for yaw in (-180, -90, 0, 90):
-        eye = (float(random.uniform(-200, 200)), BOTTOM + 50.3, float(random.uniform(-200, 200)))
-        fan = Fan(true_rays(yaw), RAY_RANGES)
-        blocks, distances = fan.hit_blocks(world.blocks, eye)
-        for n in range(0, 290, 17):
-            block, distance = march(world, eye, fan.directions[n].astype(float), float(RAY_RANGES[n]))
-            differences += (block, round(distance, 2)) != (blocks[n], round(float(distances[n]), 2))
-        near, far = near + int((distances < 16).sum()), far + int(((distances > 16) & (blocks > 0)).sum())
-        named = fan.hit_blocks(world.blocks, eye, top)
-        assert np.array_equal(named[0], blocks)
-        assert np.array_equal(named[1], distances)
-    assert differences <= 1  # of 72: rays that graze an edge within rounding
-    assert near > 50
-    assert far > 50
-
-
-def test_rays_hit_the_nearest_box():
-    low = np.array([[-1, 0, 5], [-1, 0, 9], [3, 0, 5]], np.float32)
-    rays = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0]], np.float32)
-    hit, distance = hit_boxes(low, low + 2, (0.0, 1.0, 0.0), rays, np.full(3, 65, np.float32))
-    assert hit.tolist() == [0, -1, -1]
-    assert distance.tolist() == [5, 65, 65]
 
 
 # Walking.
@@ -250,24 +177,6 @@ def test_a_block_stops_a_walker_who_does_not_jump():
     assert player.y >= 66
 
 
-def test_two_blocks_stop_everybody():
-    world = meadow()
-    world.blocks[:, 4, 65 - BOTTOM : 67 - BOTTOM] = Block.STONE
-    player = Walker(world, 0.5, 65.0, 0.5)
-    for n in range(100):
-        player.tick((WALK, JUMP)[n % 2], *SOUTH)
-    assert player.z <= 4 - 0.3 + 1e-9
-
-
-def test_a_fall_ends_on_the_ground():
-    world = meadow()
-    player = Walker(world, 0.5, 90.0, 0.5)
-    player.grounded = False
-    walk(player, 60)
-    assert player.y == 65.0
-    assert player.grounded
-
-
 def test_water_is_slow_and_can_be_left():
     world = meadow()
     world.blocks[:, 4:20, 64 - BOTTOM] = Block.WATER
@@ -311,29 +220,6 @@ def test_animals_are_where_they_would_be_whoever_watches():
     assert compared > 10
 
 
-def test_animals_walk_slowly():
-    world = VoxelWorld(1)
-    world.prepare(0, 0)
-    _, before, _ = animals.animals_near(world, 0, 0, time=100)
-    _, after, _ = animals.animals_near(world, 0, 0, time=101)
-    assert np.abs(after - before)[:, [0, 2]].max() < 0.1
-
-
-def test_an_animal_ahead_is_seen():
-    world = VoxelWorld(1)
-    world.prepare(0, 0)
-    _, low, high = animals.animals_near(world, 0, 0, time=0)
-    for n, (x, y, z) in enumerate(((low + high) / 2).tolist()):
-        hit, distance = hit_boxes(low, high, (x, y, z - 4), true_rays(0), RAY_RANGES)
-        assert n in hit
-        assert 2 < distance[hit == n].min() < 4
-
-
-def test_animals_stand_in_the_observation():
-    game = sp.GAMES["MinedojoCreative9-v0"].make()
-    assert any(set(game.reset(seed=seed) and game._seen.ray_entities.tolist()) - {"null"} for seed in range(20))
-
-
 # The task.
 
 
@@ -352,35 +238,6 @@ def test_starts_are_outside_the_goal_and_a_walk_away_from_it(task):
         away.append(float(np.hypot(axis[i], axis[j]).min()))
     assert 300 <= statistics.median(away) <= 900
     assert min(away) > 200  # the search for a start looks every 16 blocks, and small patches fall between
-
-
-def test_distances_to_a_goal_are_those_of_scipy():
-    random = np.random.default_rng(0)
-    side = 2 * start._REACH + 1
-    for share in np.geomspace(1e-4, 0.5, 300):
-        goal = random.random((side, side)) < share
-        if goal.any():
-            whole = scipy.ndimage.distance_transform_edt(~goal) * start._SCALE
-            assert np.array_equal(start.goal_distances(goal), whole[start._INNER, start._INNER])
-
-
-def test_without_a_goal_on_the_map_no_place_is_near_one():
-    none = np.zeros((2 * start._REACH + 1,) * 2, bool)
-    assert start.goal_distances(none).min() > start.FARTHEST_GOAL
-    assert (start.NEAREST_GOAL, start.FARTHEST_GOAL) == (310, 430)  # as docs/minecraft.md says
-
-
-def test_who_cannot_climb_out_is_walled_in():
-    ground = np.full((65, 65), 64)
-    ground[20:45, 20:45] = 60
-    free = np.ones(ground.shape, bool)
-    assert start._walkable(ground, free).sum() == 25 * 25
-    ground[30, 20:24] = [61, 62, 63, 63]
-    assert start._walkable(ground, free).sum() == 25 * 25
-    ground[30, 20:24] = [63, 62, 61, 60]
-    assert start._walkable(ground, free).all()
-    free[10:55, 10] = free[10:55, 54] = free[10, 10:55] = free[54, 10:55] = False
-    assert not start._walkable(ground, free)[0].any()
 
 
 def wins(task: int, seeds: range, steps: int, player: str) -> float:
@@ -410,18 +267,6 @@ def test_who_knows_the_map_nearly_always_wins_and_chance_hardly_ever(task):
     # `benchmarks/minecraft.py 50` does this for more seeds.
     assert wins(task, range(2, 4), 150, "guide") == 1
     assert wins(task, range(1), 200, "random") == 0
-
-
-def test_an_episode_takes_little_memory():
-    game = sp.GAMES["MinedojoCreative5-v0"].make()
-    tracemalloc.start()
-    game.reset(seed=0)
-    random = np.random.default_rng(0)
-    for _ in range(15):
-        game.step(int(random.integers(4)))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 60 * 2**20
 
 
 def test_paper_texts_can_be_played_too_and_their_task_7_never_ends():

@@ -61,25 +61,6 @@ def test_a_frame_is_read() -> None:
     assert not frame.asleep
 
 
-def test_much_of_the_map_follows_from_a_frame() -> None:
-    own_map = Map()
-    own_map.add(None, False, read_frame(TEXT.replace("You face tree", "You face grass")))
-    # Nothing but grass is named within two steps, except the cow.
-    assert all(own_map.kinds[cell] == BIT["grass"] for cell in [(-1, 0), (0, -1), (1, 0), (-1, 1), (2, 0)])
-    assert own_map.kinds[0, -3] == BIT["tree"]
-    assert own_map.kinds[4, 3] == BIT["water"] | BIT["grass"] | BIT["tree"]
-
-
-def test_moves_are_reckoned() -> None:
-    own_map, frame = Map(), read_frame(TEXT.replace("You face tree", "You face grass"))
-    own_map.add(None, False, frame)
-    own_map.add("Move West", False, frame)
-    assert (own_map.at, own_map.facing) == ((-1, 0), "Move West")
-    blocked = Map(kinds={(0, -1): BIT["stone"]})
-    blocked.add("Move North", False, read_frame(TEXT))
-    assert (blocked.at, blocked.facing) == ((0, 0), "Move North")
-
-
 def test_notes_are_read_as_they_were_written() -> None:
     own_map = Map(
         at=(3, -2), facing="Move East", kinds={(3, -1): BIT["water"], (9, 9): ANY}, visited=[(2, -2), (3, -2)]
@@ -87,14 +68,6 @@ def test_notes_are_read_as_they_were_written() -> None:
     notes = crafter_notes.CrafterNotes(own_map, 17, False, Home(1, 2, 3, 2, "Move West"), goal=(5, 5))
     assert crafter_notes.read_notes("Some words.\n" + notes.text()) == notes
     assert crafter_notes.read_notes("No notes.") is None
-
-
-def test_the_walls_of_a_home_have_no_corners() -> None:
-    home = Home(0, 0, 3, 2, "Move West")
-    assert home.garden == ((0, 0), (0, 1))
-    assert len(home.inside) == 6
-    assert len(home.walls) == 10
-    assert (-1, -1) not in home.walls
 
 
 def test_the_player_without_notes_writes_nothing_down() -> None:

@@ -47,13 +47,6 @@ def test_the_oracle_takes_the_optimal_action_at_every_step(game, protocol):
         assert result.score == result.steps == 50
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize(("game", "moves"), [("Hanoi3Disk-v0", 7), ("Hanoi4Disk-v0", 15)])
-def test_the_oracle_solves_hanoi_in_the_fewest_moves(game, moves, protocol):
-    result = play(game, "oracle", protocol=protocol)
-    assert (result.steps, result.completed, result.end_reason) == (moves, True, "terminated")
-
-
 @pytest.mark.parametrize("disks", [3, 4])
 def test_hanoi_s_shortest_way_is_the_shortest_from_everywhere(disks):
     """Against distances found by flooding the state space from the goal."""

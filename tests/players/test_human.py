@@ -64,11 +64,6 @@ def test_numbers_are_those_of_the_manual():
     assert calls(record) == [("act", '{"action": "Move West"}')]
 
 
-def test_a_final_full_stop_does_not_matter():
-    _, record, _ = sit("pull slot machine 2\n", "BanditTwoArmedLowLowFixed-v0")
-    assert calls(record) == [("act", '{"action": "Pull slot machine 2."}')]
-
-
 def test_a_slip_is_asked_about_again_and_costs_nothing():
     result, record, shown = sit("4\n0\nLizard\n\n²\n1\n")
     assert calls(record) == [("act", '{"action": "Rock"}')]
@@ -88,11 +83,6 @@ def test_leaving_closes_the_episode(answers):
     result, record, _ = sit(answers)
     assert (result.end_reason, result.error, result.steps) == ("closed", None, 1)
     assert record[-1]["event"] == "end"
-
-
-def test_help_says_what_can_be_typed():
-    _, _, shown = sit("?\n")
-    assert "observe: show the current observation again" in shown
 
 
 def test_the_papers_two_questions():
@@ -127,16 +117,6 @@ def plain(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_the_budget_bars_tell_what_the_budget_has_left():
-    budget = sp.Budget(prompt_tokens=1_000, reply_tokens=50, tool_calls=10)
-    _, _, shown = sit("1\n1\n", budget=budget)
-    last = shown.rpartition(" prompt ─")[2]
-    assert re.search(r"prompt █+░+ \d+/1,000", last)
-    assert "calls ████░░░░░░░░░░░░░░░░ 2/10" in last
-    assert "history 1 past steps shown, 50 allowed" in last
-    assert "reply at most 50 tokens" in last
-
-
 def test_the_budget_bars_add_up():
     """Task and turns are the prompt; prompts and replies so far, this prompt and the longest reply are the cap."""
     budget = sp.Budget(episode_tokens=5_000)
@@ -157,25 +137,6 @@ def test_the_budget_bars_add_up():
 
 def number(text: str) -> int:
     return int(text.replace(",", ""))
-
-
-def test_without_past_steps_none_are_shown():
-    _, _, shown = sit("1\n1\n", budget=sp.Budget(history=0))
-    assert "history 0 past steps shown, 0 allowed" in shown.rpartition(" prompt ─")[2]
-
-
-@pytest.mark.parametrize(
-    ("protocol", "keys"), [("tools", "o observe, m manual, ? help, q leave"), ("paper", "? help, q leave")]
-)
-def test_the_first_screen_says_how_to_get_help_and_how_to_leave(protocol, keys):
-    _, _, shown = sit("", protocol=protocol)
-    assert keys in shown
-
-
-def test_the_actions_are_listed_when_asked_for():
-    _, record, shown = sit("a\n1\n", CRAFTER)
-    assert shown.count("17. ") >= 3  # below both prompts, and when asked for
-    assert len(calls(record)) == 1
 
 
 # A terminal.

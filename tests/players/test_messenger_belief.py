@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
-from smartplay_tools.games.messenger.rules import LAST, MOVEMENTS, State, choices
-from smartplay_tools.games.messenger.text import describe
+from smartplay_tools.games.messenger.rules import LAST, MOVEMENTS, choices
 from smartplay_tools.players.rules.messenger import player as messenger
-from smartplay_tools.players.rules.messenger.belief import ENEMY, MESSAGE, believe
+from smartplay_tools.players.rules.messenger.belief import ENEMY, believe
 from smartplay_tools.players.rules.messenger.board import (
     CELLS,
     CHASER,
-    DRAWS,
-    EAST,
     FLEEING,
     IMMOVABLE,
-    OFFSETS,
     PLACES,
-    SHIFT,
     WIDTH,
     Floats,
     SeenEntities,
     board,
-    offsets,
-    sight_code,
 )
 from smartplay_tools.players.rules.messenger.casts import Part
 from smartplay_tools.players.rules.messenger.manual import Claim
@@ -48,25 +39,6 @@ def test_it_tells_movements_apart_by_what_it_sees(observations: list[str], movem
     cases = believe(possible, views)
     assert cases is not None
     assert np.bincount(cases.movements[ENEMY]).argmax() == movement
-
-
-def test_a_move_that_changed_nothing_shows_the_border() -> None:
-    lines = ("dog 4 steps to your east", "dog 4 steps to your east")
-    views = [SeenEntities.of(LINES.format("Move West", line)) for line in lines]
-    cases = believe(((1.0, {"dog": (Part("enemy", IMMOVABLE),)}),), views)
-    assert cases is not None
-    assert set(cases.cell // 10) == {0}
-
-
-def test_of_two_things_with_one_name_the_hidden_one_is_not_nearer() -> None:
-    views = [SeenEntities.of(LINES.format("Do Nothing", "dog 5 steps to your east"))] * 3
-    twins = (Part("message", FLEEING), Part("enemy", IMMOVABLE))
-    cases = believe(((1.0, {"dog": twins}),), views)
-    assert cases is not None
-    places = {spot: place for place, spot in enumerate(board().spot_of_place)}
-    for spot, cell, hidden in zip(cases.spots[MESSAGE], cases.cell, cases.hidden[MESSAGE], strict=True):
-        assert board().distance[cell, places[spot]] >= 5 if hidden else board().distance[cell, places[spot]] == 5
-    assert cases.hidden[MESSAGE].mean() > 0.5, "what stands still is hardly the one that flees"
 
 
 def test_what_cannot_be_is_not_believed() -> None:
@@ -102,24 +74,3 @@ def test_things_are_believed_to_move_as_they_do(movement: int, cell: tuple[int, 
     moved = board().advance(belief, movement, np.array([CELLS * cell[0] + cell[1]]))[0]
     believed = {divmod(int(to), WIDTH): float(moved[to]) for to in np.flatnonzero(moved)}
     assert believed == pytest.approx(by_the_rules(movement, cell, place))
-
-
-@pytest.mark.parametrize(("movement", "cell", "place"), MOVERS_AND_PLACES)
-def test_things_move_in_thought_as_they_do(movement: int, cell: tuple[int, int], place: tuple[int, int]) -> None:
-    tables, spot = offsets(), EAST * place[0] + place[1]
-    apart = EAST * 2 * cell[0] + 2 * cell[1] - spot + SHIFT
-    after: dict[tuple[int, int], float] = {}
-    for draw in range(DRAWS):
-        to = spot + tables.step[(movement * DRAWS + draw) * OFFSETS + apart]
-        to = int(to if tables.on_board[to + SHIFT] else spot)
-        after[divmod(to, EAST)] = after.get(divmod(to, EAST), 0) + 1 / DRAWS
-    assert after == pytest.approx(by_the_rules(movement, cell, place))
-
-
-def test_things_are_looked_for_where_they_are_shown() -> None:
-    """The words of the game, for every place on the board and some of ours, are those that the player expects."""
-    for cell_x, cell_y in ((0, 0), (4, 7), (9, 9)):
-        for x, y in itertools.product(range(WIDTH), repeat=2):
-            state = State(((x, y),), ("immovable",), (2 * cell_x, 2 * cell_y))
-            shown = SeenEntities.of(describe(state, ("dog",))).things["dog"]
-            assert board().shown[CELLS * cell_x + cell_y, WIDTH * x + y] == sight_code(*shown)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.games.messenger.manuals import OUR_TEXTS, load
 from smartplay_tools.games.messenger.rules import MOVEMENTS, Split
 from smartplay_tools.games.messenger.text import compose
-from smartplay_tools.players.rules.messenger import manual as messenger_manual
 from smartplay_tools.players.rules.messenger.board import CHASER, FLEEING, IMMOVABLE, SeenEntities
 from smartplay_tools.players.rules.messenger.casts import Cast, Part, casts
 from smartplay_tools.players.rules.messenger.manual import Claim, claims
@@ -36,16 +33,6 @@ def test_it_reads_the_manual_of_the_paper() -> None:
 def test_three_sentences_are_about_three_roles() -> None:
     manual = compose(["the jet is the enemy.", "the orb is the target.", "the dog is what you see."])
     assert [claim.role for claim in claims(manual)] == ["enemy", "goal", "message"]
-
-
-def test_every_word_that_it_knows_occurs_in_train_sentences() -> None:
-    """The lists were made from the training split, so they have no words that occur only in other sentences."""
-    train = "\n".join(entry.text for entry in entries(load(OUR_TEXTS, "train")))
-    words = set(re.findall(r"[a-z][a-z-]*", train))
-    for lists in (messenger_manual.ENTITIES, messenger_manual.ROLES):
-        assert not set(" ".join(lists.values()).split()) - words
-    for pattern in messenger_manual.MOVEMENTS.values():
-        assert [part for part in re.split(r"\|(?![^(]*\))", pattern) if not re.search(part, train)] == []
 
 
 @pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.slow), "test"])
@@ -79,19 +66,6 @@ def test_decoys_and_a_false_lead_are_seen_through() -> None:
         "dog": (Part("message", CHASER), Part("enemy", IMMOVABLE)),
         "fish": (Part("goal", FLEEING), Part("enemy", CHASER)),
     }
-
-
-def test_a_sentence_that_names_nobody_is_about_who_is_missing() -> None:
-    sentences = (Claim("dog", "message", "chaser"), Claim(None, "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
-    (probability, cast), *_ = casts(sentences, ("dog", "fish", "mage"))
-    assert cast["mage"] == (Part("enemy", FLEEING),)
-    assert probability > 0.7
-
-
-def test_where_the_manual_is_silent_every_movement_is_possible() -> None:
-    sentences = (Claim("dog", "message", None), Claim("mage", "enemy", "fleeing"), Claim("fish", "goal", "immovable"))
-    movements = {cast["dog"] for _, cast in casts(sentences, ("dog", "fish", "mage"))[:3]}
-    assert movements == {(Part("message", movement),) for movement in range(len(MOVEMENTS))}
 
 
 @pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.slow), "test"])

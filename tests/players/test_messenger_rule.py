@@ -10,7 +10,7 @@ from smartplay_tools.games.messenger.rules import SPLITS, Split
 from smartplay_tools.players.rules.messenger import player as messenger
 from smartplay_tools.players.rules.messenger.belief import ENEMY, GOAL, MESSAGE, THINGS, Cases
 from smartplay_tools.players.rules.messenger.board import CHASER, IMMOVABLE, NOWHERE
-from smartplay_tools.players.rules.messenger.player import persistence, worths
+from smartplay_tools.players.rules.messenger.player import worths
 
 
 def completed(level: int, episodes: int) -> float:
@@ -53,21 +53,6 @@ def test_it_evades_a_chaser() -> None:
     cases = cases_of((5, 5), enemy=((13, 10), CHASER), message=((16, 10), IMMOVABLE), goal=((2, 2), IMMOVABLE))
     worth = worths(cases, has_message=False)
     assert worth[messenger.ACTIONS.index("Move East")] == worth.min() < 0 < worth.max()
-
-
-def test_it_walks_straight_on_while_it_sees_nothing_that_it_wants() -> None:
-    cases = cases_of((5, 5), goal=((2, 2), IMMOVABLE))
-    assert not persistence(cases, "Move East", has_message=True).any()
-    cases.hidden[GOAL] = True
-    worth = dict(zip(messenger.ACTIONS, persistence(cases, "Move East", has_message=True), strict=True))
-    assert worth["Move East"] > worth["Move North"] == 0 > worth["Move West"] == worth["Do Nothing"]
-
-
-def test_it_does_not_walk_on_where_the_border_is() -> None:
-    cases = cases_of((9, 5), goal=((2, 2), IMMOVABLE))
-    cases.hidden[GOAL] = True
-    worth = dict(zip(messenger.ACTIONS, persistence(cases, "Move East", has_message=True), strict=True))
-    assert worth["Move North"] > worth["Move East"] == worth["Do Nothing"]
 
 
 # Scores.

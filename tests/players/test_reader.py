@@ -96,14 +96,16 @@ def test_a_summary_is_the_newest_observations_that_the_question_shows_one_a_line
 def test_it_can_lose_lines_whenever_it_writes_a_summary():
     """Of the first 8 letters, the share that is left after each summary of a summary."""
 
+    with sp.Episode(ECHO, seed=5) as episode:
+        conversation = sp.Conversation(episode)
+    first = "\n".join(f"Step {step}: Letter {step} is A." for step in range(8))
+
     def kept(seed, summaries):
-        player = sp.get_player("reader", seed=seed, keeps=0.5)
-        with sp.Episode(ECHO, seed=5) as episode:
-            player.attach(sp.Conversation(episode))
-            text = "\n".join(f"Step {step}: Letter {step} is A." for step in range(8))
-            for _ in range(summaries):
-                question = sp.Prompt([{"role": "user", "content": text}], purpose="compaction")
-                text = player.reply(question).message["content"]
+        player, text = sp.get_player("reader", seed=seed, keeps=0.5), first
+        player.attach(conversation)
+        for _ in range(summaries):
+            question = sp.Prompt([{"role": "user", "content": text}], purpose="compaction")
+            text = player.reply(question).message["content"]
         return text.splitlines()
 
     once, twice = ([kept(seed, summaries) for seed in range(100)] for summaries in (1, 2))

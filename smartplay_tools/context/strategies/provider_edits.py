@@ -184,14 +184,6 @@ class ClearToolUses(Clearing):
             listed = () if clear_tool_inputs in (None, False) else clear_tool_inputs
             self.clear_tool_inputs = _tools(self.name, "clear_tool_inputs", listed)
 
-    def old(self, results: Sequence[str], names: Mapping[str, str], tokens: int) -> frozenset[str]:
-        """Return which uses to clear, by the ids of results in their order and the names of tools by these ids."""
-        kind, most = self.trigger
-        if (tokens if kind == INPUT_TOKENS else len(results)) <= most:
-            return frozenset()
-        before = results[: max(0, len(results) - self.keep)]
-        return frozenset(each for each in before if names.get(each, "") not in self.exclude_tools)
-
     def clears_input(self, tool: str) -> bool:
         """Whether the arguments of a cleared call are cleared, too."""
         return self.clear_tool_inputs is None or tool in self.clear_tool_inputs
@@ -199,8 +191,12 @@ class ClearToolUses(Clearing):
     def cleared(self, messages: Sequence[Given], tokens: int) -> tuple[list[Given], int]:
         """Return the messages with old tool uses cleared."""
         uses = [use for message in messages for use in _uses(message)]
-        names = {use: name for use, name in uses if name is not None}
-        ids = self.old([use for use, name in uses if name is None], names, tokens)
+        names, results = dict(use for use in uses if use[1] is not None), [use for use, name in uses if name is None]
+        kind, most = self.trigger
+        if (tokens if kind == INPUT_TOKENS else len(results)) <= most:
+            return [*messages], 0
+        before = results[: max(0, len(results) - self.keep)]
+        ids = {use for use in before if names.get(use, "") not in self.exclude_tools}
         return [_without_uses(message, self, ids) for message in messages] if ids else [*messages], len(ids)
 
 

@@ -17,7 +17,6 @@ from smartplay_tools.context.tokens.tokenizers import (
     DEFAULT_RULE,
     DEFAULT_TOKENIZER,
     HUGGING_FACE,
-    MODEL_FILE,
     ApproximateTokenizer,
     PictureTokenizer,
     TiktokenTokenizer,
@@ -192,7 +191,7 @@ def shared_counter(tokenizer: str | Tokenizer | None = None, version: str = VERS
     Episodes of a setting repeat the same head, tools and manual. A file of Hugging Face can change, and two tokenizer
     objects may have the same name: with those, every episode has its own counter.
     """
-    if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith((HUGGING_FACE, MODEL_FILE))):
+    if tokenizer is None or (isinstance(tokenizer, str) and not tokenizer.startswith(HUGGING_FACE)):
         return _counter_of(DEFAULT_TOKENIZER if tokenizer is None else tokenizer, version)
     return TokenCounter(tokenizer, version)
 

@@ -3,7 +3,6 @@
 o200k_base        the default; its vocabulary ships inside the package and loads when the first text is counted
 cl100k_base, ...  any encoding of tiktoken, which downloads its vocabulary at first use
 hf:PATH_OR_NAME   a `tokenizer.json` of Hugging Face tokenizers: a file, a folder or a name on the Hub
-gguf:MODEL        the vocabulary of a model file that the extra `local` plays: a known name or a path
 approximate       four characters a token
 
 A name may end with the rule by which pictures are counted, as in o200k_base+claude-28: see
@@ -16,12 +15,11 @@ import base64
 import contextlib
 import functools
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from smartplay_tools.context.tokens.o200k import VOCABULARY_SHA256, o200k_base
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, UnknownNameError
-from smartplay_tools.registry import resolve
 
 if TYPE_CHECKING:
     import tiktoken
@@ -35,9 +33,6 @@ DEFAULT_RULE = "claude-28"
 
 HUGGING_FACE = "hf:"
 """The prefix of the names of Hugging Face tokenizers."""
-
-MODEL_FILE = "gguf:"
-"""The prefix of the names of model files' own vocabularies."""
 
 LONGEST_PIECE = 50_000
 """Text is counted in pieces of at most this many characters, because longer ones can overflow tiktoken's stack."""
@@ -185,21 +180,13 @@ def _found(tokenizer: str) -> Tokenizer:
         from smartplay_tools.context.tokens.hugging_face import HuggingFaceTokenizer
 
         return HuggingFaceTokenizer(tokenizer.removeprefix(HUGGING_FACE))
-    if tokenizer.startswith(MODEL_FILE):
-        vocabulary: Callable[[str], Tokenizer] = resolve("smartplay_local.model_files:GgufTokenizer")
-        return vocabulary(tokenizer.removeprefix(MODEL_FILE))
     import tiktoken
 
     _, plus, asked = tokenizer.partition("+")
     if plus:
         raise UnknownNameError("rule for pictures", asked, list(picture_rules()))
     if tokenizer not in tiktoken.list_encoding_names():
-        names = [
-            *tiktoken.list_encoding_names(),
-            ApproximateTokenizer.name,
-            f"{HUGGING_FACE}PATH_OR_NAME",
-            f"{MODEL_FILE}MODEL",
-        ]
+        names = [*tiktoken.list_encoding_names(), ApproximateTokenizer.name, f"{HUGGING_FACE}PATH_OR_NAME"]
         raise UnknownNameError("tokenizer", tokenizer, names)
     return TiktokenTokenizer(tokenizer)
 

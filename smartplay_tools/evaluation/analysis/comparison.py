@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
-from smartplay_tools.episode.config import RULES
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.beside import ends_of
 from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
@@ -37,12 +36,8 @@ from smartplay_tools.evaluation.analysis.pairs import (
 from smartplay_tools.evaluation.analysis.windows import width
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
-from smartplay_tools.types import Budget
 
 __all__ = ["Comparison", "Overall", "Pairing", "Side", "compare"]
-
-MATCHED = (*Budget.model_fields, *RULES)
-"""The fields in which sides can be matched."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +48,6 @@ class Side:
     player: str
     label: str
     """A short description of the condition; empty for the default."""
-    facts: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
-    """The budget and the rules."""
     width: tuple[float, ...] = field(default=(), compare=False, repr=False)
     """How wide its window is, in the first of its games (`windows.width`)."""
 
@@ -128,25 +121,17 @@ def compare(
     *,
     reference: str | None = None,
     margin: Margin | None = None,
-    match: Sequence[str] = (),
 ) -> Comparison:
     """Compare runs, given as name -> rows, with the first of them.
 
     `reference` is the name of a player of the first run with which everything is compared. With a margin, every pairing
-    has a verdict. With `match`, sides are compared with those of the first run that agree in these fields of the budget
-    or the rules, and no others.
+    has a verdict.
     """
-    if unknown := ", ".join(name for name in match if name not in MATCHED):
-        raise InvalidArgumentError(f"Sides cannot be matched by {unknown}; the fields are {', '.join(MATCHED)}.")
     sides = _sides(runs)
     if reference is not None and not any(side.player == reference for side in sides if side.run == next(iter(runs))):
         players = dict.fromkeys(side.player for side in sides if side.run == next(iter(runs)))
         raise InvalidArgumentError(f"{next(iter(runs))} has no player {reference!r}; it has {', '.join(players)}.")
-    allowed = {
-        side: [other for other in sides if all(side.facts.get(name) == other.facts.get(name) for name in match)]
-        for side in sides
-    }
-    counterparts = {side: _counterpart(side, allowed[side], reference, next(iter(runs))) for side in sides}
+    counterparts = {side: _counterpart(side, [*sides], reference, next(iter(runs))) for side in sides}
     matches = [
         (game, side, counterpart)
         for game in dict.fromkeys(game for games in sides.values() for game in games)
@@ -180,9 +165,8 @@ def _sides(runs: Mapping[str, Sequence[Row]]) -> dict[Side, dict[str, list[Row]]
         for condition in all_conditions:
             played = {cell.game: members for cell, members in groups if cell in condition.cells}
             if played:
-                facts = {**condition.budget, **condition.rules}
                 label = condition.label_among(all_conditions)
-                side = Side(run, condition.player, label, facts, width(condition.cells[0].budget))
+                side = Side(run, condition.player, label, width(condition.cells[0].budget))
                 sides.setdefault(side, {}).update(played)
     return sides
 

@@ -1,6 +1,6 @@
 """The tables of a run apart from its headline, at most 80 columns wide.
 
-There is a table for each topic: scores with their intervals, the baselines of every setting, the nine capabilities,
+There is a table for each topic: scores with their intervals, the nine capabilities,
 mistakes, tokens and cost, differences from the paper, and failed attempts.
 """
 
@@ -23,8 +23,6 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.summary import (
-    Baseline,
-    Baselines,
     CellSummary,
     Drift,
     Failures,
@@ -38,8 +36,6 @@ from smartplay_tools.types.quantities import short
 PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""
 
-PAPERS = "of the paper: the weakest and the strongest of its eight models, and its human baseline"
-OTHER_ENGINE = "~: of another engine, not to be compared"
 
 Figures = tuple[tuple[str, Callable[[CellSummary], str]], ...]
 """Headings, and the functions that print their values for a cell."""
@@ -49,7 +45,6 @@ def details(summary: RunSummary) -> Iterator[TextTable]:
     """Yield the tables of a run, without the headline."""
     if summary.cells:
         yield _scores(summary)
-        yield from _baselines(summary)
     for first in range(0, len(summary.profiles), PROFILES_PER_TABLE):
         shown = summary.profiles[first : first + PROFILES_PER_TABLE]
         yield _capabilities(shown, [profile.condition for profile in summary.profiles])
@@ -153,31 +148,6 @@ TOKENS: Figures = (
 )
 SPENT: Figures = (("spent", lambda cell: amount(cell.spent_cost, _money)),)
 """What episodes cost by the rule of their budgets, where these are in money."""
-
-
-def _baselines(summary: RunSummary) -> Iterator[TextTable]:
-    headings = columns("game", "random", "rule", "weakest", "strongest", "human")
-    for label in dict.fromkeys(each.label for each in summary.baselines):
-        baselines = [each for each in summary.baselines if each.label == label]
-        rows = tuple((each.game, *_baseline_figures(each)) for each in baselines)
-        other_engine = any(each.models and not each.comparable for each in baselines)
-        title = f"baselines ({label})" if label else "baselines"
-        yield TextTable(title, headings, rows, (PAPERS, *([OTHER_ENGINE] if other_engine else [])))
-
-
-def _baseline_figures(baselines: Baselines) -> Iterator[str]:
-    models = sorted(baselines.models, key=lambda model: model.score)
-    papers = (*([models[0], models[-1]] if models else [None, None]), baselines.get("human", "paper"))
-    largest = max(abs(each.score) for each in baselines.baselines)
-    decimals = 2 if largest < 100 else 1 if largest < 1000 else 0
-    for baseline in (baselines.get("random"), baselines.get("rule")):
-        yield _score(baseline, decimals)
-    for baseline in papers:
-        yield ("~" if baseline is not None and not baselines.comparable else "") + _score(baseline, decimals)
-
-
-def _score(baseline: Baseline | None, decimals: int) -> str:
-    return NOTHING if baseline is None else f"{baseline.score:,.{decimals}f}"
 
 
 def _capabilities(profiles: Sequence[Profile], among: Sequence[Condition]) -> TextTable:

@@ -11,22 +11,18 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.beside import EARLY, Beside, column_notes, early_notes, ends_of, shows_steps
+from smartplay_tools.evaluation.analysis.beside import EARLY, Beside, early_notes, ends_of
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell
 from smartplay_tools.evaluation.analysis.names import family_titles, window_names
-from smartplay_tools.evaluation.analysis.numbers import NOTHING, decimals_of, dollars, fixed, percent
+from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars, percent
 from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
 from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
 from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed
-from smartplay_tools.statistics.intervals import mean_estimate
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
-
-LEAST = "*"
-"""The mark of the least cost of a column among the windows of a player at a game."""
 
 UNIT = "costs are of an episode, in uncached tokens of the input, replies included; in USD where the column is a model"
 AREA = "area: the mean score while money is spent, up to the cost of the player's dearest episode at the game"
@@ -116,38 +112,6 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
 def cost_tables(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[TextTable]:
     """Return the tables of costs: which window is cheapest under each tariff, and everything about every cell."""
     return [*flip_table(cells, tariffs), rules_table(cells, tariffs)]
-
-
-def costs_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:
-    """Return what an episode of every cell costs, with a column for each tariff, and its bill, if there is one."""
-    billed = any(cell.bill is not None for cell in cells)
-    beside = list(map(_beside, cells))
-    has_steps = shows_steps(beside)
-    rows: list[tuple[str, ...]] = []
-    for title, members in _families(cells):
-        decimals = decimals_of([mean_estimate([cell.score]) for cell in members])
-        least = [min(cell.costs[at] for cell in members) for at in range(len(tariffs))]
-        rows.append((title,))
-        for cell in members:
-            marked = [
-                _amount(cost, tariff) + LEAST * (cost == lowest and len(members) > 1)
-                for cost, tariff, lowest in zip(cell.costs, tariffs, least, strict=True)
-            ]
-            steps = (f"{cell.steps:,.1f}",) if has_steps else ()
-            facts = (f"{cell.episodes}", *steps, fixed(cell.score, decimals), short(cell.tokens))
-            rows.append((f"  {cell.marked}", *facts, *(_bill(cell) if billed else ()), *marked))
-    headings = [
-        "n",
-        *(["steps"] if has_steps else []),
-        "score",
-        "tokens",
-        *(["bill", "modelled", "+-"] if billed else []),
-        *(t.label for t in tariffs),
-    ]
-    notes = [UNIT, MODEL, *column_notes(beside), f"{LEAST}: the cheapest window of the player at the game"]
-    if billed:
-        notes.append("bill: USD by the provider's count; modelled: under the rule of the model; +-: their difference")
-    return TextTable("what an episode costs", columns("window", *headings), tuple(rows), (*notes, *_left_out(cells)))
 
 
 def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTable:

@@ -7,20 +7,14 @@ out, so that far fewer episodes are needed to show whether a smaller window cost
 The interval of a mean difference is computed by `intervals`, with the differences as the sample. An episode whose
 counterpart is missing (it failed, or was not played yet) is in no pair. Where trials carry something over, on either
 side of a pair, the sample is that of the means of chains: `records.rows.unit_of`.
-
-A `RowCondition` is a condition on a measure as users write it: score >= 40.
 """
 
 from __future__ import annotations
 
 import math
-import operator
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.rows import Row, mean_score, scoring_of, unit_of
@@ -31,12 +25,6 @@ __all__ = ["MEASURES", "differences", "paired_difference"]
 
 FAMILIES_WITHOUT_OBJECTIVE = ("bandit", "rock_paper_scissors", "crafter")
 """Games that cannot be completed, so they have no completion rate (paper, section 4.2)."""
-
-
-def latency(row: Row, timings: Sequence[Row]) -> float | None:
-    """The seconds that the player took for a turn, from those of the episode's attempts; None if unknown."""
-    seconds = sum(each["seconds"] - each["game_seconds"] for each in timings)
-    return seconds / row["turns"] if timings and row.get("turns") else None
 
 
 CONTROLS = ("random", "blind", "first", "always")
@@ -219,36 +207,3 @@ def paired_difference(
     """Estimate the mean of the `differences`; its `episodes` are the pairs. None if there is no pair."""
     differing = difference_sample(pairs(rows, reference), measure)
     return mean_estimate(differing.values, differing.bounds, method) if differing.values else None
-
-
-OPERATORS: Mapping[str, Callable[[float, float], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-}
-_FORM = re.compile(r"\s*(\w+)\s*(<=|>=|==|<|>)\s*(-?\d+(?:\.\d+)?)\s*")
-
-
-@dataclass(frozen=True)
-class RowCondition:
-    """A comparison of a measure with a number."""
-
-    measure: str
-    sign: str
-    number: float
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Return the condition that a text states."""
-        match = _FORM.fullmatch(text)
-        if match is None or match[1] not in MEASURES:
-            names = ", ".join(MEASURES)
-            raise InvalidArgumentError(f"{text!r} is not a condition; write it as 'score >= 40', with one of {names}.")
-        return cls(match[1], match[2], float(match[3]))
-
-    def __call__(self, row: Row) -> bool:
-        """Whether the condition holds for an episode; an episode without the measure does not meet it."""
-        value = MEASURES[self.measure](row)
-        return value is not None and OPERATORS[self.sign](value, self.number)

@@ -12,7 +12,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from smartplay_tools.types.groups import grouped
 SEED = 20_240_417
 RESAMPLES = 2_000
 
-Succeeds = Callable[[Row], bool]
 Share = tuple[float, float, float]
 """A figure and the ends of its 95 % interval."""
 
@@ -59,28 +57,24 @@ class Repeats:
     """k, pass@k (one of k succeeds) and pass^k (all k succeed)."""
 
 
-def repeated(rows: Sequence[Row], succeeds: Succeeds | None = None) -> list[Repeats]:
-    """Return the figures of all cells that have repeats.
-
-    `succeeds` says which episodes succeed; without it, those that completed, in cells where any did.
-    """
+def repeated(rows: Sequence[Row]) -> list[Repeats]:
+    """Return the figures of all cells that have repeats; those succeed that completed, in cells where any did."""
     groups = by_cell(rows)
     labelled = zip(groups, labels([cell for cell, _ in groups]), strict=True)
-    figures = (_repeats(cell, label, members, succeeds) for (cell, members), label in labelled)
+    figures = (_repeats(cell, label, members) for (cell, members), label in labelled)
     return [each for each in figures if each is not None]
 
 
-def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row], succeeds: Succeeds | None) -> Repeats | None:
+def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row]) -> Repeats | None:
     worlds = [members for members in grouped(rows, lambda row: row["seed"]).values() if len(members) > 1]
     if len(worlds) < 2:
         return None
     repeats = min(map(len, worlds))
     played = [sorted(members, key=lambda row: row["trial"])[:repeats] for members in worlds]
     scores = np.array([list(map(mean_score, members)) for members in played], dtype=float)
-    if succeeds is None and any(row["completed"] for row in rows):
-        succeeds = itemgetter("completed")
     within, between = map(float, variances(scores))
-    counts = None if succeeds is None else np.array([sum(map(succeeds, members)) for members in played])
+    successes = [sum(row["completed"] for row in members) for members in played]
+    counts = np.array(successes) if any(row["completed"] for row in rows) else None
     share = float(icc(scores))
     return Repeats(
         cell,

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from smartplay_tools.episode.config import differs
 from smartplay_tools.evaluation.analysis.beside import Beside, early_ends, ends_of
@@ -28,7 +28,6 @@ from smartplay_tools.evaluation.analysis.pairs import (
     score,
     tokens,
 )
-from smartplay_tools.games.paper_tables import PAPER_RESULTS
 from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed, is_unplayed
 from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, named_estimates
 from smartplay_tools.types import EndReason
@@ -178,55 +177,12 @@ class Profile:
     capabilities: Capabilities
 
 
-Source = Literal["run", "paper"]
-
-
-@dataclass(frozen=True)
-class Baseline:
-    """One player's mean score at a setting."""
-
-    name: str
-    source: Source
-    score: float
-    normalized_score: float | None
-    episodes: int | None
-    """None for the paper's baselines, because the paper gives only means."""
-
-
-@dataclass(frozen=True)
-class Baselines:
-    """The scores with which a score at a setting is compared, for players with the same label.
-
-    A score means little by itself: 31 of 50 for the bandit is six more than guessing and fourteen less than a human
-    score.
-    """
-
-    game: str
-    label: str
-    """A short description of the conditions of the run's players."""
-    engine: str | None
-    comparable: bool
-    """Whether the paper's scores are of the same game; False for another engine, or without a human score."""
-    baselines: tuple[Baseline, ...]
-    """The run's players in its order, then the paper's."""
-
-    def get(self, name: str, source: Source = "run") -> Baseline | None:
-        """Return the baseline of that name, if there is one."""
-        return next((each for each in self.baselines if (each.name, each.source) == (name, source)), None)
-
-    @property
-    def models(self) -> tuple[Baseline, ...]:
-        """The paper's models, without the human baseline."""
-        return tuple(each for each in self.baselines if each.source == "paper" and each.name != "human")
-
-
 @dataclass(frozen=True)
 class RunSummary:
     """The statistics of a run."""
 
     cells: tuple[CellSummary, ...]
     profiles: tuple[Profile, ...]
-    baselines: tuple[Baselines, ...]
     failures: tuple[Failures, ...]
 
     def label_of(self, cell: CellSummary) -> str:
@@ -247,7 +203,7 @@ def summarize(
     lost = _failures(failures, {row["key"] for row in rows})
     normalized = [each["normalized_score"].values for each in measured]
     profiles = (_profile(condition, cells, normalized, weights) for condition in among)
-    return RunSummary(cells, tuple(profiles), tuple(_baselines(among, cells)), tuple(lost))
+    return RunSummary(cells, tuple(profiles), tuple(lost))
 
 
 def _cell_summary(cell: PlayedCell, rows: Sequence[Row], estimates: Mapping[str, MeanEstimate]) -> CellSummary:
@@ -312,26 +268,6 @@ def _profile(
     own = [(each, scores) for each, scores in zip(cells, normalized, strict=True) if each.cell in condition.cells]
     scores = capability_scores({each.cell.game: scores for each, scores in own}, weights=weights)
     return Profile(condition, any(each.privileged for each, _ in own), scores)
-
-
-def _baselines(among: Sequence[Condition], cells: Sequence[CellSummary]) -> Iterator[Baselines]:
-    """One set of baselines for each setting and label."""
-    labelled = [(condition.label, each) for condition in among for each in cells if each.cell in condition.cells]
-    for (label, game), members in grouped(labelled, lambda pair: (pair[0], pair[1].cell.game)).items():
-        played = [each for _, each in members]
-        ours = (_baseline(each) for each in played)
-        papers = (
-            Baseline(row.player, "paper", row.raw[game], row.normalized[game], None)
-            for row in PAPER_RESULTS
-            if game in row.raw
-        )
-        comparable = any(each.normalized_score is not None for each in played)
-        yield Baselines(game, label, played[0].cell.engine, comparable, (*ours, *papers))
-
-
-def _baseline(played: CellSummary) -> Baseline:
-    normalized = None if played.normalized_score is None else played.normalized_score.mean
-    return Baseline(played.cell.player, "run", played.score.mean, normalized, played.score.episodes)
 
 
 def _failures(rows: Iterable[Row], finished: Set[str]) -> list[Failures]:

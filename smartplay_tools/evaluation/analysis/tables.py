@@ -71,7 +71,7 @@ LATER: Mapping[str, Any] = {
     **Usage.later,
     "observation": Rules().observation,
     **Rules.later,
-    **dict.fromkeys((*FILES, *OPTIONAL)),
+    **dict.fromkeys((*FILES, *OPTIONAL, "question_cost")),
 }
 """Values that a row leaves out, and what they then are."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from operator import itemgetter
 
 from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_points, shows_steps
@@ -12,7 +12,6 @@ from smartplay_tools.evaluation.analysis.names import check_distinct, family_tit
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
-    amount,
     count,
     decimals_of,
     dollars,
@@ -21,7 +20,6 @@ from smartplay_tools.evaluation.analysis.numbers import (
     with_interval,
 )
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
-from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
@@ -113,6 +111,9 @@ def cells_table(
     return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
 
 
+TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
+
+
 def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
     """Return the points of every cell and their differences, where points are not what scores count."""
     beside = [c.beside for c in comparisons]
@@ -127,40 +128,6 @@ def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
         )
 
     return [cells_table("points", comparisons, figures, [TOOK, *column_notes(beside), *early_notes(beside)])]
-
-
-TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
-SECONDS = "s: seconds that a player took for a turn, without those of the game"
-
-
-def took_tables(comparisons: Sequence[WindowComparison], seconds: Mapping[bytes, MeanEstimate]) -> list[TextTable]:
-    """Return what an episode of each cell was paid, if that is not its score, and what it took.
-
-    It took tokens and, where they are known, time, and US dollars.
-
-    `seconds` has the time of a turn by the key of the cell (`latencies`).
-    """
-    beside = [c.beside for c in comparisons]
-    notes = [TOOK, *([SECONDS] if seconds else []), *column_notes(beside, points=False), *early_notes(beside)]
-
-    def tokens(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
-        return (
-            *([STEPS] if shows_steps(beside) else []),
-            ("tokens", lambda c: amount(c.means["tokens"], short)),
-            ("+-", lambda c: amount(c.differences.get("tokens"), short, sign="+")),
-            *([("s", lambda c: amount(seconds.get(c.cell.key()), "{:.2g}".format))] if seconds else []),
-        )
-
-    def cost(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
-        return (
-            *([STEPS] if shows_steps(beside) else []),
-            ("USD", lambda c: amount(c.means.get("cost"), dollars)),
-            ("+-", lambda c: amount(c.differences.get("cost"), dollars, sign="+")),
-        )
-
-    tables = [*points_tables(comparisons), cells_table("took", comparisons, tokens, notes)]
-    priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
-    return [*tables, *([cells_table("took, in US dollars", comparisons, cost, notes)] if priced else [])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:

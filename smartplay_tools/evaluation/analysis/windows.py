@@ -29,9 +29,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     cut_share,
     difference_samples,
     is_control,
-    latency,
     pairs,
-    sample,
     samples,
 )
 from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
@@ -152,15 +150,6 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
         )
         for at, ((cell, members), reference) in enumerate(zip(groups, references, strict=True))
     ]
-
-
-def latencies(rows: Iterable[Row], timings: Iterable[Row]) -> dict[bytes, MeanEstimate]:
-    """Return the seconds of a turn by the key of the cell, from a run's rows and the times of its attempts."""
-    times = grouped(timings, lambda timing: timing["key"])
-    groups = by_cell(rows)
-    measured = [{"seconds": sample(own, lambda row: latency(row, times.get(row["key"], ())))} for _, own in groups]
-    estimates = named_estimates(measured)
-    return {cell.key(): own["seconds"] for (cell, _), own in zip(groups, estimates, strict=True) if own}
 
 
 def width(budget: Mapping[str, Any]) -> tuple[float, float, float, float]:

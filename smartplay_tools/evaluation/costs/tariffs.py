@@ -80,9 +80,9 @@ def charge_records(
     named = named_tokenizers()
     work = partial(_charge_all, tariffs=tariffs, prices=prices, rules=cache_rules(caches), tokenizers=named)
     charged: dict[str, Charged | InvalidArgumentError | None] = {}
-    with parallel_map(work, list(records.items()), worth(processes, records.values(), WORTH_A_PROCESS)) as results:
-        for _, part in results:
-            charged |= part
+    workers = worth(processes, records.values(), WORTH_A_PROCESS)
+    for _, part in parallel_map(work, list(records.items()), workers):
+        charged |= part
     for fault in charged.values():
         if isinstance(fault, InvalidArgumentError):
             warn_damaged(fault)

@@ -3,8 +3,6 @@
     export("runs/first", "data", "sft", completed=True)
 
 sft            rows for supervised fine-tuning, and which episodes they are made of
-atif           trajectories in the Agent Trajectory Interchange Format
-dataset_cards  the dataset card that is written beside the data, with warnings about its worlds
 export         the formats by name, and the function above
 """
 

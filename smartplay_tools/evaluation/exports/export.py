@@ -1,4 +1,4 @@
-"""export: the finished episodes of a run as data of a format, with a dataset card."""
+"""export: the finished episodes of a run as data of a format."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from smartplay_tools.errors import DamageError, InvalidArgumentError, damage_named, in_one_line, warn_damaged
-from smartplay_tools.evaluation.exports.dataset_cards import dataset_card
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
@@ -21,23 +20,18 @@ from smartplay_tools.registry import Registry
 Write = Callable[..., dict[str, int]]
 """Writes episodes into an existing folder, and returns how much of each kind it wrote: `write(episodes, folder)`.
 
-The functions of `WITH_SUMMARIES` also take `summaries`, those of `WITH_PICTURES` `pictures`.
+The functions of `WITH_MORE` also take `summaries` and `pictures`.
 """
 
 FORMATS: dict[str, str] = {
-    "atif": "smartplay_tools.evaluation.exports.atif:write_trajectories",
     "inspect": "smartplay_inspect.export:write_logs",
     "sft": "smartplay_tools.evaluation.exports.sft:write_replies",
     "sft-chains": "smartplay_tools.evaluation.exports.sft:write_chains",
-    "sft-episodes": "smartplay_tools.evaluation.exports.sft:write_episodes",
 }
 """The formats: name -> the function that writes it."""
 
-WITH_SUMMARIES = ("sft", "sft-chains")
-"""The formats that can have rows for prompts for a summary."""
-
-WITH_PICTURES = ("sft", "sft-chains", "sft-episodes")
-"""The formats that can have pictures, as files beside the rows."""
+WITH_MORE = ("sft", "sft-chains")
+"""The formats that can have rows for prompts for a summary, and pictures as files beside the rows."""
 
 _REGISTRY = Registry("export format", FORMATS)
 
@@ -48,7 +42,7 @@ class Exported:
 
     folder: Path
     counts: dict[str, int]
-    """How many episodes, and how many rows, steps or logs."""
+    """How many episodes, and how many rows or logs."""
     left_out: Counter[str]
     """How many episodes were left out, by reason."""
 
@@ -64,23 +58,19 @@ def export(
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
-    `out` is a new folder, in which the data and a dataset card (`README.md`) are written. With `summaries`, replies to
+    `out` is a new folder, in which the data are written. With `summaries`, replies to
     prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
     of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`.
     Every prompt is rebuilt from its record and verified; a record that was changed is left out with a `DamageWarning`,
     and a selection without any episode is an `InvalidArgumentError`.
     """
+    more = {name: True for name, value in {"summaries": summaries, "pictures": pictures}.items() if value}
+    if more and format not in WITH_MORE:
+        raise InvalidArgumentError(
+            f"{format} has no place for {' and '.join(more)}; {' and '.join(WITH_MORE)} have, so choose one of them or "
+            "leave that out."
+        )
     write: Write = _REGISTRY[format]
-    if summaries and format not in WITH_SUMMARIES:
-        raise InvalidArgumentError(
-            f"{format} has no rows for summaries; {' and '.join(WITH_SUMMARIES)} have them, so choose one or leave "
-            "summaries out."
-        )
-    if pictures and format not in WITH_PICTURES:
-        raise InvalidArgumentError(
-            f"{format} has no place for pictures; {', '.join(WITH_PICTURES)} have one, so choose one of them or leave "
-            "pictures out."
-        )
     try:
         chosen = EpisodeSelection(**selection)
     except ValidationError as error:
@@ -95,14 +85,12 @@ def export(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as unfinished:
         part = Path(unfinished) / folder.name
-        asked = {name: True for name, value in {"summaries": summaries, "pictures": pictures}.items() if value}
         while True:  # again without a record that turns out to be damaged
             part.mkdir()
             begun: list[Path] = []
-            written: list[Record] = []
             try:
                 with damage_named(source):
-                    counts = write(_read(records, begun, written), part, **asked)
+                    counts = write(_read(records, begun), part, **more)
                 break
             except DamageError as error:
                 records = [record for record in records if record not in begun[-1:]]
@@ -111,16 +99,12 @@ def export(
                 warn_damaged(f"{begun[-1]} is left out. {error}")
                 left_out["damaged"] += 1
                 shutil.rmtree(part)
-        card = dataset_card(format, written, chosen, counts, left_out)
-        (part / "README.md").write_text(card, encoding="utf-8", newline="\n")
         part.rename(folder)
     return Exported(folder, counts, left_out)
 
 
-def _read(records: Iterable[Path], begun: list[Path], written: list[Record]) -> Iterator[Record]:
-    """Read one record after the other, keeping of each only its path and what the card needs."""
+def _read(records: Iterable[Path], begun: list[Path]) -> Iterator[Record]:
+    """Read one record after the other, keeping of each its path."""
     for record in records:
         begun.append(record)
-        episode = Record.read(record)
-        yield episode
-        written.append(Record([episode.events[0], episode.events[-1]], path=record))
+        yield Record.read(record)

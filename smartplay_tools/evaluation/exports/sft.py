@@ -2,8 +2,7 @@
 
 `sft` has a row for every reply: the prompt exactly as the model saw it, and the reply. This is the data for a model
 that will play under the same budget. `sft-chains` has the same prompts and replies with less repetition: a row
-continues while each prompt extends the previous one by its reply and what followed. `sft-episodes` has a row for every
-episode, the whole conversation, which no model saw whole if its window dropped turns.
+continues while each prompt extends the previous one by its reply and what followed.
 
 Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
 `SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
@@ -63,11 +62,6 @@ def write_chains(
     return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries), pictures=pictures)
 
 
-def write_episodes(episodes: Iterable[Record], folder: Path, *, pictures: bool = False) -> dict[str, int]:
-    """Write a row for every episode; return the number of episodes and rows."""
-    return _write(folder, episodes, lambda episode: iter([episode_row(episode)]), pictures=pictures)
-
-
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     """Yield a row for every reply of an episode: `prompt`, `completion`, `tools`, and the facts of the episode.
 
@@ -111,12 +105,6 @@ def _chain(episode: Record, messages: list[Row], first: int, tools: Row, *, turn
     return {"prompt": messages[:first], "completion": messages[first:], **tools, **about}
 
 
-def episode_row(episode: Record) -> Row:
-    """Return an episode as one row: `messages`, `tools`, and its facts."""
-    whole = episode.conversation
-    return {"messages": list(map(plain, whole.messages)), "tools": json.dumps(whole.tools), **_facts(episode)}
-
-
 def plain(message: Message) -> Row:
     """Return a message with text as its content, its parts if it has pictures, and without a provider's own items."""
     kept = ("role", "name", "tool_calls", "tool_call_id", "reasoning_content")
@@ -134,8 +122,7 @@ def with_images(row: Row) -> Row:
         images.extend(f"{PICTURES}/{part['sha256']}.png" for part in parts if is_picture(part))
         return {**message, "content": [{"type": "image"} if is_picture(part) else part for part in parts]}
 
-    columns = ("prompt", "completion", "messages")
-    changed = {name: list(map(in_parts, row[name])) for name in columns if name in row}
+    changed = {name: list(map(in_parts, row[name])) for name in ("prompt", "completion")}
     return {**row, **changed, "images": images}
 
 
@@ -144,7 +131,7 @@ def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, li
     if episode.config.context == "host":
         raise InvalidArgumentError(
             f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
-            "export it as sft-chains, sft-episodes or atif."
+            "export it as sft-chains."
         )
     for sent, reply in episode.answered:
         if summaries or sent.prompt.purpose == "play":

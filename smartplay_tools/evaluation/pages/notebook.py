@@ -1,27 +1,22 @@
-"""Runs in notebooks: progress, tables and replays as the output of a cell, and rows as data frames.
+"""Runs in notebooks: tables and replays as the output of a cell, and rows as data frames.
 
-Nothing here is needed outside of a notebook, which calls an object's `_repr_html_`; only the progress imports IPython.
-The code that computes tables and replays is imported at first use, so that playing a run does not load it.
-
-The replay page of one transcript in a frame, for notebooks.
+Nothing here is needed outside of a notebook, which calls an object's `_repr_html_`. The code that computes tables and
+replays is imported at first use, so that playing a run does not load it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from smartplay_tools.errors import InvalidArgumentError, extra_named
 from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.records.rows import Row
-from smartplay_tools.visible import as_html, visible
+from smartplay_tools.visible import as_html
 
 if TYPE_CHECKING:
     import pandas
-
-    from smartplay_tools.evaluation.run_folder.follower import RunSnapshot
 
 
 _DTYPES = {"string": "string", "json": "string", "int64": "Int64", "float64": "Float64", "bool": "boolean"}
@@ -66,43 +61,6 @@ def replay_widget(
     if not transcript(key).exists():
         raise InvalidArgumentError(f"The run has no finished episode {key!r}.")
     return ReplayWidget(transcript(key), height=height)
-
-
-@contextmanager
-def shown_below_the_cell() -> Iterator[Callable[[RunSnapshot], None]]:
-    """Show a live snapshot of the run below the cell.
-
-    It needs no widgets. A saved notebook keeps the last snapshot.
-    """
-    from IPython import display
-
-    show: Any = display.display  # whether it has types depends on the version
-    handles: list[Any] = []
-
-    def update(snapshot: RunSnapshot) -> None:
-        if handles:
-            handles[0].update(_Progress(snapshot))
-        else:
-            handles.append(show(_Progress(snapshot), display_id=True))
-
-    yield update
-
-
-class _Progress:
-    """A snapshot as HTML, a bar and a line of figures, and as text."""
-
-    def __init__(self, snapshot: RunSnapshot) -> None:
-        self._snapshot = snapshot
-
-    def __repr__(self) -> str:
-        error = self._snapshot.latest_error
-        return visible(self._snapshot.describe() + (f"\nlatest failure: {error}" if error else ""))
-
-    def _repr_html_(self) -> str:
-        now = self._snapshot
-        bar = f'<progress value="{now.finished}" max="{now.planned}" style="width: 20em"></progress>'
-        latest = f"<br>latest failure: {as_html(now.latest_error)}" if now.latest_error else ""
-        return f"<div>{bar} {as_html(now.describe())}{latest}</div>"
 
 
 class ReplayWidget:

@@ -1,6 +1,6 @@
 """The folder of a run: what it says, and how far the run is.
 
-folder     the manifest (what a run plays, its seeds and shards), rows, records, people's notes about turns
+folder     the manifest (what a run plays, its seeds and shards), rows, records
 follower   how far a run is
 time_left  an estimate of the rest
 """

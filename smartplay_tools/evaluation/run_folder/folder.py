@@ -1,22 +1,18 @@
-"""Reading the folder of a run: its manifest, its finished, running and failed episodes, and notes about them.
+"""Reading the folder of a run: its manifest, and its finished, running and failed episodes.
 
     manifest.json         the plan, caps, prices, the run file; written before the first episode
     episodes/KEY.jsonl    the records of finished episodes
     attempts/KEY.N.jsonl  the records of attempts without a result: failed, interrupted, or paused by a cap of the run
     running/KEY.N.jsonl   the records that are being written now
     results.jsonl         a row for every finished episode; no times in it
-    status.json           the current figures, while the run is played; deleted when it stops
     timings.jsonl         a row for every attempt: wall time, processor time of the game, why it began again
-    *.notes.json          notes that people write about the turns of an episode, beside its record, which stays as it is
 
-Rows can always be computed again from the records. Reading works at any time, also during the run. Except for notes,
-only `evaluation.runs` writes to the folder. Playing a run and checking the run of another both derive seeds and shards
-here.
+Rows can always be computed again from the records. Reading works at any time, also during the run. Only
+`evaluation.runs` writes to the folder.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections import Counter
@@ -158,10 +154,6 @@ class Manifest(BaseModel):
         """Return the manifest as plain data; what there is not is left out."""
         optional = ("repeats", "run_file", "game_files", "strategy_files", "until", "spending")
         return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
-
-
-STATUS = "status.json"
-"""The name of the status file."""
 
 
 class RunFolder:
@@ -324,61 +316,3 @@ def replace_file(path: Path, text: str) -> None:
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8", newline="\n")
     part.replace(path)
-
-
-SUFFIX = ".notes.json"
-"""The end of the file's name, in place of the record's `.jsonl`."""
-
-LONGEST = 10_000
-"""Characters of a note."""
-
-
-def notes_file(record: Path) -> Path:
-    """Return the file of the notes about a record."""
-    return record.with_name(record.name.removesuffix(".jsonl") + SUFFIX)
-
-
-def record_of(notes: Path) -> Path:
-    """Return the record that the notes of a file are about."""
-    return notes.with_name(notes.name.removesuffix(SUFFIX) + ".jsonl")
-
-
-def notes_in(folder: Path) -> list[Path]:
-    """Return the files of notes in a folder, in the order of their names."""
-    with suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as files:
-        return sorted(folder / file.name for file in files if file.name.endswith(SUFFIX) and file.name[0] != ".")
-    return []
-
-
-def read_notes(record: Path) -> dict[int, str]:
-    """Return the notes about a record by turn; a file that holds something else is an `InvalidArgumentError`."""
-    path = notes_file(record)
-    if not path.is_file():
-        return {}
-    try:
-        listed: Any = parse_json(path.read_bytes())
-        notes = {int(note["turn"]): str(note["note"]) for note in listed}
-    except (KeyError, TypeError, ValueError, RecursionError):
-        raise InvalidArgumentError(f"{path} is damaged: it is not a list of notes.") from None
-    return dict(sorted(notes.items()))
-
-
-def write_note(record: Path, turn: int, note: str) -> dict[int, str]:
-    """Write the note about a turn, in one operation, and return all notes; an empty note is deleted."""
-    if turn < 0 or len(note) > LONGEST:
-        raise InvalidArgumentError(f"A note is about a turn from 0 on, and has at most {LONGEST:,} characters.")
-    notes = read_notes(record)
-    notes.pop(turn, None)
-    if note.strip():
-        notes[turn] = note.strip()
-    path = notes_file(record)
-    if not notes:
-        path.unlink(missing_ok=True)
-        return {}
-    replace_file(path, json.dumps(as_list(notes), indent=1) + "\n")
-    return dict(sorted(notes.items()))
-
-
-def as_list(notes: Mapping[int, str]) -> Sequence[Mapping[str, Any]]:
-    """Return notes as they are written: a list by turn."""
-    return [{"turn": turn, "note": note} for turn, note in sorted(notes.items())]

@@ -1,4 +1,4 @@
-"""How far a run is, as terminal, log, notebook, status file and site show it.
+"""How far a run is, as terminal, log and site show it.
 
 A `RunFollower` counts it from the run's folder, while the run is played or later: rows of finished episodes, records of
 attempts without a result, and records that are growing. What it has counted is a `RunSnapshot`.
@@ -15,16 +15,14 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
-from smartplay_tools.evaluation.run_folder.folder import STATUS, RunFolder, damaged_attempt, failure
+from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
 from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Outcome, Record
@@ -34,40 +32,8 @@ from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.quantities import duration, short
 
-STALE_SECONDS = 15.0
-"""A status file that is older was left by a run that was killed: a run writes one every second, or every five."""
-
-
-@dataclass(frozen=True)
-class RunFigures:
-    """The figures of a run as `status.json` holds them."""
-
-    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-
-    finished: int
-    planned: int
-    running: int
-    """Episodes that are being played, or were when the run was killed."""
-    failed: int
-    """Attempts that failed, including those at episodes that were finished later."""
-    calls: int
-    """Replies of the player in the finished and the running episodes."""
-    steps: int
-    tokens: int
-    """Budget tokens of all attempts, as the caps of a run count them."""
-    cost: float | None
-    seconds_left: float | None
-    """None if the pace is not known: before the first reply, or if the run is not being played."""
-    latest_error: str
-    """The latest failure since the run began or was first looked at, "" if there was none."""
-    stalled: int
-    """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
-    began_again: int = field(default=0, kw_only=True)
-    """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
-
-    def figures(self) -> RunFigures:
-        """Return the figures alone."""
-        return RunFigures(**{kept.name: getattr(self, kept.name) for kept in fields(RunFigures)})
+STALE_SECONDS = 300.0
+"""A run of which no record has grown for so long counts as killed, and not as being played."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +81,29 @@ class Spending:
 
 
 @dataclass(frozen=True)
-class RunSnapshot(RunFigures):
+class RunSnapshot:
     """How far a run is, or the shard of one that the folder contains."""
 
+    finished: int
+    planned: int
+    running: int
+    """Episodes that are being played, or were when the run was killed."""
+    failed: int
+    """Attempts that failed, including those at episodes that were finished later."""
+    calls: int
+    """Replies of the player in the finished and the running episodes."""
+    steps: int
+    tokens: int
+    """Budget tokens of all attempts, as the caps of a run count them."""
+    cost: float | None
+    seconds_left: float | None
+    """None if the pace is not known: before the first reply, or if the run is not being played."""
+    latest_error: str
+    """The latest failure since the run began or was first looked at, "" if there was none."""
+    stalled: int
+    """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
+    began_again: int
+    """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
     caps: Mapping[str, Any]
     """The caps of the run: tokens and cost, each None or missing if there is none."""
     cells: tuple[CellSnapshot, ...]
@@ -126,8 +112,11 @@ class RunSnapshot(RunFigures):
     """A row for every attempt that failed, as `RunFolder.failures` returns them."""
     playing: tuple[Record, ...] = field(repr=False)
     """The records that are growing, those without an event for the longest time first."""
-    is_live: bool
-    """Whether the run is being played now, according to its status file."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the run is being played now, as records that grow say."""
+        return any(record.silent_seconds < STALE_SECONDS for record in self.playing)
 
     @property
     def paused(self) -> int:
@@ -164,20 +153,6 @@ class RunSnapshot(RunFigures):
             return ""
         episodes = "an episode has" if self.stalled == 1 else f"{self.stalled} episodes have"
         return f"{episodes} stalled: turn after turn played no step and showed the player nothing new"
-
-
-def read_status(folder: RunFolder) -> RunFigures | None:
-    """Return the figures of a run's status file; None if the run is not being played.
-
-    A file that is not a status file counts as none, because everything in it can be counted from the records, too.
-    """
-    path = folder.path / STATUS
-    try:
-        if time.time() - path.stat().st_mtime > STALE_SECONDS:
-            return None
-        return TypeAdapter(RunFigures).validate_json(path.read_bytes())
-    except (OSError, ValidationError):
-        return None
 
 
 class Result(NamedTuple):
@@ -253,11 +228,6 @@ class RunFollower:
         self._lock = threading.Lock()
 
     def snapshot(self) -> RunSnapshot:
-        """Return how far the run is now; while it is being played, with the figures that it writes itself."""
-        counted, written = self.count(), read_status(self.folder)
-        return counted if written is None else replace(counted, **vars(written), is_live=True)
-
-    def count(self) -> RunSnapshot:
         """Return how far the run is now, counted from its records."""
         with self._lock:
             plan = self._plan()
@@ -337,7 +307,6 @@ class RunFollower:
             spending=spending,
             failed_attempts=tuple(self._attempts[path].row for path in failed),
             playing=tuple(playing),
-            is_live=False,
         )
 
     def _cells(self, plan: _Plan, playing: Sequence[Record]) -> tuple[CellSnapshot, ...]:

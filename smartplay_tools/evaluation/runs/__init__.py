@@ -14,7 +14,7 @@ estimate       the expected tokens, cost and time of a run
 run_writer     writing the run's folder, by one process at a time
 run_options    how a run is played: executor, workers, shard, caps, prices; the arguments of `eval` as a file
 scheduler      the choice of the next episode, and the handling of every finished attempt
-run_progress   the one thread that writes the status file and shows a run; Ctrl-C stops it between two turns
+run_progress   the one thread that shows a run; Ctrl-C stops it between two turns
 runner         `evaluate`
 sweeps         runs over a grid of budgets, compared with the widest window
 merge          merging shards, and replaying every episode of a run

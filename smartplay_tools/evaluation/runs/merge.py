@@ -156,9 +156,8 @@ def audit(
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
     named = {"games": games, "strategies": strategies, "tokenizers": named_tokenizers()}
     work = functools.partial(_audit_all, named=named)
-    with parallel_map(work, records, processes) as results:
-        for _, findings in results:
-            yield from findings
+    for _, findings in parallel_map(work, records, processes):
+        yield from findings
 
 
 def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:

@@ -71,7 +71,7 @@ class RunOptions:
     prices: Mapping[str, Price] | None = None
     """The price of a player's tokens, if `genai-prices` does not have it."""
     on_progress: OnProgress | None = None
-    """Called when the run has begun and after every attempt; without it, a notebook shows a progress bar."""
+    """Called when the run has begun and after every attempt."""
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:

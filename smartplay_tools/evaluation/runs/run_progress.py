@@ -1,9 +1,6 @@
-"""A run while it is played: its status file, its display, and the signals that stop it.
+"""A run while it is played: its display, and the signals that stop it.
 
-One thread takes a snapshot every second (of hundreds of episodes at once, every five), writes the status file and shows
-the snapshot. `status.json` is for programs that read the folder, `results` in another terminal and the site among them.
-It is not part of the results: it has a clock in it, it is deleted when the run stops, and nothing is lost if it is
-deleted earlier.
+One thread takes a snapshot every second (of hundreds of episodes at once, every five) and shows it.
 
 The first SIGTERM or Ctrl-C stops a run between two turns; the second has its usual effect.
 """
@@ -11,7 +8,6 @@ The first SIGTERM or Ctrl-C stops a run between two turns; the second has its us
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -36,16 +32,13 @@ Display: TypeAlias = Callable[[], AbstractContextManager[OnSnapshot]]
 
 @contextmanager
 def following(folder: RunWriter, show: OnSnapshot) -> Iterator[None]:
-    """Write the status file and show the run while it is played, and once more when it has stopped."""
+    """Show the run while it is played, and once more when it has stopped."""
     follower, over = RunFollower(folder), threading.Event()
 
     def tick() -> None:
-        # A file that cannot be opened or replaced now (a full disk, too many open files, a reader on Windows) is tried
-        # again in a second.
+        # A file that cannot be opened now, for too many that are open, is tried again in a second.
         with suppress(OSError, TranscriptError):
-            snapshot = follower.count()
-            show(snapshot)
-            folder.write_status(snapshot.figures())
+            show(follower.snapshot())
 
     def follow() -> None:
         pause = 0.0
@@ -62,19 +55,11 @@ def following(folder: RunWriter, show: OnSnapshot) -> Iterator[None]:
         over.set()
         thread.join()
         tick()
-        folder.drop_status()
 
 
 def not_shown() -> AbstractContextManager[OnSnapshot]:
     """Show nothing of a run."""
     return nullcontext(lambda snapshot: None)
-
-
-def is_notebook() -> bool:
-    """Return whether the output of this program is shown below the cells of a notebook."""
-    ipython = sys.modules.get("IPython")  # a notebook has imported it
-    shell = None if ipython is None else ipython.get_ipython()
-    return shell is not None and hasattr(shell, "kernel")
 
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))

@@ -6,28 +6,22 @@ computed again from the records at any time, so no received reply is lost if a r
 the order of completion; when it stops they are sorted as planned, so that two runs that played the same episodes have
 the same bytes, regardless of the number of workers.
 
-One process at a time writes a run, and the others are told which one does. The operating system holds the lock
-(`flock`, or `LockFileEx` on Windows), so it is released however its process ends, and nothing has to be cleaned up
-after a kill. The holder is written to a separate file, because on Windows other processes cannot read a locked file.
+One process at a time writes a run. The operating system holds the lock (`flock`, or `LockFileEx` on Windows), so it is
+released however its process ends, and nothing has to be cleaned up after a kill.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import socket
-import sys
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, damage_named
-from smartplay_tools.evaluation.run_folder.folder import STATUS, Manifest, RunFolder, replace_file
-from smartplay_tools.evaluation.run_folder.follower import RunFigures
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, replace_file
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
 from smartplay_tools.transcript.lines import ends_of
@@ -37,8 +31,7 @@ from smartplay_tools.visible import logger
 log = logger("smartplay_tools.evaluation")
 
 LOCK = ".lock"
-HOLDER = ".lock.holder"
-"""Names of the two files. The content of the second is valid only while the first is locked."""
+"""The name of the file that is locked."""
 
 
 @contextmanager
@@ -49,29 +42,12 @@ def only_writer(folder: Path) -> Iterator[None]:
         lock.acquire(blocking=False)
     except Timeout:
         raise InvalidArgumentError(
-            f"Another process is writing the run in {folder}{_holder(folder)}; wait for it or name another folder."
+            f"Another process is writing the run in {folder}; wait for it or name another folder."
         ) from None
     try:
-        (folder / HOLDER).write_text(json.dumps(_myself()) + "\n", encoding="utf-8", newline="\n")
         yield
     finally:
         lock.release()
-
-
-def _myself() -> dict[str, str | int]:
-    """A description of this process, with only the first words of its command line: the others may be secret."""
-    words = [Path(word).name for word in sys.argv[:1]]
-    words += [word for word in sys.argv[1:2] if word.isalpha()]
-    return {"process": os.getpid(), "host": socket.gethostname(), "command": " ".join(words)}
-
-
-def _holder(folder: Path) -> str:
-    """The holder of the lock, in brackets; empty if it has not written its file yet."""
-    try:
-        holder = json.loads((folder / HOLDER).read_text(encoding="utf-8"))
-        return f" ({holder['command']}, process {holder['process']} on {holder['host']})"
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
 
 
 class RunWriter(RunFolder):
@@ -101,15 +77,6 @@ class RunWriter(RunFolder):
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest in one operation."""
         replace_file(self.path / "manifest.json", json.dumps(manifest.to_json(), indent=1) + "\n")
-
-    def write_status(self, figures: RunFigures) -> None:
-        """Write the status file in one operation (`snapshot.read_status`)."""
-        replace_file(self.path / STATUS, json.dumps(asdict(figures)) + "\n")
-
-    def drop_status(self) -> None:
-        """Delete the status file: nothing is being played any more."""
-        with suppress(OSError):
-            (self.path / STATUS).unlink(missing_ok=True)
 
     def next_attempt(self, key: str) -> Path:
         """Return the path for the next attempt at an episode if it has no result."""

@@ -26,9 +26,9 @@ from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, is_notebook, not_shown
+from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import OnProgress, RunProgress, Scheduler, Setup, log
+from smartplay_tools.evaluation.runs.scheduler import RunProgress, Scheduler, Setup, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
@@ -167,8 +167,7 @@ def run_plan(
 ) -> Run:
     """Play a plan. `players` are those of `evaluate`; one that is not listed is made by its name.
 
-    `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played;
-    without it and without `on_progress`, a notebook shows it below the cell.
+    `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played.
     """
     folder, caps = RunWriter(out), options.caps
     plan = plan.as_recorded(folder)
@@ -179,7 +178,7 @@ def run_plan(
         _what_is_kept(folder, part),
         folder.writing(),
         Signals() as signals,
-        (display or _display(part, options.on_progress))() as show,
+        (display or not_shown)() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
         manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
@@ -245,15 +244,6 @@ def _what_is_kept(folder: RunFolder, plan: Plan) -> Iterator[None]:
                 "run."
             ) from error
         raise EngineError(f"{error} {finished} the same command continues the run.") from error
-
-
-def _display(plan: Plan, on_progress: OnProgress | None) -> Display:
-    """Return the display of a run below a notebook's cell; elsewhere one that shows nothing."""
-    if on_progress is not None or not plan.episodes or not is_notebook():
-        return not_shown
-    from smartplay_tools.evaluation.pages.notebook import shown_below_the_cell
-
-    return shown_below_the_cell
 
 
 def _manifest(

@@ -11,7 +11,7 @@ by two offsets: the library subtracts the skew between them, and for some corner
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,49 +188,19 @@ def _corner_table() -> tuple[Integers, Integers, Flags]:
 # --- Noise at fixed points -------------------------------------------------------------------------------------------
 
 
-class _Layer(NamedTuple):
-    """The n-th contribution to each of the first points, which are those that have one."""
-
-    corner: Integers
-    distance: tuple[Floats, Floats, Floats]
-    weight: Floats
-
-
 class Points:
-    """Points at which the noise of any seed can be computed quickly.
-
-    The points are sorted by how many corners contribute to them, so that the n-th contributions form one layer over a
-    prefix of the points and a seed's noise takes a few whole-array operations per layer.
-    """
+    """Points at which the noise of any seed can be computed: a few operations on arrays for each corner."""
 
     def __init__(self, x: Floats, y: Floats, z: Floats) -> None:
         lattice, distance = self._reach(x, y, z)
         closeness = 2 - distance[0] * distance[0] - distance[1] * distance[1] - distance[2] * distance[2]
-        squared = closeness * closeness
-        contributes = closeness > 0
-        cells, corner = np.unique(lattice[contributes], return_inverse=True)
+        squared = np.where(closeness > 0, closeness, 0) ** 2
+        cells, corner = np.unique(lattice, return_inverse=True)
         self._cells = cells >> 16, cells >> 8 & 255, cells & 255
-        corners = np.zeros(lattice.shape, np.int64)
-        corners[contributes] = corner
-        counts = contributes.sum(1)
-        order = np.argsort(-counts, kind="stable")
-        self._place = np.argsort(order, kind="stable")
-        # Contributions first, in their order.
-        slots = np.argsort(~contributes, axis=1, kind="stable")[order]
-        sizes = [int((counts > n).sum()) for n in range(8)]
-
-        def layer(values: NDArray[Any], n: int) -> NDArray[Any]:
-            return np.ascontiguousarray(values[order[: sizes[n]], slots[: sizes[n], n]])
-
-        self._layers = [
-            _Layer(
-                layer(corners, n),
-                (layer(distance[0], n), layer(distance[1], n), layer(distance[2], n)),
-                layer(squared * squared, n),
-            )
-            for n in range(8)
-            if sizes[n]
-        ]
+        self._corners = np.ascontiguousarray(corner.reshape(lattice.shape).T)
+        """By corner and point: where its gradient is found. Of those that do not contribute the weight is 0."""
+        self._distances = [np.ascontiguousarray(axis.T) for axis in distance]
+        self._weights = np.ascontiguousarray((squared * squared).T)
 
     @staticmethod
     def _reach(x: Floats, y: Floats, z: Floats) -> tuple[Integers, list[Floats]]:
@@ -261,15 +231,11 @@ class Points:
         x, y, z = self._cells
         chosen = GRADIENTS[shuffled[(shuffled[(shuffled[x] + y) & 255] + z) & 255] % 24]
         gradient = [np.ascontiguousarray(chosen[:, axis]) for axis in range(3)]
-        total = np.zeros(len(self._place))
-        product, term = np.empty_like(total), np.empty_like(total)
-        for corner, distance, weight in self._layers:
-            size = len(corner)
-            a, b = product[:size], term[:size]
-            np.multiply(gradient[0].take(corner, out=a, mode="clip"), distance[0], out=a)
+        total = np.zeros(self._weights.shape[1])
+        for corner, weight, *distance in zip(self._corners, self._weights, *self._distances, strict=True):
+            product = gradient[0][corner] * distance[0]
             for axis in (1, 2):
-                np.multiply(gradient[axis].take(corner, out=b, mode="clip"), distance[axis], out=b)
-                np.add(a, b, out=a)
-            np.multiply(a, weight, out=a)
-            np.add(total[:size], a, out=total[:size])
-        return (total / SCALE)[self._place]
+                product += gradient[axis][corner] * distance[axis]
+            product *= weight
+            total += product
+        return total / SCALE

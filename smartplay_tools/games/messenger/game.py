@@ -69,25 +69,6 @@ class Messenger(TextGame):
         """Our sentences, whatever folder this machine names, unless the record says something else."""
         return dict(options) if "texts" in options else {"sentences": manuals.GRAMMAR, **options}
 
-    @classmethod
-    def worlds(cls, options: Mapping[str, Any]) -> str:
-        """Say which split was played, and whether names in it tell the roles."""
-        split = options.get("split", "test")
-        roles = rules.roles_of(split)
-        fixed = {name: own for name, own in roles.items() if len(own) == 1}
-        played = f"played the games and sentences of its split `{split}`"
-        if not fixed:
-            return f"{played}, in which every name has {min(map(len, roles.values()))} or more roles."
-        lists = "; ".join(
-            f"{', '.join(sorted(name for name, own in fixed.items() if own == {role}))}: always the {role}"
-            for role in rules.Game._fields
-        )
-        return (
-            f"{played}, in which a name tells the role ({lists}): **whoever is trained on it can learn the names and "
-            "needs no manual**. The benchmark evaluates on the split `test`; play data for training with "
-            "`--option split=train`."
-        )
-
     def deviations(self) -> dict[str, Any]:
         """The differences from the paper: the source of the sentences, and options that were given."""
         paper = {"texts": "original", "split": "test", "text": "original"}

@@ -42,7 +42,7 @@ TEXTS_VARIABLE = "SMARTPLAY_MESSENGER_TEXTS"
 OUR_TEXTS = Path(__file__).parent / "texts"
 
 _NAMED: dict[Path, None] = {}
-"""The folders that the user has named in this process."""
+"""The folders that the user has named in this process, and that could be read."""
 
 GRAMMAR, ORIGINAL = "grammar", "original"
 
@@ -66,17 +66,21 @@ def choose_folder(texts: str | os.PathLike[str] | None, split: Split, sentences:
         InvalidArgumentError: none of them holds the sentences that are wanted.
     """
     named = [Path(folder) for folder in (texts, os.environ.get(TEXTS_VARIABLE)) if folder]
-    if texts:
-        _NAMED[named[0]] = None
     if sentences is None:
-        return named[0] if named else OUR_TEXTS
-    for folder in (*named, *_NAMED, OUR_TEXTS):
-        if (folder / _file_name(split)).is_file() and identify(folder, split) == sentences:
-            return folder
-    raise InvalidArgumentError(
-        f"The sentences {sentences!r} of the split {split!r} are not here: "
-        f"name the folder that holds them in {TEXTS_VARIABLE}."
-    )
+        chosen = named[0] if named else OUR_TEXTS
+        load(chosen, split)
+    else:
+        for chosen in (*named, *_NAMED, OUR_TEXTS):
+            if (chosen / _file_name(split)).is_file() and identify(chosen, split) == sentences:
+                break
+        else:
+            raise InvalidArgumentError(
+                f"The sentences {sentences!r} of the split {split!r} are not here: "
+                f"name the folder that holds them in {TEXTS_VARIABLE}."
+            )
+    if texts:
+        _NAMED[chosen] = None
+    return chosen
 
 
 @functools.cache

@@ -81,15 +81,6 @@ _VAL, _TEST = _cube()
 GAMES: dict[Split, tuple[Game, ...]] = {"train": _train(), "val": _VAL, "test": _TEST}
 
 
-def roles_of(split: Split) -> dict[str, set[str]]:
-    """Return the roles that each entity plays in the games of a split."""
-    roles: dict[str, set[str]] = {}
-    for game in GAMES[split]:
-        for role, name in zip(Game._fields, game, strict=True):
-            roles.setdefault(name, set()).add(role)
-    return roles
-
-
 # Starts.
 
 

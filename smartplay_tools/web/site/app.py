@@ -12,8 +12,8 @@
 
 RUN is the name of a run: the path of its folder below the one that the site was started with. A request is refused
 unless its Host and Origin are expected and, where there is a token, it carries it: as a bearer token, or in a cookie
-that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`) or it takes
-notes (`/api/notes/RUN/KIND/STEM`): such a request has to come from a page of the site and to show the page's key.
+that the first visit sets. Nothing can be changed through the site, unless a person plays in it (`playing`): such a
+request has to come from a page of the site and to show the page's key.
 
 `ViewServer` serves it on this machine's address by default; any other needs a token and the names it is reached by.
 """
@@ -35,13 +35,12 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response, S
 from starlette.routing import Route
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import as_list, write_note
 from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
-from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, json_body, play_routes, refused
+from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, play_routes, refused
 from smartplay_tools.web.site.site_record import ServedPages
 from smartplay_tools.web.site.site_runs import COLUMNS, RunList, ViewedRun
 
@@ -60,9 +59,7 @@ KEY = "x-smartplay-key"
 """The header with the key of a page that plays, which other sites cannot read."""
 
 
-def _routes(
-    site: _Site, play: BrowserGames | None, key: str | None, is_stopping: Callable[[], bool], *, annotate: bool
-) -> list[Route]:
+def _routes(site: _Site, play: BrowserGames | None, key: str | None, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; those that change something ask for the `key` of a page."""
     routes = [
         Route("/", page("index.html.j2", games=None if play is None else play.games)),
@@ -75,8 +72,6 @@ def _routes(
         Route("/report", site.report),
         Route("/static/{name}", static),
     ]
-    if annotate:
-        routes.append(Route("/api/notes/{run:path}/{kind}/{stem}", site.note, methods=["POST"]))
     if play is not None and key is not None:
         return [*routes, *play_routes(play, key, is_stopping)]
     return [*routes, *(Route(path, _no_games) for path in ("/play", "/play/{game}"))]
@@ -114,9 +109,9 @@ async def _no_games(request: Request) -> Response:
 class _Site:
     """The answers that need the runs."""
 
-    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool, key: str | None) -> None:
+    def __init__(self, runs: RunList, is_stopping: Callable[[], bool], *, plugins: bool) -> None:
         self._runs, self._is_stopping = runs, is_stopping
-        self._pages = ServedPages(plugins=plugins, key=key)
+        self._pages = ServedPages(plugins=plugins)
 
     async def runs(self, request: Request) -> Response:
         """Answer with every run."""
@@ -145,16 +140,6 @@ class _Site:
             version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
         news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
         return AsciiJson({"version": version, "playing": is_playing, **news}, headers=HEADERS)
-
-    async def note(self, request: Request) -> Response:
-        """Write a note about a turn, and answer with all notes about the episode."""
-        given = await json_body(request)
-        turn, note = given.get("turn"), given.get("note")
-        if not isinstance(turn, int) or isinstance(turn, bool) or not isinstance(note, str):
-            raise InvalidArgumentError("A note has a turn, a number, and a note, a text.")
-        run, record = await run_in_threadpool(self._record, request)
-        notes = await run_in_threadpool(_write, run, record, turn, note)
-        return AsciiJson(as_list(notes), headers=HEADERS)
 
     async def compare(self, request: Request) -> Response:
         """Answer with the page of several episodes side by side."""
@@ -216,13 +201,6 @@ class _Site:
         return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
 
 
-def _write(run: ViewedRun, record: str, turn: int, note: str) -> dict[int, str]:
-    path = run.record(record)
-    if run.is_playing(path):
-        raise InvalidArgumentError("Notes are written when the episode is over: until then its record may move.")
-    return write_note(path, turn, note)
-
-
 def _split(address: str) -> tuple[str, str, str]:
     """The run's name, the kind and the stem in what names a record."""
     parts = address.rsplit("/", 2)
@@ -250,7 +228,6 @@ class ViewServer(Server):
         hosts: the names under which the server is reached, in addition to this machine's own.
         play: the games that a person plays in the browser; their runs are among `runs`.
         plugins: whether games of installed packages that records name are imported, to draw them.
-        annotate: whether visitors may write notes about turns, which are kept beside the records.
     """
 
     def __init__(
@@ -263,7 +240,6 @@ class ViewServer(Server):
         hosts: Sequence[str] = (),
         play: BrowserGames | None = None,
         plugins: bool = False,
-        annotate: bool = False,
     ) -> None:
         is_open = not is_loopback(host)
         if is_open and not hosts:
@@ -272,7 +248,7 @@ class ViewServer(Server):
             )
         if is_open and token is None:
             token = secrets.token_urlsafe(24)
-        key = None if play is None and not annotate else secrets.token_urlsafe(24)
+        key = None if play is None else secrets.token_urlsafe(24)
 
         def is_stopping() -> bool:  # streams would not end by themselves
             return self.is_stopping
@@ -280,8 +256,8 @@ class ViewServer(Server):
         async def admit(request: Request) -> Response | None:
             return _entry(request, token) or _change(request, key)
 
-        site = _Site(runs, is_stopping, plugins=plugins, key=key if annotate else None)
-        routes = _routes(site, play, key, is_stopping, annotate=annotate)
+        site = _Site(runs, is_stopping, plugins=plugins)
+        routes = _routes(site, play, key, is_stopping)
         app = Starlette(routes=routes, exception_handlers={SmartPlayError: refused})
         # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
         compressed = GZipMiddleware(app, minimum_size=10_000)

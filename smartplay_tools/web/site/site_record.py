@@ -15,7 +15,6 @@ from urllib.parse import quote
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode, render_side_by_side
-from smartplay_tools.evaluation.run_folder.folder import read_notes
 from smartplay_tools.evaluation.run_folder.follower import Result
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Budget
@@ -72,13 +71,12 @@ class SiteRecord:
         facts = record.facts
         shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 12]]
+            return [[PLAYING, "running", *shown, *[None] * 11]]
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 8, record.error, None, None, self._date]]
+            return [[FINISHED, record.outcome, *shown, *[None] * 8, record.error, None, self._date]]
         status = "failed" if record.outcome == "failed" else "finished"
         result = Result.of({**record.result_data, "cost": None, "scoring": facts["scoring"]})
-        notes = len(read_notes(self.path)) or None
-        return [[FINISHED, status, *shown, *figures(result), None, notes, self._date]]
+        return [[FINISHED, status, *shown, *figures(result), None, self._date]]
 
     @property
     def _date(self) -> int:
@@ -117,9 +115,8 @@ KEPT = 8
 class ServedPages:
     """Makes the pages; a record is named as in an address: `KIND/STEM`."""
 
-    def __init__(self, *, plugins: bool, key: str | None = None) -> None:
-        """`key` is the key that a request to write a note must carry; None if nobody may write one."""
-        self._plugins, self._key = plugins, key
+    def __init__(self, *, plugins: bool) -> None:
+        self._plugins = plugins
         self._reports: OrderedDict[tuple[str, ...], tuple[Any, str]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -129,8 +126,6 @@ class ServedPages:
         version, is_playing = self.version(run, record)
         before, after = _neighbours(run, record)
         site = {"home": f"/#run={quote(run.name)}", "previous": before, "next": after, "playing": is_playing}
-        if self._key is not None:
-            site |= {"notes": f"/api/notes/{address(run, record)}", "key": self._key}
         if is_playing:
             site |= {"updates": f"/api/episode/{address(run, record)}", "version": version}
         return render_episode(path, key, run.name, site, plugins=self._plugins)

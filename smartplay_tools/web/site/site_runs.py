@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, notes_in, read_notes, record_of
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Timing, read_row
@@ -30,7 +30,7 @@ from smartplay_tools.web.site.site_threads import SiteThreads
 
 COLUMNS = (
     *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "counted", "end", "time", "notes", "date"),
+    *("tokens", "cost", "mistakes", "cut", "counted", "end", "time", "date"),
 )
 """The values of an episode in the list; its date is when its record was written last, in seconds since the epoch, and
 `counted` its score as means count it."""
@@ -176,16 +176,10 @@ class SiteRun:
         """Return whether the episode of one of its files is being played, which its place says."""
         return record.parent.name == "running"
 
-    def _notes(self) -> list[Path]:
-        """The files with notes about episodes and attempts."""
-        return [path for kind in ("episodes", "attempts") for path in notes_in(self.folder.path / kind)]
-
     def version(self) -> Any:
         """Return something that changes when the list of episodes, or the report, does."""
         running = [record.name for record in self.folder.running()]
-        notes = [(str(path), _stamp(path)) for path in self._notes()]
         return [
-            notes,
             *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
             running,
         ] + [record.name for record in self.folder.attempts()]
@@ -193,7 +187,7 @@ class SiteRun:
     def _list(self) -> list[list[Any]]:
         manifest = self.folder.manifest()
         budgets = [cell.describe() for cell in manifest.cells]
-        self._follower.count()
+        self._follower.snapshot()
         results = self._follower.results
         others: dict[str, list[list[Any]]] = {}
         for lost in self.folder.failures():
@@ -201,9 +195,6 @@ class SiteRun:
             others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
         for running in self.folder.running():
             others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
-        noted = {
-            str(path.relative_to(self.folder.path)): len(read_notes(path)) for path in map(record_of, self._notes())
-        }
         attempted, together, dates = self._times.of_attempts(), self._times.of_episodes(), self._dates()
         rows = []
         for planned in manifest.episodes:
@@ -220,7 +211,6 @@ class SiteRun:
         for row in rows:
             key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
             row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
-            row.append(noted.get(f"{row[0]}.jsonl"))
             row.append(dates.get(f"{row[0]}.jsonl"))
         return rows
 

@@ -76,14 +76,13 @@ class SiteThreads:
                 *[None] * 8,
                 error,
                 None,
-                None,
                 date,
             ]
         status = "running" if self.is_playing(file) else "finished"
         cap = "no cap" if row["cap"] is None else f"at most {row['cap']:,} tokens"
         over = f"{row['over']} prompts over by the provider's count" if row["over"] else ""
         figures = [None, None, row["prompts"], row["tokens"], None, row["refusals"], row["cut"], None, over]
-        return [record, status, file.stem, MANAGER, cap, None, None, *figures, None, None, date]
+        return [record, status, file.stem, MANAGER, cap, None, None, *figures, None, date]
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the threads that go on, with their figures."""

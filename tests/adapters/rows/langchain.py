@@ -109,7 +109,7 @@ class LangChainAgent:
 
 
 def another_toolkit() -> list[BaseTool]:
-    return SmartPlayToolkit.from_game(GAME, seed=SEED + 1).get_tools()
+    return SmartPlayToolkit(episode=sp.Episode(GAME, seed=SEED + 1, context="host")).get_tools()
 
 
 class Withdraws(AgentMiddleware[Any, Any, Any]):

@@ -2,7 +2,6 @@
 
     sources          the episodes, finished or not
     episodes         a transcript for the page: turns, the contents of each prompt, tokens
-    excerpts         some turns of it
     drawings         the states of the game, from playing the record again; walks and textures for two games
     summary_tables   the tables of the run, and its figures
     episode_reading  an episode's record checked, drawn and packed, by several processes if there are many

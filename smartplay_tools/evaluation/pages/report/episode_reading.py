@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import itemgetter
@@ -17,11 +16,10 @@ from typing import Any
 from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
-from smartplay_tools.evaluation.pages.report.excerpts import excerpt
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.processes import parallel_map, worth
-from smartplay_tools.evaluation.run_folder.folder import as_list, current_place, read_notes
+from smartplay_tools.evaluation.run_folder.folder import current_place
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
@@ -46,24 +44,18 @@ class ShownEpisode:
     """Its row for the statistics; None if it is not finished."""
 
 
-@contextmanager
-def reading(
+def read_episodes(
     sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
-) -> Iterator[Callable[[], tuple[list[ShownEpisode], list[str]]]]:
-    """Read the episodes of a run; return a function that returns them, in the order of their sources.
+) -> tuple[list[ShownEpisode], list[str]]:
+    """Return the episodes of a run, in the order of their sources, and a sentence for each damaged record.
 
-    It also returns a sentence for each damaged record, which is left out.
-
-    At most `workers` processes read them, including this one, and fewer if there is little to read. The others begin at
-    once, this one when that function is called. `plugins` says whether they import games of installed packages; a game
-    that only this process knows cannot be drawn elsewhere, so this process then reads alone.
+    At most `workers` processes read them, and fewer if there is little to read. `plugins` says whether they import
+    games of installed packages; a game that only this process knows cannot be drawn elsewhere, so this process then
+    reads alone.
     """
     processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
-    with parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes) as chunks:
-        yield lambda: _parted([each for _, part in sorted(chunks, key=itemgetter(0)) for each in part])
-
-
-def _parted(read: Sequence[ShownEpisode | str]) -> tuple[list[ShownEpisode], list[str]]:
+    chunks = parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes)
+    read = [each for _, part in sorted(chunks, key=itemgetter(0)) for each in part]
     return [each for each in read if not isinstance(each, str)], [each for each in read if isinstance(each, str)]
 
 
@@ -87,10 +79,7 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
         "drawing": drawings.draw(record),
         "pictures": drawings.pictures(record),
         "run": letter,
-        "notes": as_list(read_notes(source.transcript)),
     }
-    if source.turns is not None:
-        data = excerpt(data, *source.turns)
     row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None
     facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
     facts["rules"] = rules(facts)

@@ -22,15 +22,13 @@ from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import deviations_table
 from smartplay_tools.evaluation.analysis.formats import TextTable
-from smartplay_tools.evaluation.analysis.money import cell_costs, costs_table
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
-from smartplay_tools.evaluation.costs.tariffs import Tariff, charge_records
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
-from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, reading
+from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
 from smartplay_tools.evaluation.pages.report.pairs import pairs_of
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
@@ -43,7 +41,6 @@ from smartplay_tools.evaluation.pages.report.summary_tables import (
 )
 from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
-from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.threads import thread_files
@@ -62,7 +59,6 @@ SCRIPTS = (
         "snapshot.js",
         "why.js",
         "search.js",
-        "notes.js",
         "player.js",
         "compare.js",
         "page.js",
@@ -87,32 +83,22 @@ def write_report(
     episodes: str | None = None,
     plugins: bool = False,
     workers: int = 1,
-    tariffs: Sequence[Tariff] = (),
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
     Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
-    number, "mistakes", "failed", keys with commas or "all"; not given, a page of a very large run holds the first
-    trials, with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
-    packages, which records name, are imported for the drawings and figures only with `plugins`. Records are read by up
-    to `workers` processes, where there are so many that it saves time; a script that asks for several needs `if
-    __name__ == "__main__":`. With `tariffs` (`smartplay_tools.evaluation.costs.tariffs.tariffs_of`) a table says what
-    the episodes cost under each.
+    number (the first trials) or "all"; not given, a page of a very large run holds the first trials, with a warning. An
+    existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
+    name, are imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes,
+    where there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
     """
     file = _html_file(out)
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers, tariffs=tariffs)
+    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
     return _write(file, page)
 
 
-def write_excerpt(
-    record: str | Path,
-    out: str | Path,
-    *,
-    turns: tuple[int, int] | None = None,
-    title: str | None = None,
-    plugins: bool = False,
-) -> Path:
-    """Write the page of one episode, or of its turns from the first to the last of `turns`; return the page's path.
+def write_excerpt(record: str | Path, out: str | Path, *, title: str | None = None, plugins: bool = False) -> Path:
+    """Write the page of one episode by itself; return the page's path.
 
     It has neither header nor lists, so that it is small and can be embedded. The other arguments are those of
     `write_report`.
@@ -120,7 +106,7 @@ def write_excerpt(
     file, record = _html_file(out), Path(record)
     if not record.is_file():
         raise InvalidArgumentError(f"{record} is not the record of an episode; name a file of a run's episodes.")
-    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record, turns=turns)]))
+    run = ShownRun(record, "", Sources([Source(well_formed(record.stem), record)]))
     with importing_packages(plugins):
         return _write(file, render_runs([run], title, plugins=plugins, opened="alone"))
 
@@ -146,7 +132,6 @@ def render_report(
     plugins: bool = False,
     workers: int = 1,
     open_first: bool = False,
-    tariffs: Sequence[Tariff] = (),
 ) -> str:
     """Return the replay page; with `open_first` it begins with its first episode."""
     if files := thread_files([Path(run)] if isinstance(run, str | Path) else [*map(Path, run)]):
@@ -154,7 +139,7 @@ def render_report(
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
         opened: Literal["first", "run"] = "first" if open_first else "run"
-        return render_runs(runs, title, workers=workers, plugins=plugins, opened=opened, tariffs=tariffs)
+        return render_runs(runs, title, workers=workers, plugins=plugins, opened=opened)
 
 
 def render_threads(files: Sequence[Path], title: str, site: Mapping[str, Any] | None = None) -> str:
@@ -171,7 +156,6 @@ def render_runs(
     workers: int = 1,
     plugins: bool,
     opened: Literal["run", "first", "alone", "compared"],
-    tariffs: Sequence[Tariff] = (),
     site: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the page of runs, which opens with their tables, their first episode, only that, or all side by side.
@@ -180,7 +164,7 @@ def render_runs(
     """
     pages = [
         # Figures are drawn once, for all runs.
-        _page_of_run(run, runs if run is runs[0] else (), tariffs, workers=workers, plugins=plugins)
+        _page_of_run(run, runs if run is runs[0] else (), workers=workers, plugins=plugins)
         for run in runs
     ]
     return _rendered(_contents(pages, title), site, opened)
@@ -286,19 +270,13 @@ class _RunPage:
     rows: Sequence[Row]
     summary: RunSummary
     figures: Sequence[Mapping[str, str]]
-    costs: Sequence[TextTable]
     damaged: Sequence[str]
     """A sentence for each record that is left out."""
 
 
-def _page_of_run(
-    run: ShownRun, drawing: Sequence[ShownRun], tariffs: Sequence[Tariff], *, workers: int, plugins: bool
-) -> _RunPage:
-    with reading(run.sources.episodes, run.letter, workers=workers, plugins=plugins) as read:
-        drawn = list(figures(drawing))
-        # Computes the intervals while the others read; the summary below finds them remembered.
-        summarize(run.sources.rows, ())
-        shown, damaged = read()
+def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, workers: int, plugins: bool) -> _RunPage:
+    drawn = list(figures(drawing))
+    shown, damaged = read_episodes(run.sources.episodes, run.letter, workers=workers, plugins=plugins)
     if damaged and not shown:
         raise DamageError(damaged[0])
     for sentence in damaged:
@@ -309,18 +287,7 @@ def _page_of_run(
     if failures is None:
         facts = [episode.facts for episode in shown]
         failures = [failed_row(each["key"], each) for each in facts if each["status"] == "failed"]
-    costs = _costs(run, rows, tariffs, workers) if tariffs else ()
-    return _RunPage(run, shown, rows, summarize(rows, failures), drawn, costs, damaged)
-
-
-def _costs(run: ShownRun, rows: Sequence[Row], tariffs: Sequence[Tariff], workers: int) -> Sequence[TextTable]:
-    """The table of what the episodes cost; none if nothing can be said about any of them."""
-    keys = {row["key"] for row in rows}
-    sources = (*run.sources.episodes, *run.sources.left_out)
-    records = {source.key: source.transcript for source in sources if source.key in keys}
-    prices = {name: Price.from_json(price) for name, price in run.sources.manifest.get("prices", {}).items()}
-    cells = cell_costs(rows, charge_records(records, tariffs, prices, processes=workers))
-    return [costs_table(cells, tariffs)] if cells else []
+    return _RunPage(run, shown, rows, summarize(rows, failures), drawn, damaged)
 
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
@@ -332,12 +299,11 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 
 
 def _tables(page: _RunPage) -> Iterator[TextTable]:
-    """The tables below the results: what windows cost and keep, in score and money, and what the paper did not do."""
+    """The tables below the results: what windows cost and keep, and what the paper did not do."""
     if len(page.summary.cells) > 1:
         comparisons = compare_windows(page.rows)
         if any(not comparison.is_reference for comparison in comparisons):
             yield windows_table(comparisons)
-    yield from page.costs
     yield from remembering_tables(page.rows)
     if page.summary.cells:
         yield deviations_table(page.summary.cells)

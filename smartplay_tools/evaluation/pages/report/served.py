@@ -12,7 +12,7 @@ from string import ascii_uppercase
 from typing import Any
 
 from smartplay_tools.errors import DamageError
-from smartplay_tools.evaluation.pages.report.episode_reading import packs, reading
+from smartplay_tools.evaluation.pages.report.episode_reading import packs, read_episodes
 from smartplay_tools.evaluation.pages.report.page import render_runs, render_threads
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources
 from smartplay_tools.evaluation.pages.report.threads import shown_threads
@@ -33,8 +33,7 @@ def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
     """Return what such a page unpacks of an episode or a thread, as far as its record goes."""
     if is_thread_record(record):
         return packs(shown_threads([record])[0])[0][1]
-    with reading([Source(key, record)], "", plugins=plugins) as read:
-        shown, damaged = read()
+    shown, damaged = read_episodes([Source(key, record)], "", plugins=plugins)
     if damaged:
         raise DamageError(damaged[0])
     return packs(shown)[0][1]

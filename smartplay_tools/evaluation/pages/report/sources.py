@@ -11,7 +11,7 @@ The tables of the page are always those of the whole run; the choice decides whi
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -22,7 +22,6 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayWarning, Trans
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.groups import grouped
 
@@ -36,8 +35,6 @@ class Source:
     facts: dict[str, Any] = field(default_factory=dict)
     row: Row | None = None
     """The row that its run has written, if the episode is finished."""
-    turns: tuple[int, int] | None = None
-    """The first and the last turn that the page plays; None for all."""
 
 
 @dataclass(frozen=True)
@@ -138,22 +135,20 @@ MOST_EPISODES = 1_000
 MOST_BYTES = 40_000_000
 """The most bytes of their records: such a page is written in some ten seconds, and is 3 MB large."""
 
-HOW = "a number (the first trials of every game and player), mistakes, failed, the keys of episodes with commas, or all"
-"""What `episodes` may be."""
-
 
 def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
     """Return the runs with the sources that the page holds; those that it leaves out keep their rows for the tables.
 
-    `asked` is one of `HOW`. None is all, or the first trials with a `SmartPlayWarning` if all are too many.
+    `asked` is how many, the first trials of every game and player, or "all". None is all, or the first trials with a
+    `SmartPlayWarning` if all are too many.
     """
     asked = asked or _opens_well(runs)
     if asked == "all":
         return list(runs)
-    chosen = [_choice(run, asked, len(runs)) for run in runs]
-    if not any(chosen):
-        raise InvalidArgumentError(f"--episodes {asked} chooses no episode; it takes {HOW}.")
-    return [_only(run, keys) for run, keys in zip(runs, chosen, strict=True)]
+    if not (asked.isascii() and asked.isdigit()) or int(asked) < len(runs):
+        raise InvalidArgumentError(f"--episodes {asked} chooses no episode; it takes a number of episodes, or all.")
+    each = int(asked) // len(runs)
+    return [_only(run, {source.key for source in _by_trial(run)[:each]}) for run in runs]
 
 
 def _opens_well(runs: Sequence[ShownRun]) -> str:
@@ -166,7 +161,7 @@ def _opens_well(runs: Sequence[ShownRun]) -> str:
             count = sum(len(run.sources.episodes) for run in runs)
             why = (
                 f"The page holds {held:,} of {count:,} episodes, the first trials of every game and player, because "
-                f"more would be slow to open. --episodes chooses others: {HOW}. Its tables are of all episodes."
+                "more would be slow to open; --episodes says how many, or all. Its tables are of all episodes."
             )
             warnings.warn(why, SmartPlayWarning, stacklevel=2)
             return str(number * len(runs))
@@ -177,29 +172,6 @@ def _opens_well(runs: Sequence[ShownRun]) -> str:
 def _by_trial(run: ShownRun) -> list[Source]:
     """Return the episodes of a run by their trials, so that the first episodes of several runs are pairs."""
     return sorted(run.sources.episodes, key=lambda source: source.facts.get("trial") or 0)
-
-
-def _choice(run: ShownRun, asked: str, runs: int) -> set[str]:
-    """Return the keys of the chosen episodes of one run."""
-    sources = run.sources.episodes
-    if asked.isascii() and asked.isdigit():
-        return {source.key for source in _by_trial(run)[: int(asked) // runs]}
-    if asked in KINDS:
-        return {source.key for source in sources if KINDS[asked](source)}
-    wanted = {name.strip() for name in asked.split(",")}
-    return {source.key for source in sources if source.key in wanted or source.transcript.stem in wanted}
-
-
-def _has_mistakes(source: Source) -> bool:
-    result = source.row or Record.head(source.transcript).result_data or {}
-    return any(result.get(name) for name in MISTAKES)
-
-
-def _has_failed(source: Source) -> bool:
-    return source.row is None and Record.head(source.transcript).outcome == "failed"
-
-
-KINDS: dict[str, Callable[[Source], bool]] = {"mistakes": _has_mistakes, "failed": _has_failed}
 
 
 def _only(run: ShownRun, keys: set[str]) -> ShownRun:

@@ -58,7 +58,6 @@ def thread_data(thread: RecordedThread, row: Mapping[str, Any]) -> dict[str, Any
         "turns": [*_turns(thread)],
         "departures": None,
         "drawing": {},
-        "notes": [],
         "check": {"prompts": len(thread.prompts), "differ": list(thread.differing)},
     }
 

@@ -88,7 +88,7 @@ class VoxelEngine:
         self.world.prepare(x, z)
         names = blocks.NAMES[self._text]
         fan, eye = _fan(self._yaw, self._text), (p.x, p.y + EYES, p.z)
-        hits, block_distances = fan.hit_blocks(self.world.blocks, eye, self.world.top)
+        hits, block_distances = fan.hit_blocks(self.world.blocks, eye)
         species, low, high = animals.animals_near(self.world, x, z, self._time)
         hit, entity_distances = hit_boxes(low, high, eye, fan.directions, block_distances)
         return Observation(

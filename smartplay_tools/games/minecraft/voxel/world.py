@@ -79,7 +79,6 @@ class VoxelWorld:
         flat: the same bytes in a row, for reading single cells.
         biome: biome id by [x, z].
         ground: the highest block of the ground by [x, z], in the window's layers.
-        top: the highest layer that anything generated so far reaches.
     """
 
     def __init__(self, seed: int) -> None:
@@ -88,7 +87,6 @@ class VoxelWorld:
         self.flat = memoryview(self.blocks.data).cast("B")
         self.biome = np.zeros((SIDE, SIDE), np.uint8)
         self.ground = np.zeros((SIDE, SIDE), np.int16)
-        self.top = 0
         self._present: dict[tuple[int, int], tuple[int, int]] = {}
         self._prepared: tuple[int, ...] = ()
 
@@ -142,16 +140,8 @@ class VoxelWorld:
         _plant_trees(columns, biome, ground, hashed(self.seed, _TREE_SALT, xs, zs))
         shrubs = hashed(self.seed, _SHRUB_SALT, xs[reach:-reach], zs[:, reach:-reach])
         _plant_shrubs(columns, biome[inner], ground[inner], shrubs)
-        self.top = max(self.top, _highest(columns))
         i, j = (np.arange(x, x + wide) & _MASK)[:, None], (np.arange(z, z + deep) & _MASK)[None, :]
         self.blocks[i, j], self.biome[i, j], self.ground[i, j] = columns, biome[inner], ground[inner]
-
-
-def _highest(columns: NDArray[np.uint8]) -> int:
-    """The highest layer of a rectangle in which there is anything."""
-    # Row by row of a chunk first, because NumPy is slow at reducing many short rows.
-    rows = columns.reshape(-1, CHUNK * HEIGHT).max(axis=0)
-    return int(np.flatnonzero(rows.reshape(CHUNK, HEIGHT).max(axis=0))[-1])
 
 
 def _rectangles(chunks: set[tuple[int, int]]) -> Iterator[tuple[int, int, int, int]]:

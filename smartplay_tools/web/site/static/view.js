@@ -4,16 +4,16 @@
 // When an episode is opened, the list is remembered, so that its page knows its neighbours and the way back.
 
 const HEIGHT = 34;
-const SHOWN = ["status", "game", "player", "budget", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "notes", "seed"];
-const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "date", "notes"]);
+const SHOWN = ["status", "game", "player", "budget", "trial", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "end", "date", "seed"];
+const NUMBERS = new Set(["trial", "seed", "score", "normalized", "steps", "tokens", "cost", "mistakes", "cut", "time", "date"]);
 // The least width of each column in pixels, and its share of the room that is left.
 const WIDTHS = {
   ...{ status: [86, 0], game: [236, 1.2], player: [70, 0.8], budget: [112, 2.6], seed: [104, 0], trial: [44, 0] },
   ...{ score: [64, 0], normalized: [92, 0], steps: [54, 0], tokens: [76, 0], cost: [66, 0], mistakes: [78, 0] },
-  ...{ cut: [56, 0], time: [62, 0], date: [100, 0], end: [92, 0.7], notes: [58, 0] },
+  ...{ cut: [56, 0], time: [62, 0], date: [100, 0], end: [92, 0.7] },
 };
 // Columns that are shown only if an episode of the run has something there.
-const RARE = new Set(["cost", "cut", "time", "date", "notes"]);
+const RARE = new Set(["cost", "cut", "time", "date"]);
 const LIST = "smartplay-list";
 const MOST_MARKED = 4;
 
@@ -126,7 +126,6 @@ const ONLY = {
   "": () => true,
   mistakes: (one) => value(one, "mistakes") > 0,
   cut: (one) => value(one, "cut") > 0,
-  notes: (one) => value(one, "notes") > 0,
 };
 
 function list() {

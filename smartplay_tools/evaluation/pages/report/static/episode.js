@@ -31,9 +31,7 @@ function describeEpisode(episode) {
       "steps",
       `${number(so.steps)} of ${number(episode.rollout)}`,
     ],
-    episode.excerpt
-      ? ["turns", `${range(episode.excerpt.first, episode.excerpt.last)} of ${number(episode.excerpt.count)}`]
-      : ["turns", number(episode.turns.length)],
+    ["turns", number(episode.turns.length)],
     ["prompt tokens", number(so.tokens.prompt)],
     ["prefix-stable", so.tokens.prompt ? percent(so.tokens.prefix / so.tokens.prompt) : "–"],
     ["mistakes", number(result ? page.mistakes.reduce((sum, name) => sum + result[name], 0) : mistakes(episode).length)],
@@ -103,9 +101,9 @@ function describeRules(episode) {
 // Marks under the slider where something went wrong.
 function drawMistakes(episode) {
   const wrong = mistakes(episode);
-  const count = Math.max(1, lastTurn() - firstTurn());
+  const count = Math.max(1, lastTurn());
   const marks = wrong.map((turn) =>
-    shape("rect", { class: "mistake", x: (1000 * (turn - firstTurn())) / count - 1.5, y: 0, width: 3, height: 8 }),
+    shape("rect", { class: "mistake", x: (1000 * turn) / count - 1.5, y: 0, width: 3, height: 8 }),
   );
   const strip = picture(1000, 8, wrong.length ? `Mistakes in ${plural(wrong.length, "turn")}` : "No mistakes", marks);
   strip.setAttribute("preserveAspectRatio", "none");
@@ -114,7 +112,7 @@ function drawMistakes(episode) {
 }
 
 function mistakes(episode) {
-  return episode.turns.flatMap((turn, at) => (at >= (episode.excerpt?.first ?? 0) && isMistaken(turn) ? [at] : []));
+  return episode.turns.flatMap((turn, at) => (isMistaken(turn) ? [at] : []));
 }
 
 function isMistaken(turn) {

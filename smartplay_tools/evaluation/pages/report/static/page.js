@@ -61,7 +61,6 @@ async function widen(image) {
 function connect() {
   connectComparison();
   for (const image of document.querySelectorAll(".figures img")) widen(image);
-  connectNotes();
   window.addEventListener("hashchange", route);
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
@@ -129,7 +128,6 @@ const KEYS = {
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
   p: togglePrompt,
-  a: openNote,
   f: findWord,
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
@@ -159,7 +157,7 @@ function findWord() {
 }
 
 function onKey(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open || $("note-dialog").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open) return;
   const typing = event.target.matches("input:not([type=range]), select, textarea");
   if (typing) return;
   if (event.key === "?") return $("keys").showModal();

@@ -28,18 +28,13 @@ function useEpisode(episode) {
   renderSearch();
 }
 
-// An excerpt begins at one of the turns that it holds; those before it are there because prompts show them.
-function firstTurn() {
-  return shown.episode.excerpt?.first ?? 0;
-}
-
 function lastTurn() {
   return Math.max(0, shown.episode.turns.length - 1);
 }
 
 // Go to a turn; `step` shows the game after one of its calls instead of after all of them.
 function goTo(turn, step = null) {
-  shown.turn = between(firstTurn(), turn, lastTurn());
+  shown.turn = between(0, turn, lastTurn());
   shown.step = step;
   try {
     // Inside of a notebook the page has no address of its own.
@@ -53,7 +48,6 @@ function goTo(turn, step = null) {
 function render() {
   const { episode, turn } = shown;
   const facts = episode.facts[turn] ?? { step: 0 };
-  $("slider").min = firstTurn();
   $("slider").max = lastTurn();
   $("slider").value = turn;
   const where = `${number(turn)} of ${number(lastTurn())}`;
@@ -63,7 +57,6 @@ function render() {
   if (!isThread(episode)) {
     renderGame();
     renderTurn();
-    renderNote();
   }
   renderContext();
   renderCurves();
@@ -137,7 +130,7 @@ function renderCurves() {
 
 // What moves: the turns of one episode, or the steps of several side by side.
 function moving() {
-  if ($("compare").hidden) return { at: shown.turn, first: firstTurn(), last: lastTurn(), go: goTo };
+  if ($("compare").hidden) return { at: shown.turn, first: 0, last: lastTurn(), go: goTo };
   return { at: compared.step, first: 0, last: lastStep(), go: goToStep };
 }
 

@@ -11,7 +11,7 @@ const STYLE = [
   ...["image-rendering", "vertical-align", "border-collapse", "border-spacing", "fill", "fill-rule", "stroke", "stroke-width", "stroke-dasharray", "stroke-linecap"],
   ...["stroke-linejoin", "text-anchor"],
 ];
-const UNDRAWN = "button, label, .copies, #note-card";
+const UNDRAWN = "button, label, .copies";
 const [SHOT_EDGE, SHOT_SCALE] = [24, 2];
 
 // A copy of an element as it looks now; null for what a picture does not show.
