@@ -14,7 +14,10 @@ PAGE = ROOT / "docs" / "compaction.md"
 GAMES = 2
 """Those that need no package: Lockers and Rock Paper Scissors."""
 
-pytestmark = pytest.mark.skipif(not (ROOT / "experiments").exists(), reason="not in a checkout")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not (ROOT / "experiments").exists(), reason="not in a checkout"),
+]
 
 
 def run(command, folder, *more):

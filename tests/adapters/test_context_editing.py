@@ -144,7 +144,7 @@ def test_what_the_provider_refuses_is_its_own_error(
 
 def test_random_conversations_are_right_to_the_token():
     """A small part of `python -m tests.adapters.endpoint_edits_judge`."""
-    found = endpoint_edits_judge.main(150, seed=10**6)
+    found = endpoint_edits_judge.main(90, seed=10**6)
     edits = ("clear_tool_uses_20250919", "clear_thinking_20251015", "context_management")
     ways = (*(f"cleared by {name}" for name in edits), *(f"compacted by {path}" for path in PATHS))
     assert all(found[way] > 0 for way in (*ways, "cut to the cap", "bad input"))
