@@ -31,7 +31,6 @@ from smartplay_tools.evaluation.analysis.figures.style import (
     sample_note,
 )
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.games.specs import lockers_setting
 from smartplay_tools.records.rows import Row
 from smartplay_tools.statistics.intervals import MeanEstimate
 from smartplay_tools.types.groups import grouped
@@ -48,7 +47,7 @@ FORMATS = ("template", "text", "call", "bare", "words", "legal")
 RULES: Mapping[str, Any] = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
 ENTRY, ENTRY_WORLDS = 0.9, 16
 IN_VIEW = "all in view"
-FOUR, EIGHT = (sp.register(lockers_setting(f"Lockers{facts}-v0", facts=facts)).id for facts in (4, 8))
+FOUR, EIGHT = "Lockers4-v0", "Lockers8-v0"
 FACTS = {LOCKERS: 6, FOUR: 4, EIGHT: 8}
 
 

@@ -140,7 +140,9 @@ LOCKERS = Pack(
     None,
     (),
     (
+        lockers_setting("Lockers4-v0", facts=4),
         lockers_setting("Lockers6-v0"),
+        lockers_setting("Lockers8-v0", facts=8),
         lockers_setting("Lockers12-v0", facts=12),
         lockers_setting("Lockers6Distractors12-v0", distractors=12),
         lockers_setting("Lockers6Distance12-v0", distance=12),
