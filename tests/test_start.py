@@ -173,7 +173,6 @@ class TestCommands:
             "play Hanoi3Disk-v0": "view",
             "agent Hanoi3Disk-v0": "serve",
             "report run": "evaluation",
-            "share hanoi.jsonl": "evaluation",
             "view --play": "view",
             "view run": "view",
             "serve openai": "serve",
