@@ -26,6 +26,7 @@ from smartplay_tools.evaluation.analysis.repeats import repeated
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
+from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 from smartplay_tools.types.groups import grouped
 
 WORDINGS = ("version 3", *PARAPHRASES)
@@ -90,13 +91,20 @@ def repeats_table(rows: Sequence[Row]) -> str:
     """How alike the repeats of a world are, and how often all of them succeed."""
     repeats = [row for row in rows if row["wording"] == "repeats"]
     lines, best = [], max(fixed_actions(REPEATED), key=lambda name: mean_score(_of(repeats, name)).mean)
-    for each in repeated(repeats, lambda row: row["score"] >= 1):
+    figures = repeated([row | {"completed": row["score"] >= 1} for row in repeats])
+    shown = next(each.passes for each in figures if each.passes)
+    for each in figures:
         if each.cell.player in {*fixed_actions(REPEATED)} - {best}:
             continue
         own = _of(repeats, each.cell.player)
-        passes = [_share(every) for _, _, every in each.passes]
-        lines.append([each.cell.player, score_of(own), _share(each.icc), f"{each.noise_floor:.2f}", *passes])
-    headings = ["player", "score [95 %]", "ICC", "noise floor", *(f"pass^{k}" for k, _, _ in each.passes)]
+        never = mean_estimate([0.0] * each.worlds, Bounds(0, 1))  # what so many worlds without a success leave
+        passes: list[tuple[Any, ...]] = [every for _, _, every in each.passes] or [
+            (never.mean, never.low, never.high)
+        ] * len(shown)
+        lines.append(
+            [each.cell.player, score_of(own), _share(each.icc), f"{each.noise_floor:.2f}", *map(_share, passes)]
+        )
+    headings = ["player", "score [95 %]", "ICC", "noise floor", *(f"pass^{k}" for k, _, _ in shown)]
     return markdown_table(headings, lines)
 
 
@@ -104,7 +112,7 @@ def _of(rows: Sequence[Row], player: str) -> list[Row]:
     return [row for row in rows if row["player"] == player]
 
 
-def _share(share: tuple[float, float, float] | None) -> str:
+def _share(share: tuple[Any, ...] | None) -> str:
     return "all equal" if share is None else "{:.2f} [{:.2f}, {:.2f}]".format(*share)
 
 

@@ -156,6 +156,15 @@ def test_a_file_that_was_rewritten_is_a_new_strategy(file):
     assert first == third != second
 
 
+def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch):
+    seen = []
+    for folder, turns in (("a", "range(0)"), ("b", "range(1)")):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        seen.append(shown_by(turns))
+    assert seen[0] != seen[1]
+
+
 def test_both_versions_of_a_rewritten_file_are_replayed(file):
     records = []
     for turns in ("range(0)", "range(1)"):

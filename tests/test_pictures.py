@@ -31,7 +31,7 @@ from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
 from tests import fuzz, scripts
 from tests.games.test_minecraft_text import nothing, see
-from tests.test_conversation import calling
+from tests.test_conversation import acting, calling
 
 SHOWN = "The picture shows the current observation."
 
@@ -306,6 +306,16 @@ def test_only_the_newest_pictures_are_shown(form, budget, expected):
     record = Record(events)
     for view in record.views:
         assert sum(Accounts.of(record).parts(view)) == view["tokens"]
+
+
+def test_no_picture_is_kept_that_no_prompt_can_show():
+    with sp.Episode("Crafter-v0", seed=3, observation="both", budget=sp.Budget(newest_pictures=2)) as episode:
+        conversation = sp.Conversation(episode)
+        for action in ("Noop", "Move West", "Move East", "Noop"):
+            conversation.prompt()
+            conversation.receive(acting(action))
+        conversation.prompt()
+        assert len(conversation.pictures) == 2
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context import strategies
+from smartplay_tools.context import ContextWindow, Item, Turn, strategies
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import KINDS
+from smartplay_tools.context.tokens import TokenCounter
 from tests import scripts
 from tests.test_conversation import acting, calling, saying
 
@@ -276,3 +278,20 @@ def test_two_strategies_that_decide_the_same_are_refused(monkeypatch):
 def test_where_nothing_leaves_what_would_keep_something_is_refused(budget, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         begin(history=None, **budget)
+
+
+def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch):
+    budget = sp.Budget(history=8, prompt_tokens=900, slack=0.5, summary_tokens=30)
+    episode = sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=budget)
+    sums, most, tokens = [], 0, ContextWindow._prompt_tokens
+    monkeypatch.setattr(ContextWindow, "_prompt_tokens", lambda *given: sums.append(1) or tokens(*given))
+    window = ContextWindow(episode.head, episode.tools, episode.budget, TokenCounter(WORDS))
+    for number in range(1_000):
+        sums.clear()
+        result: sp.Message = {"role": "tool", "content": f"Round {number} was tied.", "tool_call_id": f"{number}"}
+        item = Item(result, number + 1, number + 1, 0, words=Wording.of(VERSION))
+        window.append(Turn(number, acting(say="Rock it is."), (item,), number))
+        most = max(most, len(sums))
+        if window.view().purpose != "play":
+            window.answer("It goes on.")
+    assert 0 < most <= 2 * 10 + 6

@@ -147,6 +147,20 @@ def test_a_pair_is_its_character_and_a_lone_one_the_replacement_character():
     assert WORDS.text("\ud83d" + "\ude00") == WORDS.text("\N{GRINNING FACE}")
 
 
+def test_no_text_is_tokenised_twice():
+    class Counting:
+        name, texts = "counting", []
+
+        def count(self, text: str) -> int:
+            self.texts.append(text)
+            return len(text.split())
+
+    budget = sp.Budget(prompt_tokens=300)
+    with sp.Episode("RockPaperScissorBasic-v0", seed=3, tokenizer=Counting(), budget=budget) as episode:
+        sp.play(episode, sp.get_player("random"))
+    assert 0 < len(Counting.texts) == len(set(Counting.texts))
+
+
 def test_the_memory_of_long_texts_is_bounded():
     counter = TokenCounter("approximate")
     tracemalloc.start()

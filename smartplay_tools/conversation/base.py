@@ -418,10 +418,11 @@ def checked_usage(usage: Usage | None, message: Message) -> dict[str, Any] | Non
 
 
 def _holds_compaction(value: Any) -> bool:
-    """Whether there is a compaction in data, as the provider or a framework names it."""
+    """Whether there is a compaction in data, as the provider or a framework names it; arguments are the model's."""
     if isinstance(value, Mapping):
         kinds = value.get("type"), value.get("part_kind")
-        return "compaction" in kinds or any(map(_holds_compaction, value.values()))
+        said = (inner for name, inner in value.items() if name not in ("input", "arguments", "args"))
+        return "compaction" in kinds or any(map(_holds_compaction, said))
     return isinstance(value, list) and any(map(_holds_compaction, value))
 
 

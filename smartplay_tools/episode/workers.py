@@ -73,8 +73,21 @@ class SerialQueue:
             if self._running_in is pool:
                 return job
             self._running_in = pool
-        pool.submit(self._run_next, pool)
+        self._go_on(pool)
         return job
+
+    def _go_on(self, pool: ThreadPoolExecutor) -> None:
+        """Have the first waiting function run; once the program ends there are no threads, and all have that error."""
+        try:
+            pool.submit(self._run_next, pool)
+        except RuntimeError as error:
+            with _LOCK:
+                waiting = [*self._waiting]
+                self._waiting.clear()
+                self._running_in = None
+            for job, _ in waiting:
+                if job.set_running_or_notify_cancel():
+                    job.set_exception(error)
 
     def _run_next(self, pool: ThreadPoolExecutor) -> None:
         """Run the first waiting function, and then the next one behind those of the other queues."""
@@ -83,13 +96,15 @@ class SerialQueue:
         if job.set_running_or_notify_cancel():
             try:
                 job.set_result(function())
+            except StopIteration as error:
+                job.set_exception(RuntimeError(f"StopIteration, which no task can raise: {error}"))
             except BaseException as error:
                 job.set_exception(error)
         with _LOCK:
             has_more = bool(self._waiting)
             self._running_in = pool if has_more else None
         if has_more:
-            pool.submit(self._run_next, pool)
+            self._go_on(pool)
 
 
 def _threads() -> ThreadPoolExecutor:

@@ -158,7 +158,7 @@ class Chat(MessageForm):
         return [str(message.get("tool_call_id") or "")]
 
     def results(self, message: Given) -> Sequence[Any]:
-        return [message.get("content")]
+        return [message.get("content") or ""]
 
     def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
         return None if contents[0] is None else {**message, "content": contents[0]}
@@ -243,10 +243,12 @@ class Responses(MessageForm):
         return [str(self._answered(message))]
 
     def results(self, message: Given) -> Sequence[Any]:
-        return [message.get("output")]
+        return [message.get("output") or ""]
 
     def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
-        return None if contents[0] is None else {**message, "output": contents[0]}
+        if contents[0] is None:
+            return None
+        return {**message, "output": contents[0]} if "output" in message else message
 
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         return [{"type": "function_call_output", "call_id": i, "output": text} for i in ids]
@@ -258,8 +260,14 @@ class Responses(MessageForm):
         return items
 
     def trimmed(self, message: Given) -> Given | None:
-        # With its id, a call would be refused without the thoughts that came with it.
-        return {name: value for name, value in message.items() if name != "id"} if self.calls(message) else None
+        return self._by_itself(message) if self.calls(message) else None
+
+    @staticmethod
+    def _by_itself(message: Given) -> Given:
+        """Return an item without its id, with which it would be refused where its thoughts are not."""
+        if message.get("type", "message") not in ("message", "function_call", "custom_tool_call"):
+            return message  # of the provider's tools the id is required
+        return {name: value for name, value in message.items() if name != "id"}
 
     def thinks(self, message: Given) -> bool:
         return _type(message) in THOUGHTS
@@ -267,9 +275,10 @@ class Responses(MessageForm):
     def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
         if not thoughts and self.thinks(message):
             return None
-        made = {name: value for name, value in message.items() if thoughts or name != "id"}
-        for call_id in self.calls(message):
-            made["input" if "input" in message else "arguments"] = arguments[call_id]
+        made = {**(message if thoughts else self._by_itself(message))}
+        field = "input" if "input" in message else "arguments"
+        for call_id in self.calls(message) if field in message else ():
+            made[field] = arguments[call_id]
         return made
 
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
@@ -310,7 +319,7 @@ class Anthropic(MessageForm):
         return [str(block.get("tool_use_id") or "") for block in self._blocks(message, "tool_result")]
 
     def results(self, message: Given) -> Sequence[Any]:
-        return [block.get("content") for block in self._blocks(message, "tool_result")]
+        return [block.get("content") or "" for block in self._blocks(message, "tool_result")]
 
     def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
         left, blocks = iter(contents), []

@@ -125,6 +125,9 @@ class Reading:
         unit = next((u for u in reversed(self._clean) if u < len(self.units) and self._firsts[u] < same), None)
         start = self._begin if unit is None else self._firsts[unit]
         self._back_to(unit or 0, start)
+        for part in (part for each in self.units for part in each.parts if part.is_given):
+            if part.source is not None:
+                part.message = messages[part.source]  # an equal one of an earlier list may have been changed since
         self._keys = keys
         self._append(self._grouped(messages, start), messages, keys, start)
 

@@ -130,10 +130,11 @@ class AskedStrategy:
         """Return the units before one that every prompt shows, beside the newest."""
         reading = self.reading
         marked = [unit for unit in reading.pinned if unit < stop]
-        newest = [[unit for unit in each if unit < stop][-1:] for each in (reading.users, reading.instructions)]
+        kinds = reading.users, reading.instructions, reading.compactions
+        newest = [unit for each in kinds for unit in [unit for unit in each if unit < stop][-1:]]
         late = [self.late] if stop == len(self.units) else []
         first = [self.begin] if self.lacks_user and reading.users and self.begin < stop else []
-        return frozenset(unit for unit in (*marked, *newest[0], *newest[1], *late, *first) if unit >= self.begin)
+        return frozenset(unit for unit in (*marked, *newest, *late, *first) if unit >= self.begin)
 
 
 @dataclass

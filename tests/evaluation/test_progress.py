@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import io
+import json
+import os
 import re
+import time
 from dataclasses import replace
 from functools import partial
 
+import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 import smartplay_tools as sp
+from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import _screen, live_table, showing
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
@@ -47,6 +53,31 @@ def test_an_episode_under_way_is_read_from_its_growing_record(tmp_path):
     assert follower.snapshot().playing == (record,)
     assert record.totals.replies == before + 1
     assert run_snapshot(folder).running == 1
+
+
+@pytest.mark.parametrize(("seconds", "is_live"), [(0, True), (400, True), (700, False)])
+def test_a_run_is_being_played_while_a_record_grows(tmp_path, seconds, is_live):
+    """A model may think for as long as a client waits; a run that was killed has been silent for longer."""
+    folder = half_played(tmp_path)
+    (record,) = folder.running()
+    os.utime(record, times=(time.time() - seconds,) * 2)
+    assert run_snapshot(folder).is_live is is_live
+    shown = CliRunner().invoke(app, ["results", str(tmp_path)], env={"COLUMNS": "200"}).output
+    assert ("Now: 1/2 episodes, 1 running" in shown) is is_live
+
+
+def test_one_look_knows_the_newest_failure(tmp_path):
+    """The terminal of a run that is continued shows only those since it began."""
+    folder = half_played(tmp_path)
+    (record,) = folder.running()
+    begun = record.read_text().splitlines(keepends=True)[0]
+    for age, name in enumerate("bca"):
+        end = {"event": "exception", "error": f"RuntimeError: {name}", "traceback": None}
+        path = folder.path / "attempts" / f"{name * 16}.1.jsonl"
+        path.write_text(f"{begun}{json.dumps(end)}\n")
+        os.utime(path, times=(time.time() - age,) * 2)
+    assert run_snapshot(folder).latest_error.endswith("RuntimeError: b")
+    assert RunFollower(folder).snapshot().latest_error == ""
 
 
 def test_what_is_being_played_fits_into_80_columns(tmp_path):

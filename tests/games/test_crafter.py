@@ -11,7 +11,7 @@ from smartplay_tools.games.crafter.game import Crafter
 from smartplay_tools.games.crafter.pictures import draw
 from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.stream import world_seed
-from smartplay_tools.games.crafter.world import place
+from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place
 from smartplay_tools.games.specs import GAMES
 
 
@@ -36,6 +36,28 @@ def test_the_tables_are_those_of_the_package() -> None:
     initial = {**dict.fromkeys(facts.VITALS, facts.MOST), **dict.fromkeys(facts.ITEMS, 0)}
     assert {name: {"max": facts.MOST, "initial": count} for name, count in initial.items()} == constants.items
     assert list(facts.ACHIEVEMENTS) == constants.achievements
+
+
+def test_what_collecting_placing_and_making_take_and_give() -> None:
+    for material, rule in facts.COLLECT.items():
+        rules = constants.collect[facts.NAMES[material]]
+        assert rules["require"] == ({rule.tool: 1} if rule.tool else {})
+        assert rules["receive"] == {rule.item: 1}
+        assert (rules["leaves"], rules.get("probability", 1)) == (facts.NAMES[rule.leaves], rule.probability)
+    for name, placing in facts.PLACE.items():
+        rules = constants.place[name]
+        assert rules["uses"] == dict(placing.uses)
+        assert rules["where"] == [facts.NAMES[material] for material in placing.where]
+        assert (rules["type"] == "object") == (placing.what == facts.PLANT)
+    for name, making in facts.MAKE.items():
+        rules = constants.make[name]
+        assert (rules["uses"], rules["gives"]) == (dict(making.uses), 1)
+        assert rules["nearby"] == [facts.NAMES[material] for material in making.nearby]
+    assert (len(facts.COLLECT), len(facts.PLACE), len(facts.MAKE)) == (
+        len(constants.collect),
+        len(constants.place),
+        len(constants.make),
+    )
 
 
 # --- Text ------------------------------------------------------------------------------------------------------------
@@ -100,6 +122,20 @@ def test_killed_in_sleep(text: str, status: str) -> None:
     assert observation.startswith(f"You took action noop.{status}")
     assert "\n\n\n\nYou see:" in observation
     assert "- health: 0/9" in observation
+
+
+def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
+    game = started(5)
+    go_to(game, 30, 30)
+    player = game._world.player
+    player.facing = DIRECTIONS[3]
+    plant = Thing(facts.PLANT, place(30, 31))
+    player.world.set_ground(plant.at, facts.GRASS)
+    player.world.add(plant)
+    for plant.clock, eaten in ((300, 0), (301, 1)):
+        player._do()
+        assert player.unlocked.get("eat_plant", 0) == eaten
+    assert plant.clock == 0
 
 
 def test_unknown_options_are_refused_in_one_sentence() -> None:

@@ -64,6 +64,16 @@ def test_numbers_are_those_of_the_manual():
     assert calls(record) == [("act", '{"action": "Move West"}')]
 
 
+def test_a_final_full_stop_does_not_matter():
+    _, record, _ = sit("pull slot machine 2\n", "BanditTwoArmedLowLowFixed-v0")
+    assert calls(record) == [("act", '{"action": "Pull slot machine 2."}')]
+
+
+def test_help_says_what_can_be_typed():
+    _, _, shown = sit("?\n")
+    assert "observe: show the current observation again" in shown
+
+
 def test_a_slip_is_asked_about_again_and_costs_nothing():
     result, record, shown = sit("4\n0\nLizard\n\n²\n1\n")
     assert calls(record) == [("act", '{"action": "Rock"}')]

@@ -32,8 +32,12 @@ from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.quantities import duration, short
 
-STALE_SECONDS = 300.0
-"""A run of which no record has grown for so long counts as killed, and not as being played."""
+STALE_SECONDS = 600.0
+"""A run of which no record has grown for so long counts as killed, and not as being played.
+
+A record grows with every event, and between two events the longest wait is for a model's reply. After ten minutes of
+silence, the clients of OpenAI and Anthropic give a request up; a model that thinks may take nearly as long.
+"""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ class RunSnapshot:
     seconds_left: float | None
     """None if the pace is not known: before the first reply, or if the run is not being played."""
     latest_error: str
-    """The latest failure since the run began or was first looked at, "" if there was none."""
+    """The latest failure since the run was first looked at, or of all (`run_snapshot`); "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int
@@ -207,10 +211,11 @@ class RunFollower:
     """Makes snapshots of a run, and reads only what was added to its folder since the one before.
 
     The time left follows from the calls that are still expected and the caps of the run, at the rate since the first
-    snapshot (`time_left`); `clock` returns seconds.
+    snapshot (`time_left`); `clock` returns seconds. The latest failure is one since the first snapshot, so that a run
+    which is continued shows its own, unless `knows_earlier`.
     """
 
-    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic) -> None:
+    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic, *, knows_earlier: bool = False) -> None:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
@@ -223,7 +228,7 @@ class RunFollower:
         self._continued: dict[str, Spent] = {}
         self._playing: dict[Path, Record] = {}
         self._time_left = TimeLeft(clock)
-        self._earlier: frozenset[Path] | None = None
+        self._earlier: frozenset[Path] | None = frozenset() if knows_earlier else None
         self._latest: Path | None = None
         self._lock = threading.Lock()
 
@@ -286,7 +291,7 @@ class RunFollower:
         spending = self._spending(playing)
         failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
         earlier = frozenset(failed) if self._earlier is None else self._earlier
-        self._latest = next((path for path in reversed(failed) if path not in earlier), self._latest)
+        self._latest = max((path for path in failed if path not in earlier), key=_changed_at, default=self._latest)
         self._earlier = earlier | set(failed)
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
@@ -373,8 +378,14 @@ class RunFollower:
 
 
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
-    """Return how far the run in a folder is."""
-    return RunFollower(folder).snapshot()
+    """Return how far the run in a folder is, in one look, which knows no time left."""
+    return RunFollower(folder, knows_earlier=True).snapshot()
+
+
+def _changed_at(path: Path) -> float:
+    with suppress(OSError):  # a run that is continued takes the record of an attempt away
+        return path.stat().st_mtime
+    return 0.0
 
 
 def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
