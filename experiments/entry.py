@@ -136,8 +136,14 @@ Cells = Mapping[tuple[str, str], list[Row]]
 
 
 def cells_of(rows: Iterable[Row], entry: str) -> Cells:
-    """Group the rows of one time that the model was asked to enter by player and way."""
-    return grouped((row for row in rows if row["worlds"] == entry), lambda row: (row["player"], row["way"]))
+    """Group the rows of one time that the model was asked to enter by player and way; scripts in its worlds."""
+    cells = grouped((row for row in rows if row["worlds"] == entry), lambda row: (row["player"], row["way"]))
+    played = {way: {row["trial"] for row in own} for (player, way), own in cells.items() if player == QWEN}
+    return {
+        (player, way): [row for row in own if row["trial"] in played[way]]
+        for (player, way), own in cells.items()
+        if way in played
+    }
 
 
 def enters(rows: Sequence[Row]) -> bool:

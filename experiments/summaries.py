@@ -2,7 +2,6 @@
 
     python experiments/summaries.py --qwen FILE    # plays, in rounds of worlds; continues where it stopped
     python experiments/summaries.py --publish      # what was played, with three records of every cell
-    python experiments/tables.py summaries         # the tables of the page, from the published rows
 
 It needs the extras `local`, `evaluation` and those of the compactors. A way whose packages are not in this environment
 is left to another one with the same folder. The model plays in the format `legal`: in others it is offered `observe`

@@ -8,6 +8,7 @@ import itertools
 import json
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ import smartplay_tools as sp
 from smartplay_tools.context import ContextOverflowError, asked
 from smartplay_tools.context.compacting import MOST_QUESTIONS
 from smartplay_tools.context.strategies.custom import IN_FILES
+from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.players.prompt_reading import call
@@ -857,3 +859,10 @@ def test_asynchronous_conversations_call_it_in_a_thread():
 
     asyncio.run(playing())
     assert threading.get_ident() not in threads
+
+
+def test_a_framework_acts_at_four_fifths_of_the_room_unless_it_is_told_when():
+    for told, room, limit in ((None, 1_000, 800), (300, 1_000, 300), (300, None, 300)):
+        compactor = ImportedCompactor(told)
+        compactor.room = SimpleNamespace(tokens=room)
+        assert compactor.limit == limit

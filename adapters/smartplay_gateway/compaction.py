@@ -230,13 +230,16 @@ def wish_of(body: Json, surface: Surface, betas: str) -> tuple[Json, Wish | None
     messages = surface.conversation(body)
     if messages is None or surface.form == "chat":
         return body, None
-    asked, rest = (_asked_of_responses if surface.form == "responses" else _asked_of_messages)(body, surface, betas)
+    if surface.form == "responses":
+        asked, rest = _asked_of_responses(body, surface)
+    else:
+        asked, rest = _asked_of_messages(body, surface, betas)
     if asked is None or any(_compactions(messages)):
         return body, None
     return rest, asked
 
 
-def _asked_of_responses(body: Json, surface: Surface, betas: str) -> tuple[Wish | None, Json]:
+def _asked_of_responses(body: Json, surface: Surface) -> tuple[Wish | None, Json]:
     items = surface.conversation(body) or []
     triggers = [at for at, item in enumerate(items) if _type(item) == "compaction_trigger"]
     rest = {name: value for name, value in body.items() if name != FIELD}

@@ -31,7 +31,7 @@ from inspect_ai.model import (
     get_model,
     modelapi,
 )
-from inspect_ai.model._model import collapse_consecutive_messages_for_api
+from inspect_ai.model._model import collapse_consecutive_messages_for_api  # no public name; tried with 0.3.285
 from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
 
 from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs

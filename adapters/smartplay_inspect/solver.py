@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import anyio.to_thread
 from inspect_ai.model import GenerateConfig, Model, get_model
-from inspect_ai.model._generate_config import active_generate_config
+from inspect_ai.model._generate_config import active_generate_config  # no public name; tried with 0.3.285
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.tool import ToolDef
 from inspect_ai.util import LimitExceededError, StoreModel, sample_limits, store_as

@@ -52,7 +52,7 @@ def tried(how: Loading) -> tuple[Format, str]:
     """Return the format for a model, and what a trial has shown of the formats.
 
     The trial is a game of lockers, with all that was told in view. The first format in which enough questions are
-    answered is chosen; if none is, that with the most right answers, then with the most legal ones.
+    answered is chosen; if none is, that with the most right answers, then with the most steps.
     """
     shown: dict[Format, tuple[int, int]] = {}
     for form in FORMATS:

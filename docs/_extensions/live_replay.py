@@ -20,7 +20,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report.page import write_excerpt
+from smartplay_tools.evaluation.pages.report.page import write_episode
 
 SEED = 7
 
@@ -42,7 +42,7 @@ class LiveReplay(SphinxDirective):
             record = Path(folder) / "episode.jsonl"
             with sp.Episode(game, seed=SEED, budget=sp.Budget(prompt_tokens=cap), transcript=record) as episode:
                 sp.play(episode, sp.get_player("rule"))
-            write_excerpt(record, out, title=game)
+            write_episode(record, out, title=game)
         address = f"_static/{out.name}#episode=episode&turn={self.options.get('turn', 0)}&bare"
         title = f"The replay of an episode of {game}"
         frame = f'<iframe class="replay" src="{address}" title="{title}" loading="lazy"></iframe>'

@@ -62,10 +62,14 @@ MANAGEMENT = ("context_management", "compaction")
 
 
 def asks_management(*options: Any) -> bool:
-    """Whether any of these options of a model, or the extra body in them, asks its provider to manage the context."""
+    """Whether any of these options of a model, or the extra body in them, asks its provider to manage the context.
+
+    Not every key is a name: those of a bias of tokens are numbers.
+    """
     places = [each for each in options if isinstance(each, Mapping)]
     places += [inner for each in places for inner in each.values() if isinstance(inner, Mapping)]
-    return any(value and name.endswith(MANAGEMENT) for place in places for name, value in place.items())
+    named = ((name, value) for place in places for name, value in place.items() if isinstance(name, str))
+    return any(name.endswith(MANAGEMENT) and bool(value) for name, value in named)
 
 
 def left_to_provider(usage: Usage | None, *options: Any) -> Usage | None:

@@ -151,9 +151,12 @@ class RecordCounts:
                 self._second_price = self.price if second is None else self._prices.get(second)
             case "usage":
                 usage = self._parsed(event)
-                price = self._second_price if usage.get("purpose") == "compaction" else self.price
-                for each in (self.whole, self.own, self.questions)[: 3 if usage.get("purpose") == "compaction" else 2]:
-                    each.add(usage, price)
+                is_question = usage.get("purpose") == "compaction"
+                price = self._second_price if is_question else self.price
+                self.whole.add(usage, price)
+                self.own.add(usage, price)
+                if is_question:
+                    self.questions.add(usage, price)
             case "sent":
                 sent = self._parsed(event)
                 usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}

@@ -24,7 +24,7 @@ from agents import (
     set_tracing_disabled,
 )
 from langchain.agents import create_agent
-from langchain.agents.middleware import ModelRetryMiddleware
+from langchain.agents.middleware import ModelRetryMiddleware, dynamic_prompt
 from langchain_core.callbacks import BaseCallbackHandler
 from langchain_core.messages import BaseMessage
 from langgraph.graph import MessagesState
@@ -238,6 +238,26 @@ def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host)
     assert episode.result == undisturbed(host).result
     assert stub.bodies == undisturbed(host).stub.bodies
     as_asked(events, stub)
+
+
+def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run():
+    usages = [event for event in undisturbed("LangChain agent").events if event["event"] == "usage"]
+    first = next(at for at, usage in enumerate(usages) if usage.get("purpose") == "summary")
+    spent = sum(usage["prompt"] + usage["reply"] for usage in usages[: first + 1])
+    episode, events = fresh(BUDGET.model_copy(update={"episode_tokens": spent + 5}))
+    with Provider() as stub, episode:
+        langchain_agent(episode, stub)
+    assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
+    assert stub.purposes[-1] == "summary"
+    as_asked(events, stub)
+
+
+def test_a_head_that_changes_is_refused_in_a_sentence():
+    numbers, (episode, _) = itertools.count(), fresh(BUDGET)
+    changing = dynamic_prompt(lambda request: f"This is prompt {next(numbers)}.")
+    sentence = "Where turns are summarised or rewritten, the head of an episode cannot change."
+    with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match=sentence):
+        create_agent(client(stub), middleware=[changing, SmartPlayMiddleware(episode)]).invoke({"messages": []}, THREAD)
 
 
 @pytest.mark.parametrize("inside", [False, True])

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.players import asks_management
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
@@ -180,6 +181,19 @@ def test_what_a_provider_did_to_the_context_is_read(answer: Any, managed: tuple[
     usage = (so.responses_reply if "output" in answer else anthropic_reply)(told).usage
     assert usage is not None
     assert (usage.managed, usage.edits, usage.cleared) == managed
+
+
+@pytest.mark.parametrize(
+    ("options", "asks"),
+    [
+        ({"logit_bias": {50256: -100}}, False),
+        ({"logit_bias": {50256: -100}, "extra_body": {"context_management": {"edits": []}}}, True),
+        ({"logit_bias": {50256: -100}, "openai_context_management": [{"type": "compaction"}]}, True),
+        ({"context_management": None}, False),
+    ],
+)
+def test_whether_options_ask_a_provider_to_manage_the_context(options: dict[str, Any], asks: bool):
+    assert asks_management(options) is asks
 
 
 @pytest.mark.parametrize("kind", ["type", "part_kind"])

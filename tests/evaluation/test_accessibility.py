@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report.page import write_excerpt, write_report
+from smartplay_tools.evaluation.pages.report.page import write_episode, write_report
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.web.site import BrowserGames
 from tests.evaluation.report_runs import BANDIT, HANOI, RPS
@@ -91,7 +91,7 @@ def test_the_report_of_several_runs(opened, runs, tmp_path):
 
 def test_a_page_to_send(opened, runs, tmp_path):
     record = next(RunFolder(runs / "two").records())
-    write_excerpt(record, tmp_path / "some.html")
+    write_episode(record, tmp_path / "some.html")
     assert_accessible(opened((tmp_path / "some.html").as_uri()))
 
 

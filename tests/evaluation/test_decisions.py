@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from typer.testing import CliRunner
 
@@ -10,6 +12,7 @@ from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde
 from smartplay_tools.statistics.intervals import Bounds, Sample
+from tests.evaluation.command import run
 from tests.evaluation.window_rows import row
 
 SMALL = Sample([0.5, -0.5] * 50)
@@ -75,6 +78,17 @@ def test_losing_as_much_in_every_world_is_no_null_and_playing_alike_is_identical
     runs["b"][0]["play_sha256"] = "other"
     (pairing,) = compare(runs, margin=Margin(3)).pairings
     assert (pairing.is_identical, pairing.verdict.word) == (False, "undecided")
+
+
+def test_the_command_line_has_the_verdict_and_the_difference_that_would_have_been_seen(tmp_path):
+    given = {"trials": 4, "budgets": sp.Budget(tool_calls=5), "executor": "inline"}
+    for player in ("random", "always:1"):
+        sp.evaluate(["RockPaperScissorBasic-v0"], [player], out=tmp_path / player[:6], **given)
+    command = ("compare", tmp_path / "random", tmp_path / "always", "--margin", "0.1h")
+    (pairing,) = json.loads(run(*command, "--format", "json")[1])["pairings"]
+    assert pairing["verdict"] == {"word": "undecided", "margin": 4.3, "mde": pytest.approx(5.76, abs=0.01)}
+    code, table, _ = run(*command)
+    assert (code, "undecided, MDE 5.8" in table) == (0, True)
 
 
 def test_a_run_that_is_named_twice_is_refused(tmp_path):

@@ -25,19 +25,6 @@ def started(seed: int, **options: object) -> Crafter:
     return game
 
 
-def random_steps(game: Crafter, steps: int, seed: int = 0) -> list[str]:
-    """Play, with a new episode after each end; return the observations and some state hashes."""
-    rng, seen = np.random.default_rng(seed), []
-    for step in range(steps):
-        observation, _, terminated, truncated, _ = game.step(rng.integers(17))
-        seen.append(observation)
-        if step % 50 == 0:
-            seen.append(game.state_hash())
-        if terminated or truncated:
-            seen.append(game.reset()[0])
-    return seen
-
-
 # --- Rules as data ---------------------------------------------------------------------------------------------------
 
 

@@ -17,7 +17,6 @@ from tests.manager.histories import Messages
 
 MASKED = "[result left the history window]"
 SUMMARY = "Summary of the conversation before this point:\n"
-SMALLEST_RESULT = 32
 
 
 class Letters:

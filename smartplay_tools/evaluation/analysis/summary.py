@@ -29,7 +29,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     tokens,
 )
 from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed, is_unplayed
-from smartplay_tools.statistics.intervals import USUAL, MeanEstimate, Method, named_estimates
+from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates
 from smartplay_tools.types import EndReason
 from smartplay_tools.types.groups import grouped
 
@@ -190,15 +190,13 @@ class RunSummary:
         return label_in([profile.condition for profile in self.profiles], cell.cell)
 
 
-def summarize(
-    rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper", method: Method = USUAL
-) -> RunSummary:
+def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> RunSummary:
     """Summarise a run, from `RunFolder.rows` (finished episodes) and `RunFolder.failures` (failed attempts)."""
     rows = list(rows)
     groups = by_cell(rows)
     among = conditions(cell for cell, _ in groups)
     measured = [samples(members, FIGURES) for _, members in groups]
-    means = named_estimates(measured, method)
+    means = named_estimates(measured)
     cells = tuple(_cell_summary(cell, members, own) for (cell, members), own in zip(groups, means, strict=True))
     lost = _failures(failures, {row["key"] for row in rows})
     normalized = [each["normalized_score"].values for each in measured]

@@ -1,4 +1,4 @@
-"""A sweep as tables: every window beside the reference of its family, and what it took."""
+"""A sweep as tables: every window beside the reference of its family, and points where they are not scores."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def cells_table(
     return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
 
 
-TOOK = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
+POINTS_NOTE = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
 
 
 def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
@@ -127,7 +127,7 @@ def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
             ("+-", lambda c: with_interval(c.differences.get("reward"), 2, sign="+")),
         )
 
-    return [cells_table("points", comparisons, figures, [TOOK, *column_notes(beside), *early_notes(beside)])]
+    return [cells_table("points", comparisons, figures, [POINTS_NOTE, *column_notes(beside), *early_notes(beside)])]
 
 
 def is_cut(comparison: WindowComparison) -> bool:

@@ -129,7 +129,9 @@ class _Playing:
 
 
 async def _take(request: Request, do: Callable[[dict[str, Any]], dict[str, Any] | None]) -> Response:
-    given = await json_body(request)
+    given = object_in(await request.body())
+    if given is None:
+        raise InvalidArgumentError("An answer is a JSON object.")
     return AsciiJson(await run_in_threadpool(do, given) or {}, headers=HEADERS)
 
 
@@ -149,11 +151,3 @@ def _over(row: dict[str, Any] | None, run: BrowserPlay) -> dict[str, Any] | None
         "pictures": "pictures" in row["deviations"],
         "replay": f"/episode/{quote(run.folder.path.resolve().name)}/episodes/{row['key']}",
     }
-
-
-async def json_body(request: Request) -> dict[str, Any]:
-    """Return the JSON object of a request, which is small."""
-    given = object_in(await request.body())
-    if given is None:
-        raise InvalidArgumentError("An answer is a JSON object.")
-    return given

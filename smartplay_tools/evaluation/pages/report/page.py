@@ -48,7 +48,7 @@ from smartplay_tools.types import MISTAKES, Budget
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.quantities import figure, typeset
 
-__all__ = ["render_report", "write_excerpt", "write_report"]
+__all__ = ["render_report", "write_episode", "write_report"]
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "thread.js", "worlds.js", "drawings.js"),
@@ -97,7 +97,7 @@ def write_report(
     return _write(file, page)
 
 
-def write_excerpt(record: str | Path, out: str | Path, *, title: str | None = None, plugins: bool = False) -> Path:
+def write_episode(record: str | Path, out: str | Path, *, title: str | None = None, plugins: bool = False) -> Path:
     """Write the page of one episode by itself; return the page's path.
 
     It has neither header nor lists, so that it is small and can be embedded. The other arguments are those of
