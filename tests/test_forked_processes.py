@@ -97,3 +97,13 @@ def test_a_daemonic_process_plays_without_further_processes(tmp_path):
         return [found.differences for found in audit(run.folder, 2)]
 
     assert in_a_fork(play) == [(), ()]
+
+
+async def test_a_call_that_raises_what_no_task_can_raise_is_answered():
+    def ends() -> None:
+        raise StopIteration
+
+    queue = SerialQueue()
+    with pytest.raises(RuntimeError, match="StopIteration"):
+        await asyncio.wait_for(queue.run(ends), 5)
+    assert await asyncio.wait_for(queue.run(lambda: 5), 5) == 5

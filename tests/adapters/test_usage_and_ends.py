@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from smartplay_tools.conversation.base import checked_usage
 from smartplay_tools.players import asks_management
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
@@ -163,6 +164,11 @@ def test_the_table_names_the_refusals():
 
 
 CLEARED = {"type": "clear_tool_uses_20250919", "cleared_tool_uses": 3, "cleared_input_tokens": 500}
+
+
+def test_a_models_own_arguments_are_no_compaction():
+    call = {"type": "tool_use", "id": "c1", "name": "act", "input": {"type": "compaction"}}
+    assert checked_usage(None, {"role": "assistant", "content": "", "provider_items": [call]}) is None
 
 
 @pytest.mark.parametrize(

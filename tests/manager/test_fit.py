@@ -338,6 +338,62 @@ def test_what_was_changed_in_place_is_read_again(change: Callable[[Messages], An
         assert window.fit(messages[:end]) == fresh.fit(messages[:end]) == sp.ContextManager(300).fit(messages[:end])
 
 
+@pytest.mark.parametrize("own", [{"own_words": 1}, {"strategy": "clear_tool_uses_20250919:trigger=100,keep=1"}])
+def test_what_an_equal_list_was_changed_to_is_in_no_later_prompt(own: dict[str, Any]):
+    """A framework makes its messages anew for each request, and a client edits those that it has sent."""
+    window, sent = sp.ContextManager(2_000, **own), steps(12)
+    window.fit(sent)
+    for message in sent[2:]:
+        message.update(content="edited", tool_call_id="other", tool_calls=[])
+    again = [*steps(12), *step(12)]
+    assert window.fit(again).messages == sp.ContextManager(2_000, **own).fit(again).messages
+
+
+@pytest.mark.parametrize("own", [{}, {"strategy": "clear_tool_uses_20250919:trigger=1,keep=1"}, {"result_tokens": 32}])
+@pytest.mark.parametrize("nothing", [None, "absent", ""])
+def test_a_result_without_content_is_empty(own: dict[str, Any], nothing: Any):
+    calls = [{"type": "tool_use", "id": f"c{at}", "name": "read", "input": {}} for at in range(2)]
+    results: Messages = [{"type": "tool_result", "tool_use_id": f"c{at}"} for at in range(2)]
+    results[1]["content"] = "Page 1 of the book. " * 60
+    if nothing != "absent":
+        results[0]["content"] = nothing
+    messages: Messages = [HEAD[1], {"role": "assistant", "content": calls}, {"role": "user", "content": results}]
+    prompt = sp.ContextManager(8_000, form="anthropic", **own).fit([*messages, {"role": "user", "content": "Go on."}])
+    shown = [block for message in prompt.messages for block in message["content"] if isinstance(block, dict)]
+    assert [block.get("tool_use_id") for block in shown if block["type"] == "tool_result"] == ["c0", "c1"]
+    chat = [*HEAD, *step(0), *step(1)]
+    chat[3]["content"] = None if nothing == "absent" else nothing
+    assert len(sp.ContextManager(8_000, **own).fit(chat).messages) == len(chat)
+
+
+def test_items_of_a_providers_tools_keep_what_it_requires():
+    thoughts: Messages = [
+        {"type": "reasoning", "id": f"rs_{at}", "summary": [{"type": "summary_text", "text": "Thought of at length."}]}
+        for at in range(2)
+    ]
+    search = {
+        "type": "web_search_call",
+        "id": "ws_1",
+        "status": "completed",
+        "action": {"type": "search", "query": "x"},
+    }
+    reply = {"type": "message", "id": "msg_1", "role": "assistant", "content": "Read."}
+    items: Messages = [HEAD[1], thoughts[0], search, reply, {"role": "user", "content": "Go on."}]
+    items += [thoughts[1], {**reply, "id": "msg_2"}, {"role": "user", "content": "And?"}]
+    prompt = sp.ContextManager(8_000, form="responses", strategy="clear_thinking_20251015", extra_tokens=9).fit(items)
+    assert [item for item in prompt.messages if item in thoughts] == thoughts[1:]
+    assert search in prompt.messages
+    assert [item["id"] for item in prompt.messages if item.get("role") == "assistant" and "id" in item] == ["msg_2"]
+
+
+def test_a_providers_own_summary_stays_under_a_strategy():
+    summary = {"type": "compaction", "id": "cmp_1", "encrypted_content": "x" * 40}
+    pages = [item for number in range(20) for item in responses(step(number))]
+    for own in ({}, {"strategy": "clear_tool_uses_20250919"}):
+        window = sp.ContextManager(400, form="responses", sealed_tokens=20, **own)
+        assert summary in window.fit([HEAD[1], summary, *pages]).messages
+
+
 def test_two_threads_on_one_manager_get_their_own_prompts():
     window = manager(300)
     conversations = [[*HEAD, {"role": "user", "content": f"I am {name}."}, *steps(30)[2:]] for name in range(4)]

@@ -139,10 +139,13 @@ def _value(row: Any, path: list[str], kind: str) -> Any:
 def plain(value: Any) -> Any:
     """Return figures as plain data: dataclasses as dictionaries, with the properties of `PROPERTIES`.
 
-    What a cell was `asked` for is left out: its condition has it.
+    What a cell was `asked` for is left out, since its condition has it, and so is a `width`, which only chooses.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        names = [*(field.name for field in fields(value) if field.name != "asked"), *PROPERTIES.get(type(value), ())]
+        names = [
+            *(field.name for field in fields(value) if field.name not in ("asked", "width")),
+            *PROPERTIES.get(type(value), ()),
+        ]
         return {name: plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): plain(each) for key, each in value.items()}
