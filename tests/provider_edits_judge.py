@@ -51,6 +51,8 @@ def edit(chance: random.Random, least: int) -> tuple[str, Json]:
         name, uses = edit(chance, least)
         while name != USES:
             name, uses = edit(chance, least)
+        if isinstance(uses["trigger"], int):  # in the provider's list it is an object
+            uses["trigger"] = {"type": "input_tokens", "value": uses["trigger"]}
         return kind, {"edits": [{"type": THINKING, **kept}, {"type": USES, **uses}]}
     options: Json = {"trigger": trigger}
     if kind == "compact_20260112":
@@ -111,9 +113,11 @@ class Judge:
 
     def is_over(self, every: list[Json]) -> bool:
         trigger: Any = self.options.get("trigger", self.options.get("compact_threshold"))
-        if isinstance(trigger, dict):
+        if isinstance(trigger, dict) and trigger["type"] == "tool_uses":
             return [message["role"] for message in every].count("tool") > int(trigger["value"])
-        return self.tokens([every[0], *self.now(every)]) > int(trigger)
+        return self.tokens([every[0], *self.now(every)]) > int(
+            trigger["value"] if isinstance(trigger, dict) else trigger
+        )
 
     def cleared(self, every: list[Json]) -> list[Json]:
         """The messages with old tool uses cleared."""

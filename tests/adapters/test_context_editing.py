@@ -125,7 +125,9 @@ def test_the_cap_holds_after_the_edits(upstream: Upstream):
         ([{"type": "clear_tool_uses_20250919", "keep": {"type": "tool_uses", "value": -1}}], {}, "edits.0: keep="),
         ([{"type": "clear_tool_uses_20250919", "keeps": 3}], {}, "keeps: Extra inputs are not permitted"),
         ([{"type": "clear_thinking_20251015"}], {}, "requires `thinking` to be enabled"),
-        ([{"type": "clear_thinking_20251015", "keep": 0}], {"thinking": THINKING}, "keep=0 of clear_thinking"),
+        ([{"type": "clear_thinking_20251015", "keep": 0}], {"thinking": THINKING}, "keep: Input should be an object"),
+        ([{"type": "clear_tool_uses_20250919", "trigger": "tool_uses=1"}], {}, "trigger: Input should be an object"),
+        ([{"type": "clear_tool_uses_20250919", "exclude_tools": "f"}], {}, "exclude_tools: Input should be a list"),
         (
             [{"type": "clear_tool_uses_20250919"}, {"type": "clear_thinking_20251015"}],
             {"thinking": THINKING},

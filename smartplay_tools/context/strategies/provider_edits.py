@@ -219,6 +219,8 @@ class ContextManagement(Clearing):
 
 
 EDITS = {edit.name: edit for edit in (ClearToolUses, ClearThinking)}
+AMOUNTS = ("trigger", "keep", "clear_at_least")
+"""Options that are objects in the provider's list, and may be numbers and texts in ours."""
 
 
 def clearing_edits(given: Any, *others: str) -> list[Clearing]:
@@ -244,6 +246,10 @@ def _clearing_edit(make: type[ClearToolUses] | type[ClearThinking], at: int, giv
     for name in options:
         if name not in inspect.signature(make).parameters:
             raise InvalidArgumentError(f"{place}.{name}: Extra inputs are not permitted.")
+        if name in AMOUNTS and not isinstance(given[name], Mapping) and given[name] not in (None, "all"):
+            raise InvalidArgumentError(f"{place}.{name}: Input should be an object with a type and a value.")
+        if name == "exclude_tools" and isinstance(given[name], str):
+            raise InvalidArgumentError(f"{place}.{name}: Input should be a list.")
     try:
         return make(**options)
     except InvalidArgumentError as error:
