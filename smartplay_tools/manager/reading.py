@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import operator
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -95,6 +96,8 @@ class Reading:
     ):
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
         self.form, self.counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
+        self._objects: list[Given] = []
+        """The messages of the list that was read last."""
         self._keys: list[object] = []
         self._firsts: list[int] = []
         """The number of each unit's first message."""
@@ -125,9 +128,11 @@ class Reading:
         unit = next((u for u in reversed(self._clean) if u < len(self.units) and self._firsts[u] < same), None)
         start = self._begin if unit is None else self._firsts[unit]
         self._back_to(unit or 0, start)
-        for part in (part for each in self.units for part in each.parts if part.is_given):
-            if part.source is not None:
-                part.message = messages[part.source]  # an equal one of an earlier list may have been changed since
+        if any(map(operator.is_not, messages, self._objects)):
+            for part in (part for each in self.units for part in each.parts if part.is_given):
+                if part.source is not None:
+                    part.message = messages[part.source]  # an equal one of an earlier list may have been changed since
+        self._objects = [*messages]
         self._keys = keys
         self._append(self._grouped(messages, start), messages, keys, start)
 
