@@ -93,7 +93,7 @@ class GraphSession(CallPlayer):
         return [*added, *self._reply_of(windowed.outcome)]
 
     def _without_asking(self, messages: Sequence[BaseMessage]) -> list[AnyMessage] | None:
-        """Return the words for a sub-agent, or a reply that the record has and the state has not."""
+        """Return the notice for a sub-agent, or the recorded reply that the state lacks; None to ask a model."""
         if self.is_asked_by_sub_agent:
             return [AIMessage(self.episode.words("sub_agent"))]
         return self.recorded_reply(messages)

@@ -408,7 +408,7 @@ class BaseConversation(ABC):
 def checked_usage(usage: Usage | None, message: Message) -> dict[str, Any] | None:
     """Return the usage of a reply as plain data; `InvalidArgumentError` if it is neither a `Usage` nor None.
 
-    It says that the provider has managed the context if there is a compaction in the reply, whoever has sent it.
+    It says that the provider has managed the context if the reply contains a compaction.
     """
     if usage is not None and not isinstance(usage, Usage):
         raise InvalidArgumentError(f"The usage of a reply is a `Usage` or None, not {type(usage).__name__}.")

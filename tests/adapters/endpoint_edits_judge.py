@@ -168,7 +168,7 @@ def spoil(asked: Asked, headers: dict[str, str], rng: random.Random) -> None:
 
 
 def check(seed: int, upstream: Upstream, found: Counter[str]) -> None:
-    """Send one conversation, and judge what comes of it."""
+    """Send one conversation, and judge the request that reaches the upstream, and the answer."""
     rng = random.Random(f"endpoint {seed}")
     asked, headers = draw(rng), {"anthropic-beta": BETAS}
     is_bad = not asked.is_at_once and rng.random() < 0.15

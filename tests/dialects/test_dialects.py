@@ -108,7 +108,7 @@ def test_a_reply_that_never_ends_ends_the_episode(way, dialect, name):
 
 
 def test_the_page_has_the_tables_of_the_rules():
-    """`python -m tests.dialects.page` writes them; each kind of end has a row of its own."""
+    """`python -m tests.dialects.page` writes them; each kind of end has a row."""
     pages = [path.read_text(encoding="utf-8") for path in PAGES]
     for page in pages:
         assert page == renewed(page)
