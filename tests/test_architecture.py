@@ -34,6 +34,7 @@ LAYERS = (
     "games",
     "transcript",
     "context",
+    "compactors",
     "costs",
     "manager",
     "episode",
