@@ -1,4 +1,4 @@
-"""Strategies that a budget names (`Budget.strategy`) and this package has; `context.strategies.custom` lists their names.
+"""Strategies that a budget names (`Budget.strategy`); `context.strategies.custom` has the list of their names.
 
 provider_edits  what providers do to a long conversation on their servers
 imported        what the compaction of other projects, in the adapters, has in common

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, TypeVar
 
-from smartplay_tools.context.prompts import received, stable_end
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.players.attempts import (
     BrokenAnswerError,
@@ -23,7 +22,8 @@ from smartplay_tools.players.attempts import (
     plain_answer,
     unreadable,
 )
-from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
+from smartplay_tools.players.cache_marks import stable_end
+from smartplay_tools.players.conversion import halves, received, sendable, shown, taken_back
 from smartplay_tools.players.usage import read_usage, with_end, with_management, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
