@@ -39,6 +39,7 @@ LAYERS = (
     "manager",
     "episode",
     "conversation",
+    "training",
     "players",
     "records",
     "testing",
