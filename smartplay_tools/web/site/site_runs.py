@@ -21,10 +21,10 @@ from typing import Any, Protocol
 from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
+from smartplay_tools.records.growing_lines import GrowingLines
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Timing, read_row
 from smartplay_tools.records.threads import thread_files
-from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.web.site.site_threads import SiteThreads
 
