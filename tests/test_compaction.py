@@ -58,7 +58,7 @@ def play(conversation: Any, turns: int, reply: sp.Message = ROCK) -> list[sp.Pro
 
 
 def events_of(conversation: Any) -> list[Any]:
-    return json.loads(json.dumps(conversation.episode.ledger.writer._events))
+    return json.loads(json.dumps(conversation.episode.ledger.writer._sink))
 
 
 def error_of(compact: Any, **options: Any) -> str:

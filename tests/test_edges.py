@@ -243,7 +243,7 @@ class TestInterruptions:
 
     def test_a_full_disk_ends_the_record_and_closes_the_game(self, tmp_path):
         episode = sp.Episode(RPS, seed=1, transcript=tmp_path / "full.jsonl")
-        episode.ledger.writer._file = AppendedFile(Path("/dev/full"))
+        episode.ledger.writer._sink = AppendedFile(Path("/dev/full"))
         closed = []
         episode.game.close = lambda: closed.append(True)
         with pytest.raises(TranscriptError, match=r"full\.jsonl can no longer be written: No space left"), episode:
