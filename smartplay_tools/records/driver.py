@@ -54,7 +54,8 @@ UNCOMPARED = frozenset(
 compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
 LATER = frozenset(
-    {("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts"), ("call", "data", "contents")}
+    {("start", "scoring"), ("end", "result", "tokens", "texts"), ("call", "data", "contents")}
+    | {("usage", "texts"), ("usage", "purpose")}
 )
 """What records of older versions do not have."""
 
