@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from smartplay_tools.cli import INTERRUPTED, options
-from smartplay_tools.cli.estimate import print_estimate, print_pilot
+from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
@@ -32,14 +32,6 @@ RunCost = Annotated[float | None, _option(min=0, help="Cap on the whole run, in 
 Prices = Annotated[
     list[str] | None,
     _option("--price", metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens; repeatable."),
-]
-Pilot = Annotated[
-    int | None,
-    _option(
-        min=1,
-        metavar="N",
-        help="Play N episodes of each cell only, and estimate the whole run from them. Without it, the run continues.",
-    ),
 ]
 
 
@@ -114,8 +106,7 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
-    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
-    pilot: Pilot = None
+    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens and cost; play nothing.")] = False
     assume_reply_tokens: Annotated[
         int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")
     ] = None
@@ -146,12 +137,7 @@ class RunCommand:
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
         display = not_shown if quiet else partial(showing, Console(stderr=True))
-        if self.pilot is None:
-            return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
-        run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
-        if not self.as_json:
-            print_pilot(Console(stderr=True), run, plan, players, how)
-        return run
+        return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
 
 
 def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import threading
 from typing import Any
 
@@ -166,27 +165,3 @@ def test_tool_choice_goes_to_the_server(tmp_path):
     model, rule = RunFolder(tmp_path).rows()
     assert model["deviations"]["tool_choice"] == {"paper": "auto", "played": "required"}
     assert "tool_choice" not in rule["deviations"]
-
-
-# The pilot.
-
-
-def test_a_pilot_plays_the_first_episodes_of_a_cell_and_the_run_goes_on(tmp_path):
-    command = ("eval", "--games", "Hanoi3Disk-v0", "--players", "rule,random", "--trials", 3, "--executor", "inline")
-    code, _, stderr = run(*command, "--out", tmp_path, "--pilot", 2, "--quiet")
-    assert code == 0, stderr
-    before = RunFolder(tmp_path).rows()
-    assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("rule", 1), ("random", 0), ("random", 1)]
-    assert re.search(r"The whole run: \S+k-\S+k tokens", stderr)  # from the smallest of a cell to the largest
-    assert "without --pilot continues" in stderr
-    assert run(*command, "--out", tmp_path)[0] == 0
-    after = RunFolder(tmp_path).rows()
-    assert len(after) == 6
-    assert [row for row in after if row["trial"] < 2] == before
-
-
-@pytest.mark.slow  # a sweep draws figures
-def test_a_pilot_of_a_sweep_names_its_cells(tmp_path):
-    asked = ("--games", BANDIT, "--players", "rule,random", "--manual", "tool,pinned", "--trials", 3)
-    _, _, swept = run("sweep", *asked, "--executor", "inline", "--out", tmp_path, "--pilot", 1)
-    assert swept.count("pinned") == 2
