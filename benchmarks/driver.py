@@ -34,7 +34,7 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, play
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag, following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import Scheduler, Setup
+from smartplay_tools.evaluation.runs.scheduler import Scheduler
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.mkdir")
@@ -75,7 +75,7 @@ def driven(folder: Path, episodes: int) -> float:
     writer = RunWriter(folder)
     with writer.writing():
         writer.write_manifest(plan.manifest(shard=None, prices={}))
-        scheduler = Scheduler(writer, plan, Setup(players))
+        scheduler = Scheduler(writer, plan, players, prices={})
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()

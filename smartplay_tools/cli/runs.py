@@ -67,20 +67,6 @@ def player_configs(
     ]
 
 
-def with_tool_options(
-    configs: Sequence[PlayerConfig], parse_calls: str | None, tool_choice: str | None
-) -> list[PlayerConfig]:
-    """Return the players, with these two options for every model."""
-    asked = {"parse_calls": parse_calls, "tool_choice": tool_choice}
-    given = {name: value for name, value in asked.items() if value is not None}
-    if given and not any(is_model(config.name) for config in configs):
-        raise InvalidArgumentError("--parse-calls and --tool-choice are for models, such as openai:MODEL.")
-    return [
-        config.model_copy(update={"options": {**given, **config.options}}) if is_model(config.name) else config
-        for config in configs
-    ]
-
-
 def _named(name: str, configs: Sequence[PlayerConfig]) -> list[PlayerConfig]:
     return [config for config in configs if config.name == name] or [player_named(name)]
 
@@ -96,8 +82,6 @@ class RunCommand:
     seed: options.Seed = 0
     base_url: options.BaseUrls = None
     player_option: options.PlayerOptions = None
-    parse_calls: options.ParseCalls = None
-    tool_choice: options.ToolChoice = None
     workers: Annotated[int | None, _option(min=1, help="Episodes at a time.")] = None
     executor: Annotated[
         str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
@@ -117,8 +101,7 @@ class RunCommand:
         """Return the players of the run (`player_configs`), of which there has to be one."""
         if not names:
             raise InvalidArgumentError("Name at least one player.")
-        given = player_configs(names, self.base_url, self.player_option, configs)
-        return with_tool_options(given, self.parse_calls, self.tool_choice)
+        return player_configs(names, self.base_url, self.player_option, configs)
 
     def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""

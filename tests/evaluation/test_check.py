@@ -38,13 +38,13 @@ REPLIES = {
     "an illegal action": (completion(called("act", '{"action": "Fly"}')), "cannot be played", "description"),
     "cut within words": (cut({"content": "<think>Let me see"}), "cut at its length", "--reply-tokens"),
     "cut within a call": (cut(called("act", '{"act')), "within a call", "--reply-tokens"),
-    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "--parse-calls hermes"),
+    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "parse_calls=hermes"),
     "reasoning alone": (
         completion({"content": None, "reasoning_content": "hm " * 9}),
         "27 characters",
         "reasoning pars",
     ),
-    "words": (completion({"content": "I observe."}), "has called no tool", "--tool-choice required"),
+    "words": (completion({"content": "I observe."}), "has called no tool", "tool_choice=required"),
 }
 
 
@@ -145,8 +145,8 @@ def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
     with serving(lambda body, number: completion({"content": f"I choose.\n{HERMES}"})) as (url, bodies):
         record = tmp_path / "game.jsonl"
         command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2)
-        code, _, _ = run(*command, "--parse-calls", "hermes", "--transcript", record)
-        refused = run(*command, "--parse-calls", "qwen")
+        code, _, _ = run(*command, "--player-option", "parse_calls=hermes", "--transcript", record)
+        refused = run(*command, "--player-option", "parse_calls=qwen")
     assert code == 0
     assert (refused[0], "hermes, llama, mistral" in refused[2]) == (2, True)
     events = sp.read_transcript(record)
@@ -159,7 +159,16 @@ def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
 def test_tool_choice_goes_to_the_server(tmp_path):
     with serving(lambda body, number: completion(calling("act", action="1"))) as (url, bodies):
         command = ("eval", "--games", BANDIT, "--players", f"{MODEL},rule", "--base-url", url, "--trials", 1)
-        options = ("--tool-choice", "required", "--tool-calls", 3, "--executor", "inline", "--out", tmp_path)
+        options = (
+            "--player-option",
+            f"{MODEL}.tool_choice=required",
+            "--tool-calls",
+            3,
+            "--executor",
+            "inline",
+            "--out",
+            tmp_path,
+        )
         assert run(*command, *options)[0] == 0
     assert {body["tool_choice"] for body in bodies} == {"required"}
     model, rule = RunFolder(tmp_path).rows()

@@ -28,7 +28,7 @@ from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import RunProgress, Scheduler, Setup, log
+from smartplay_tools.evaluation.runs.scheduler import RunProgress, Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
@@ -184,9 +184,16 @@ def run_plan(
         manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced)
-        heard = options.on_progress or (_FirstFailures() if display is None else None)
-        scheduler = Scheduler(folder, part, setup, heard)
+        scheduler = Scheduler(
+            folder,
+            part,
+            roster.players,
+            prices=manifest.prices,
+            caps=caps,
+            tried=roster.tried,
+            repriced=repriced,
+            on_progress=options.on_progress or (_FirstFailures() if display is None else None),
+        )
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():

@@ -22,9 +22,7 @@ from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayE
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import Timing, read_row
 from smartplay_tools.records.threads import thread_files
-from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.web.site.site_threads import SiteThreads
 
@@ -74,49 +72,19 @@ class ViewedRun(Protocol):
         ...
 
 
-class AttemptTimes:
-    """How many seconds the attempts at the episodes of a run took, as its folder says (`timings.jsonl`)."""
-
-    def __init__(self, folder: Path) -> None:
-        self._lines = GrowingLines(folder / "timings.jsonl")
-        self._seconds: dict[tuple[str, int], float] = {}
-        self._lock = threading.Lock()
-
-    def of_attempts(self) -> dict[tuple[str, int], float]:
-        """Return the seconds of every attempt that is over, by key and number."""
-        with self._lock:
-            lines, is_replaced = self._lines.read()
-            if is_replaced or not self._lines.path.exists():
-                self._seconds = {}
-            for line in lines:
-                try:
-                    row = read_row(line, Timing)
-                except DamageError as error:
-                    raise DamageError(f"A line of {self._lines.path} is damaged: {error}.") from None
-                self._seconds[row["key"], row["attempt"]] = row["seconds"]
-            return dict(self._seconds)
-
-    def of_episodes(self) -> dict[str, float]:
-        """Return the seconds of all attempts at each episode together, by key."""
-        together: dict[str, float] = defaultdict(float)
-        for (key, _), seconds in self.of_attempts().items():
-            together[key] += seconds
-        return together
-
-
 class SiteRun:
     """One run folder."""
 
     def __init__(self, path: Path, name: str) -> None:
         self.folder, self.path, self.name = RunFolder(path), path, name
-        self._follower, self._times = RunFollower(self.folder), AttemptTimes(path)
+        self._follower = RunFollower(self.folder)
         self._read: tuple[Any, list[list[Any]]] | None = None
         self._lock = threading.Lock()
 
     def summary(self) -> dict[str, Any]:
         """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""
         try:
-            now, seconds = self._snapshot(), sum(self._times.of_attempts().values())
+            now, seconds = self._snapshot(), sum(self._follower.seconds.values())
         except SmartPlayError as error:
             return {"name": self.name, "error": str(error)}
         finished = [cell for cell in now.cells if cell.finished]
@@ -195,8 +163,10 @@ class SiteRun:
             others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
         for running in self.folder.running():
             others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
-        attempted, together, dates = self._times.of_attempts(), self._times.of_episodes(), self._dates()
-        rows = []
+        attempted, dates, rows = self._follower.seconds, self._dates(), list[list[Any]]()
+        together: dict[str, float] = defaultdict(float)
+        for (key, _), seconds in attempted.items():
+            together[key] += seconds
         for planned in manifest.episodes:
             cell, key = manifest.cells[planned.cell], planned.key
             facts = [cell.game, cell.player, budgets[planned.cell], planned.trial, planned.seed]
