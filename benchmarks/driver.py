@@ -32,6 +32,8 @@ from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
 from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, player_key
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.roster import Roster
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import StopFlag, following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler
@@ -75,7 +77,7 @@ def driven(folder: Path, episodes: int) -> float:
     writer = RunWriter(folder)
     with writer.writing():
         writer.write_manifest(plan.manifest(shard=None, prices={}))
-        scheduler = Scheduler(writer, plan, players, prices={})
+        scheduler = Scheduler(writer, Roster(plan, players, {}, set(), {}), {}, RunOptions(), ())
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError, damage_named
@@ -25,9 +25,10 @@ from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
-from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file, player_key, player_of, strategy_file
-from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode, game_file, player_key, player_of, strategy_file
+from smartplay_tools.evaluation.runs.roster import Roster
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.run_progress import RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import Price, check_known
@@ -54,46 +55,16 @@ FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 """A place in a traceback."""
 
 
-@dataclass(frozen=True)
-class RunProgress:
-    """The end of an attempt or, without an episode, the start of the run."""
-
-    finished: int
-    planned: int
-    failed_attempts: int
-    """Since this run began."""
-    episode: PlannedEpisode | None = None
-    row: Row | None = None
-    """The episode's row if it is finished."""
-    error: str | None = None
-    """Why the attempt has no result, if it has none."""
-
-
-OnProgress = Callable[[RunProgress], None]
-
-
 class Scheduler:
     """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
 
     def __init__(
-        self,
-        folder: RunWriter,
-        plan: Plan,
-        players: Mapping[str, PlayerConfig],
-        *,
-        prices: Mapping[str, Price],
-        caps: Caps = Caps(),  # noqa: B008 (it is frozen)
-        tried: Collection[str] = (),
-        repriced: Collection[str] = (),
-        on_progress: OnProgress | None = None,
+        self, folder: RunWriter, roster: Roster, prices: Mapping[str, Price], how: RunOptions, repriced: Collection[str]
     ) -> None:
-        """`players` are by `player_key`, and so are those that are `tried`: of each, one episode is played first.
-
-        `repriced` are the names of players whose price has changed since the run was played before.
-        """
-        self._folder, self._plan, self._players, self._prices = folder, plan, players, prices
-        self._caps, self._tried = caps, tried
-        self._on_progress = on_progress or (lambda progress: None)
+        """`repriced` are the names of players whose price has changed since the run was played before."""
+        self._folder, self._roster, self._prices, self._caps = folder, roster, prices, how.caps
+        self._plan = plan = roster.part
+        self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
         self._who = [player_key(cell) for cell in plan.cells]
         self._queue: deque[PlannedEpisode] = deque()
@@ -123,7 +94,7 @@ class Scheduler:
             if folder.transcript(episode.key).exists()
         }
         folder.write_rows(self._rows.values())
-        self._spent = self._spent_before() if caps else Spent()
+        self._spent = self._spent_before() if self._caps else Spent()
         self._expected = Expectations(plan, self._rows.values(), prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
@@ -173,7 +144,7 @@ class Scheduler:
             player = self._who[episode.place]
             if player in self._silent or self._waits(episode):
                 continue
-            room = self._players[player].concurrency
+            room = self._roster.players[player].concurrency
             if room is not None and busy[player] >= room:
                 continue
             if busy[player] and (self._is_failing(player) or not self._has_acted(player)):
@@ -213,14 +184,14 @@ class Scheduler:
         first: dict[str, PlannedEpisode] = {}
         for episode in episodes:
             player = self._who[episode.place]
-            if player in self._tried and player not in self._acted:
+            if player in self._roster.tried and player not in self._acted:
                 first.setdefault(player, episode)
         keys = {episode.key for episode in first.values()}
         return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
-        if player not in self._tried or player in self._acted:
+        if player not in self._roster.tried or player in self._acted:
             return True
         if any(record.steps for record in self._records_of(player)):
             self._acted.add(player)
@@ -252,7 +223,7 @@ class Scheduler:
 
     def _begin(self, episode: PlannedEpisode) -> Task:
         cell = episode.cell
-        config = self._players[self._who[episode.place]]
+        config = self._roster.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
         carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
         task = Task(
