@@ -28,7 +28,7 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.attempt import Task, Times
-from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, player_key
 from smartplay_tools.evaluation.runs.players import PlayerConfig
@@ -42,7 +42,7 @@ GAME = "BanditTwoArmedHighLowFixed-v0"
 OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.mkdir")
 
 
-class Simulated:
+class Simulated(Executor):
     """An executor whose attempts take no time: every record is the one that was played, with the seed of its task."""
 
     played: ClassVar[list[bytes]] = []
@@ -57,9 +57,6 @@ class Simulated:
         while (task := take()) is not None:
             task.record.write_bytes(record_of(task))
             yield EndedAttempt(task, Times(1.0, 0.1, 0.2))
-
-    def close(self) -> None:
-        """There is nothing to release."""
 
 
 def record_of(task: Task) -> bytes:

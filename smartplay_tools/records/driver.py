@@ -32,7 +32,7 @@ from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
 
 if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+    pass
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 
@@ -78,7 +78,6 @@ class Driver:
         *,
         kind: type[Conversation] | type[AgentSession] = Conversation,
         tokenizer: str | Tokenizer | None = None,
-        on_step: Callable[[TextGame], None] | None = None,
         on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
         compactor: Literal["recorded", "called", "both"] = "recorded",
@@ -104,7 +103,6 @@ class Driver:
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":
             self._rewritings.extend(_rewritings(self.recorded))
-        self.episode.on_step(on_step)
         names: Iterator[str] = iter(())
         if not compares_pictures(recorded[0]):
             self.episode.ledger.names_pictures_by_pixels, names = False, picture_names(self.recorded)

@@ -49,7 +49,7 @@ Named = tuple[str, CellSummary]
 """A cell and its name in a table."""
 
 
-def headline(summary: RunSummary, title: str = "") -> TextTable:
+def headline(summary: RunSummary) -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
     beside = [cell.beside for cell in summary.cells]
     has_steps, has_points = shows_steps(beside), shows_points(beside)
@@ -68,7 +68,7 @@ def headline(summary: RunSummary, title: str = "") -> TextTable:
 
     notes = [INTERVALS, *column_notes(beside), OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
     notes += warnings(summary.cells)
-    return figures_table(title or shared(summary), "game and player", by_game(summary), figures, notes)
+    return figures_table(shared(summary), "game and player", by_game(summary), figures, notes)
 
 
 def by_game(summary: RunSummary) -> dict[str, list[Named]]:
