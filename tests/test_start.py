@@ -178,7 +178,6 @@ class TestCommands:
             "serve openai": "serve",
             "serve mcp": "mcp",
             "serve window": "serve",
-            "serve local": "local",
         }
 
     @pytest.mark.parametrize(
