@@ -113,6 +113,7 @@ class TestHostMessages:
 
 
 ODD = [
+    "Rock",
     {**acting(), "name": 5},
     {**acting(), "extra": object()},
     {"role": "assistant", "content": 5},
@@ -134,8 +135,9 @@ class TestOddReplies:
         conversation = sp.Conversation(sp.Episode(RPS, seed=1, transcript=events))
         conversation.prompt()
         before = len(events)
-        with pytest.raises(ValueError):  # noqa: PT011 - the sentences are the point of other tests
-            conversation.receive(reply)
+        for receive in (conversation.receive, lambda reply: asyncio.run(conversation.areceive(reply))):
+            with pytest.raises(ValueError):  # noqa: PT011 - the sentences are the point of other tests
+                receive(reply)
         with pytest.raises(sp.InvalidArgumentError, match="usage"):
             conversation.receive(sp.Reply(acting(), {}))
         assert len(events) == before

@@ -42,14 +42,6 @@ def test_a_machine_gets_json_and_nothing_else(tmp_path):
     assert summary["cells"][0]["score"]["mean"] == 3
 
 
-def test_the_papers_protocol_can_be_evaluated(tmp_path):
-    asked = f"--games {HANOI} --players random --trials 1 --executor inline --protocol paper"
-    code, _, _ = run("eval", *asked.split(), "--out", tmp_path)
-    (row,) = RunFolder(tmp_path).rows()
-    assert (code, row["protocol"], row["turns"]) == (0, "paper", 60)
-    assert run("replay", tmp_path, "--workers", 1)[0] == 0
-
-
 def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     arguments = ("eval", "--games", HANOI, "--trials", 1, "--executor", "inline", "--out", tmp_path)
     code, _, stderr = run(

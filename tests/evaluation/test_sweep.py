@@ -80,16 +80,6 @@ def played(tmp_path_factory):
     )
 
 
-def test_every_cell_meets_the_same_seeds(played):
-    cells = {(row["player"], *(row["budget"][name] for name in ("history", "slack"))) for row in played.rows}
-    assert len(cells) == 8
-    seeds = {
-        tuple(row["seed"] for row in played.rows if (row["player"], row["budget"]["history"]) == ("rule", history))
-        for history in (1, 50)
-    }
-    assert len(seeds) == 1
-
-
 def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not_care(played):
     rows = {(row["player"], row["history"], row["slack"]): row for row in played.summary}
     full, forgetful = rows["rule", 50, 0], rows["rule", 1, 0]
