@@ -343,21 +343,6 @@ class TestConcurrency:
         assert asyncio.run(play()) <= 16
 
 
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        ({"seed": -1}, "seed must be a whole number, 0 or more, not -1"),
-        ({"seed": "x"}, "seed must be a whole number"),
-        ({"seed": 1.5}, "seed must be a whole number"),
-        ({"seed": 1, "transcript": ""}, "A transcript needs the path of a new file"),
-        ({"seed": 1, "transcript": "/dev/null/x.jsonl"}, "cannot be written"),
-    ],
-)
-def test_what_a_user_gets_wrong_is_one_sentence(settings, sentence):
-    with pytest.raises(sp.SmartPlayError, match=sentence):
-        sp.Episode(RPS, **settings)
-
-
 def test_an_end_needs_a_reason_that_there_is():
     with sp.Episode(RPS, seed=1) as episode:
         with pytest.raises(sp.InvalidArgumentError, match="The reason of an end must be one of"):

@@ -149,7 +149,6 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
             {"player_options": {"temperature": 1}},
             "The player 'rule' cannot be made with these arguments: .*'temperature'",
         ),
-        ({"players": ["rule:fast"]}, "The player 'rule:fast' cannot be made with"),
         ({"players": {"mine": lambda seed: Broken(seed=seed)}, "executor": "processes"}, "worker processes"),
         ({"player_options": {"seed": 1}}, "seed is not an option of a player"),
         ({"players": ["openai:x"], "run_cost": 1.0, "player_options": {"base_url": "http://127.0.0.1:9"}}, "--price"),

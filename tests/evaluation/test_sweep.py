@@ -152,7 +152,6 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
         (["--slack", "0,2"], "--slack 2"),
         (["--slack", "much"], "--slack much: Input should be a valid number"),
         (["--manual", "lost"], "'lost'"),
-        (["--players", "nobody"], "'nobody'"),
     ],
 )
 def test_a_mistake_is_told_in_a_sentence(options, sentence, tmp_path):
