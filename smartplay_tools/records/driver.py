@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, zip_longest
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from smartplay_tools.context.compaction import GivenHistory, Room
 from smartplay_tools.context.prompts.wording import Wording
@@ -30,9 +30,6 @@ from smartplay_tools.types import Purpose, Reply, SampledTokens, ToolCall, ToolS
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
-
-if TYPE_CHECKING:
-    pass
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from smartplay_tools.context.strategies.files import FileError
 from smartplay_tools.context.tokens import Tokenizer
@@ -28,9 +27,6 @@ from smartplay_tools.records.replays import read_events
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import TranscriptWriter, broken_links
 from smartplay_tools.types import EpisodeResult
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
