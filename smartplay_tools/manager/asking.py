@@ -13,13 +13,12 @@ from typing import Any, Literal
 from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
-from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.fitted import Draft, FittedPrompt
 from smartplay_tools.manager.memo import MemoFolder, Texts
 from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
-from smartplay_tools.types import ResolvedBudget
+from smartplay_tools.manager.units import Shown, TooLongError
 
 __all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
 
@@ -82,13 +81,7 @@ class Asking:
                 )
         check_numbers(question_tokens=question_tokens)
         self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
-        budget = ResolvedBudget(
-            history=settings.history,
-            slack=settings.slack,
-            own_words=settings.own_words,
-            prompt_tokens=settings.prompt_tokens,
-            question_tokens=question_tokens or settings.prompt_tokens,
-        )
+        budget = settings.budget.model_copy(update={"question_tokens": question_tokens or settings.prompt_tokens})
         goes_on = self._on_error == "drop"
         return StrategyRunner(make, budget, settings.counter, settings.messages, kept_in(memo), goes_on=goes_on)
 

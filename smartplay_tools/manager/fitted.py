@@ -12,10 +12,10 @@ from operator import ne
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.choice import Shown
 from smartplay_tools.manager.forms import Given, MessageForm
 from smartplay_tools.manager.strategy import AskedStrategy, Chosen
 from smartplay_tools.manager.summaries import Covered
+from smartplay_tools.manager.units import Shown
 
 __all__ = ["Conversation", "Draft", "FittedPrompt", "PlainMessages", "check_plain", "plain"]
 
