@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from smartplay_tools.context.tokens import PRIMING
@@ -19,7 +20,7 @@ from smartplay_tools.manager.settings import Settings
 from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
 from smartplay_tools.manager.tools import specs_of
-from smartplay_tools.manager.units import Part, Shown, TooLongError
+from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 
@@ -45,8 +46,7 @@ class Drafts:
         begin = self.first_reply(data, form)
         messages_of_head, left_out = self._head_of(data[:begin], form)
         head = [Part(n, m, self._cost(n, m, form, keys), m is data[n]) for n, m in messages_of_head]
-        shown = [*map(Shown.whole, head)]
-        head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(each.tokens for each in shown)
+        head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(part.cost.whole for part in head)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._asking.summaries is None else {**parts, "summary": self._asking.summaries.reserve}
         room = (
@@ -60,28 +60,28 @@ class Drafts:
         if not self._settings.repair and (repaired or reading.made):
             self._refuse(repaired, reading)
         lacks_user = all(message.get("role") != "user" for _, message in messages_of_head)
+        draft = Draft([*map(Shown.whole, head)], parts, repaired, len(reading.made), lacks_user)
         if self._asking.strategy is not None:
             lead = []
             if self._asking.strategy.compacts:
                 lead = [*itertools.dropwhile(lambda part: part.message.get("role") in ("system", "developer"), head)]
             seed, tokens = self._seed(data[:begin], form, beside), None if math.isinf(room) else int(room)
             asked = AskedStrategy(reading.copy(), seed, tokens, lead, lacks_user)
-            shown = shown[: len(head) - len(lead)]
-            return Draft(shown, (), parts, repaired, len(reading.made), None, asked, lacks_user)
-        first, turns, covered = 0, list[Shown](), None
-        if reading.units:
+            return replace(draft, head=draft.head[: len(head) - len(lead)], asked=asked)
+        chosen, covered = Chosen(pinned=range(0)), None
+        if reading.turns:
             users = reading.users if lacks_user and not has_summary else ()
             try:
-                first, turns = reading.window.newest_units(room, reading.kept(len(reading.units)), users)
+                chosen = reading.window.newest_units(room, reading.kept(len(reading.turns)), users)
             except TooLongError as error:
                 reserved |= {"pinned": error.pins, "newest turn": error.newest}
                 raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
-        parts["pinned"] = sum(each.tokens for each in turns if (each.turn or 0) < first)
-        parts["turns"] = sum(each.tokens for each in turns) - parts["pinned"]
-        if has_summary and first:
+        if has_summary and (first := len(chosen.pinned)):
             ends = reading.window.beginnings(room, first)
-            covered = Covered(self._seed(data[:begin], form, beside), reading.units[:first], ends, form)
-        return Draft(shown, turns, parts, repaired, len(reading.made), covered, None, lacks_user)
+            covered = Covered(
+                self._seed(data[:begin], form, beside), [turn.unit for turn in reading.turns[:first]], ends, form
+            )
+        return replace(draft.with_choice(chosen), covered=covered)
 
     def _seed(self, head: Sequence[Given], form: MessageForm, beside: Mapping[str, Any]) -> bytes:
         """The digest of what shapes prompts beside their units."""
@@ -154,7 +154,7 @@ class Drafts:
                 f"Message {repaired[0]} does not fit its neighbours: a result without its call, or apart from it. "
                 "Mend the list, or let repair=True do it."
             )
-        source = reading.units[reading.made[0]].parts[0].source
+        source = reading.turns[reading.made[0]].unit.parts[0].source
         raise InvalidArgumentError(
             f"A call of message {source} has no result. Mend the list, or let repair=True do it."
         )

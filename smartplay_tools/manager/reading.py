@@ -43,19 +43,14 @@ class Reading:
         pin: Callable[[Given], bool],
     ):
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
-        self.window, self.form = window, window.form
-        """The units are turns of the window."""
+        self.window, self.form, self.turns = window, window.form, window.turns
+        """The units are the turns of the window."""
         self._counter, self._begin, self._most, self._pin = counter, begin, most, pin
         self._objects: list[Given] = []
         """The messages of the list that was read last."""
         self._keys: list[object] = []
-        self._firsts: list[int] = []
-        """The number of each unit's first message."""
         self._clean: list[int] = []
         """Units at which reading can begin: no earlier call waits there, and none is answered later."""
-        self.units: list[Unit] = []
-        self.steps: list[int] = []
-        """For each unit, how many units with results there are up to its end."""
         self.pinned: list[int] = []
         """Units that `pin` has marked."""
         self.compactions: list[int] = []
@@ -74,11 +69,11 @@ class Reading:
         if keys[:same] != known:
             pairs = enumerate(zip(keys, known, strict=False))
             same = next((number for number, (one, other) in pairs if one != other), min(len(keys), len(known)))
-        unit = next((u for u in reversed(self._clean) if u < len(self.units) and self._firsts[u] < same), None)
-        start = self._begin if unit is None else self._firsts[unit]
+        unit = next((u for u in reversed(self._clean) if self._first(u) < same), None)
+        start = self._begin if unit is None else self._first(unit)
         self._back_to(unit or 0, start)
         if any(map(operator.is_not, messages, self._objects)):
-            for part in (part for each in self.units for part in each.parts if part.is_given):
+            for part in (part for turn in self.turns for part in turn.unit.parts if part.is_given):
                 if part.source is not None:
                     part.message = messages[part.source]  # an equal one of an earlier list may have been changed since
         self._objects = [*messages]
@@ -97,10 +92,12 @@ class Reading:
         kept = {numbers[at - 1] for numbers in newest if (at := bisect_left(numbers, stop))}
         return kept.union(self.pinned[: bisect_left(self.pinned, stop)])
 
+    def _first(self, unit: int) -> int:
+        """The number of a unit's first message."""
+        return self.turns[unit].unit.parts[0].source or 0
+
     def _back_to(self, unit: int, start: int) -> None:
         self.repaired = [number for number in self.repaired if number < start]
-        for values in (self.units, self._firsts, self.steps):
-            del values[unit:]
         for numbers in (self._clean, self.pinned, self.compactions, self.users, self.instructions, self.made):
             del numbers[bisect_left(numbers, unit) :]
         self.window.back_to(unit)
@@ -158,9 +155,8 @@ class Reading:
     def _append(self, units: Sequence[Unit], messages: Sequence[Given], keys: list[object], start: int) -> None:
         newest, is_whole = start - 1, True
         for unit in units:
-            number, first = len(self.units), unit.parts[0].source
-            assert first is not None
-            if is_whole and newest < first:
+            number = len(self.turns)
+            if is_whole and newest < (unit.parts[0].source or 0):
                 self._clean.append(number)
             newest = max([newest, *(part.source for part in unit.parts if part.source is not None)])
             is_whole = is_whole and not unit.open
@@ -182,10 +178,7 @@ class Reading:
             if any(_is_compaction(part.message) for part in unit.parts):
                 self.compactions.append(number)
             has_results = any(part.cost.is_result for part in unit.parts)
-            self.steps.append((self.steps[-1] if self.steps else 0) + has_results)
-            self.units.append(unit)
-            self.window.add_unit(unit, self.steps[-1])
-            self._firsts.append(first)
+            self.window.add_unit(unit, (self.turns[-1].step if self.turns else 0) + has_results)
 
     def _complete(self, unit: Unit, number: int) -> None:
         """Answer the calls that have no result, and give results the form that providers want."""

@@ -15,11 +15,18 @@ import math
 import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.context.choosing import choosing
-from smartplay_tools.context.strategies.custom import chooses, compacts, load_strategy, make_strategy, name_on_record
+from smartplay_tools.context.strategies.custom import (
+    FunctionCompactor,
+    chooses,
+    compacts,
+    load_strategy,
+    make_strategy,
+    name_on_record,
+)
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.turns import Form
@@ -30,30 +37,19 @@ from smartplay_tools.manager.kept import KeptCompacting
 from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Reading
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
-from smartplay_tools.manager.units import Part, Shown, TooLongError, Unit
+from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.messages import Message
 
-__all__ = ["AskedStrategy", "Chosen", "StrategyMaker", "StrategyRunner"]
+__all__ = ["AskedStrategy", "StrategyMaker", "StrategyRunner"]
 
 FOLDS = 16
 """How many conversations a runner remembers the strategies of."""
 
 MOST_OF_AN_ANSWER = 4_096
 """The tokens that an answer may have where prompts have no cap."""
-
-
-class FunctionCompactor:
-    """A function of messages and room as a compactor."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-
-    def compact(self, history: Any, room: Any) -> Any:
-        """Call the function."""
-        return self._function(history, room)
 
 
 class StrategyMaker:
@@ -104,24 +100,19 @@ class AskedStrategy:
     lacks_user: bool
 
     @property
-    def units(self) -> Sequence[Unit]:
-        """All units."""
-        return self.reading.units
-
-    @property
     def begin(self) -> int:
         """The first unit that is given: the user's first words, where the head has none."""
         return self.reading.users[0] if self.lacks_user and self.reading.users else 0
 
     def has_prompt(self, unit: int) -> bool:
         """Whether there was a prompt after a unit before the last: a reply follows it."""
-        return self.units[unit + 1].kind == "reply"
+        return self.reading.turns[unit + 1].unit.kind == "reply"
 
     def keys(self) -> list[bytes]:
         """Return the digest of the conversation up to each of its units."""
         digest, keys = hashlib.sha256(self.seed), []
-        for at, unit in enumerate(self.units):
-            digest.update(unit.digest + bytes([at in self.reading.pinned, 0]))
+        for at, turn in enumerate(self.reading.turns):
+            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, 0]))
             keys.append(digest.digest())
         return keys
 
@@ -129,20 +120,6 @@ class AskedStrategy:
         """Return the turns before one that every prompt shows, beside the newest."""
         first = {self.begin} if self.lacks_user and self.reading.users else set[int]()
         return {unit - self.begin for unit in self.reading.kept(stop) | first if self.begin <= unit < stop}
-
-
-@dataclass
-class Chosen:
-    """What a prompt shows by a strategy."""
-
-    shown: list[Shown] = field(default_factory=list)
-    rewritten: list[int] = field(default_factory=list)
-    """The messages that were changed, or in whose place others stand."""
-    own: int = 0
-    """The tokens of messages that the strategy has written."""
-    pinned: int = 0
-    """The tokens of units that every prompt shows, but for the newest."""
-    failed: str = ""
 
 
 class _Fold:
@@ -183,18 +160,19 @@ class StrategyRunner:
 
     def chosen(self, asked: AskedStrategy) -> Generator[Question, str, Chosen]:
         """Yield the questions of the strategy, be sent the answers, and return what the prompt shows."""
-        if len(asked.units) <= asked.begin:
+        turns, begin = asked.reading.turns, asked.begin
+        if len(turns) <= begin:
             return Chosen([*map(Shown.whole, asked.lead)])
-        keys, last = asked.keys(), len(asked.units) - 1
+        keys, last = asked.keys(), len(turns) - 1
         with self._lock:
-            ends = (at for at in range(last, asked.begin - 1, -1) if at == last or asked.has_prompt(at))
+            ends = (at for at in range(last, begin - 1, -1) if at == last or asked.has_prompt(at))
             known = next((at for at in ends if keys[at] in self._folds), None)
             fold = None if known is None else self._folds.pop(keys[known])
         fold = fold or self._begun(asked)
-        for turn, unit in zip(fold.window.turns, asked.units[asked.begin :], strict=False):
-            turn.unit = unit  # an equal one of the list as it is now
-        for at in range(asked.begin if known is None else known + 1, last + 1):
-            fold.window.add_unit(asked.units[at], asked.reading.steps[at])
+        for turn, given in zip(fold.window.turns, turns[begin:], strict=False):
+            turn.unit = given.unit  # an equal one of the list as it is now
+        for at in range(begin if known is None else known + 1, last + 1):
+            fold.window.add_unit(turns[at].unit, turns[at].step)
             if at == last:
                 yield from self._played(fold, asked, keys[at], at)
             elif self._make.remembers and asked.has_prompt(at):
@@ -240,7 +218,7 @@ class StrategyRunner:
         except AskError as error:
             if not self._goes_on or fold.compacting is None:
                 raise
-            fold.failed = f"{type(error.reason).__name__}: {error.reason}"
+            fold.failed = str(error)
             return fold.compacting.untouched()
         finally:
             making.close()
@@ -266,10 +244,7 @@ class StrategyRunner:
         window = fold.window
         window.rewritten = set()
         shown = [*window.shown(fold.forms)]
-        own = sum(each.tokens for each in shown if each.turn is None and each.part.source is None)
-        always = window.always - {len(window.turns) - 1}
-        pinned = sum(each.tokens for each in shown if each.turn in always)
         total = sum(each.tokens for each in shown) - sum(part.cost.whole for part in asked.lead)
         if asked.room is not None and total > asked.room:
             raise StrategyError(f"The choice takes {total} tokens, and there is room for {asked.room}.")
-        return Chosen(shown, sorted(window.rewritten), own, pinned, fold.failed)
+        return Chosen(shown, window.always - {len(window.turns) - 1}, sorted(window.rewritten), fold.failed)

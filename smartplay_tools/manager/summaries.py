@@ -74,7 +74,7 @@ class AskError(Exception):
     """A question was not answered, for a reason."""
 
     def __init__(self, reason: Exception) -> None:
-        super().__init__(reason)
+        super().__init__(f"{type(reason).__name__}: {reason}")
         self.reason = reason
 
 

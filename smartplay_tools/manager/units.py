@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from smartplay_tools.manager.counting import Cost, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm, with_text
 from smartplay_tools.transcript.hashing import canonical_json
 
-__all__ = ["Part", "Shown", "TooLongError", "Unit", "as_first_shown", "squeezed"]
+__all__ = ["Chosen", "Part", "Shown", "TooLongError", "Unit", "as_first_shown", "squeezed"]
 
 
 class TooLongError(Exception):
@@ -68,12 +68,25 @@ class Shown:
     change: str | None = None
     """What was changed of it: masked, trimmed, elided, cut or rewritten."""
     turn: int | None = None
-    """The number of its turn; None for a message of the head, and for one that a strategy has made."""
+    """The number of its turn, -1 before the first turn; None for a message that a strategy has made."""
 
     @classmethod
-    def whole(cls, part: Part, turn: int | None = None) -> Shown:
+    def whole(cls, part: Part, turn: int = -1) -> Shown:
         """Return a message as it was first shown."""
         return cls(part, part.message, part.cost.whole, turn=turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What a prompt shows after its head, whoever has chosen it."""
+
+    shown: Sequence[Shown] = ()
+    pinned: Collection[int] = ()
+    """The turns that stay for another reason than being among the newest."""
+    rewritten: Sequence[int] = ()
+    """The messages that were changed, or in whose place others stand."""
+    failed: str = ""
+    """Why a compactor was not asked."""
 
 
 def as_first_shown(part: Part, form: MessageForm) -> Given:

@@ -24,7 +24,7 @@ from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, Cost, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, without_pictures
-from smartplay_tools.manager.units import Part, Shown, TooLongError, Unit, as_first_shown, squeezed
+from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError, Unit, as_first_shown, squeezed
 from smartplay_tools.providers.reply_fields import texts_in
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.call_ids import CallIds
@@ -77,10 +77,11 @@ class AgentTurn(Turn):
         results = [(at, part) for at, part in enumerate(unit.parts) if part.cost.is_result]
         self.places = [(at, index) for at, part in results for index in range(len(window.form.answers(part.message)))]
         """For each result, which part of the unit it is in, and which result of the part it is."""
-        self.shows = self.dates = (step,) * len(self.places)
+        self.shows = (step,) * len(self.places)
         self._pictures = sum(part.cost.pictures for _, part in results)
         reply = sum(part.cost.whole for part in unit.parts if not part.cost.is_result)
         self.whole = (AgentForm(self, 0, "whole", reply), *self._results_at("whole"))
+        self._levels: dict[Level, tuple[Form, ...]] = {"whole": self.whole}
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("assistant", "shown", "items", "calls", "arguments"):
@@ -96,16 +97,6 @@ class AgentTurn(Turn):
     def thoughtless(self) -> Form | None:
         """The reply without its thoughts; None if it has none, or nothing else."""
         return self.said.thoughtless
-
-    @cached_property
-    def masked(self) -> tuple[Form, ...]:
-        """All its messages, with every result masked."""
-        return self.whole[0], *self._results_at("masked")
-
-    @cached_property
-    def elided(self) -> tuple[Form, ...]:
-        """All its messages without their pictures."""
-        return self.whole[0], *self._results_at("unpictured")
 
     @cached_property
     def trimmed(self) -> Form:
@@ -128,12 +119,19 @@ class AgentTurn(Turn):
 
     def seen(self, oldest: int, *, trimmed_before: int = 0, elided: int = 0) -> tuple[Form, ...]:
         """Return its messages, each at its level; pictures leave with all of their unit."""
-        forms = self.whole
+        level: Level = "whole"
         if self.places and self.step < oldest:
-            forms = self.masked
+            level = "masked"
         elif self._pictures and self.first_picture < elided:
-            forms = self.elided
+            level = "unpictured"
+        forms = self._at(level)
         return (self.trimmed, *forms[1:]) if self.step < trimmed_before and self.is_wordy else forms
+
+    def _at(self, level: Level) -> tuple[Form, ...]:
+        """All its messages, with the results at a level."""
+        if level not in self._levels:
+            self._levels[level] = (self.whole[0], *self._results_at(level))
+        return self._levels[level]
 
     def _results_at(self, level: Level) -> Iterator[AgentForm]:
         """Its results at a level; their tokens add up to those of the messages that they are in."""
@@ -215,8 +213,8 @@ class AgentWindow(ContextWindow):
             self.back_to(last)
             self.add(turn)
 
-    def newest_units(self, room: float, kept: Iterable[int], users: Sequence[int]) -> tuple[int, list[Shown]]:
-        """Return what the built-in rule shows, and the first unit of the run.
+    def newest_units(self, room: float, kept: Iterable[int], users: Sequence[int]) -> Chosen:
+        """Return what the built-in rule shows.
 
         `users` are the units of which one has to stand first, if there are any.
         """
@@ -227,7 +225,7 @@ class AgentWindow(ContextWindow):
         if not bisect_left(self._pins, first) and self.turns[first].unit.kind == "reply":
             first = next((number for number in users if number > first), first)
         with self.fitting(most):
-            return first, [*self.shown(self.forms(self.run_from(first)))]
+            return Chosen([*self.shown(self.forms(self.run_from(first)))], range(first))
 
     def beginnings(self, room: float, first: int) -> list[int]:
         """Return the units after the first with which runs of a conversation begin as it grows, up to one of them.
