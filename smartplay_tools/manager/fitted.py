@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import marshal
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import compress, count, repeat
@@ -21,6 +21,9 @@ __all__ = ["Conversation", "Draft", "FittedPrompt", "PlainMessages", "check_plai
 
 CONVERSATIONS = 16
 """How many conversations are known again, by how they begin."""
+
+DEEPEST = 100
+"""How many levels any message has that a program has made on purpose."""
 
 UNORDERED = (
     frozenset({"role", "content", "tool_calls", "tool_call_id"}),
@@ -126,7 +129,7 @@ class Draft:
         if summary is not None:
             parts = {"tools": parts.pop("tools"), "head": parts.pop("head"), "summary": summary.tokens, **parts}
         out: list[Any] = []
-        changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
+        changed: dict[str, Any] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
         for each in shown:
             source = each.part.source
             is_given = each.part.is_given and each.message is each.part.message
@@ -206,9 +209,18 @@ def _copy_of_words(value: Any) -> Any:
 
 
 def check_plain(messages: Sequence[Any]) -> None:
-    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, such as bytes."""
+    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, or is nested too deep."""
     for number, message in enumerate(messages):
+        levels, values = 0, [message]
+        while values := [inner for value in values for inner in _inside(value)]:
+            levels += 1
+        if levels > DEEPEST:
+            raise InvalidArgumentError(f"Message {number} is nested {levels} levels deep, which cannot be read.")
         _plain(message, f"Message {number}")
+
+
+def _inside(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

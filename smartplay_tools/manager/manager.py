@@ -231,7 +231,7 @@ class ContextManager:
     ) -> Fitting:
         try:
             return (yield from self._made(messages, beside, form, thread))
-        except TypeError:
+        except (RecursionError, TypeError):
             check_plain(messages)  # where no message is at fault, it is an error of another kind
             raise
 
