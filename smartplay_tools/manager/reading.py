@@ -62,6 +62,8 @@ class Reading:
         """Messages that were moved, changed or left out so that calls and results belong together."""
         self.made: list[int] = []
         """Units in which a call was answered here, once for each call."""
+        self.late: list[int] = []
+        """The unit of the last message, where others follow it."""
 
     def read(self, messages: Sequence[Given], keys: list[object]) -> None:
         """Read a list; `keys` stand for what its messages say."""
@@ -90,7 +92,8 @@ class Reading:
         """Return the units before one that every prompt shows, beside the newest."""
         newest = (self.users, self.instructions, self.compactions)
         kept = {numbers[at - 1] for numbers in newest if (at := bisect_left(numbers, stop))}
-        return kept.union(self.pinned[: bisect_left(self.pinned, stop)])
+        late = self.late if stop == len(self.turns) else ()
+        return kept.union(self.pinned[: bisect_left(self.pinned, stop)], late)
 
     def _first(self, unit: int) -> int:
         """The number of a unit's first message."""
@@ -98,7 +101,8 @@ class Reading:
 
     def _back_to(self, unit: int, start: int) -> None:
         self.repaired = [number for number in self.repaired if number < start]
-        for numbers in (self._clean, self.pinned, self.compactions, self.users, self.instructions, self.made):
+        marked = (self.pinned, self.compactions, self.users, self.instructions)
+        for numbers in (self._clean, *marked, self.made, self.late):
             del numbers[bisect_left(numbers, unit) :]
         self.window.back_to(unit)
 
@@ -125,6 +129,8 @@ class Reading:
             for call in form.calls(message) if kind == "reply" else ():
                 last.open.append(call)
                 waiting.setdefault(call, []).append(last)
+        for unit in units[:-1]:
+            unit.is_late = unit.parts[-1].source == len(messages) - 1
         return units
 
     def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
@@ -175,6 +181,8 @@ class Reading:
                 (self.instructions if is_operator else self.users).append(number)
             if any(self._pin(part.message) for part in unit.parts):
                 self.pinned.append(number)
+            if unit.is_late:
+                self.late.append(number)
             if any(_is_compaction(part.message) for part in unit.parts):
                 self.compactions.append(number)
             has_results = any(part.cost.is_result for part in unit.parts)

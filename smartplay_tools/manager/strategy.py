@@ -112,7 +112,7 @@ class AskedStrategy:
         """Return the digest of the conversation up to each of its units."""
         digest, keys = hashlib.sha256(self.seed), []
         for at, turn in enumerate(self.reading.turns):
-            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, 0]))
+            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, turn.unit.is_late]))
             keys.append(digest.digest())
         return keys
 

@@ -43,6 +43,8 @@ class Unit:
     parts: list[Part]
     open: list[str] = field(default_factory=list)
     """The ids of its calls that have no result yet."""
+    is_late: bool = False
+    """Whether the last message of the list is its, though other units follow it."""
     _digest: bytes = field(default=b"", init=False, repr=False, compare=False)
 
     @property

@@ -120,7 +120,7 @@ class AgentTurn(Turn):
     def seen(self, oldest: int, *, trimmed_before: int = 0, elided: int = 0) -> tuple[Form, ...]:
         """Return its messages, each at its level; pictures leave with all of their unit."""
         level: Level = "whole"
-        if self.places and self.step < oldest:
+        if self.places and self.step < oldest and not self.unit.is_late:
             level = "masked"
         elif self._pictures and self.first_picture < elided:
             level = "unpictured"

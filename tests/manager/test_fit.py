@@ -40,6 +40,13 @@ def manager(prompt_tokens: int | None, **options: Any) -> sp.ContextManager:
     return sp.ContextManager(prompt_tokens, **{"tokenizer": Letters(), "slack": 0, **options})
 
 
+class Fewest:
+    """Chooses nothing but what every prompt shows."""
+
+    def choose(self, past: sp.Past, room: int | None) -> sp.Choice:
+        return sp.Choice()
+
+
 def cost(messages: Messages) -> int:
     return total("chat", messages)
 
@@ -241,6 +248,18 @@ def test_words_between_a_call_and_its_result_come_after_it():
     prompt = manager(1_000).fit([*HEAD, call, words, result])
     assert prompt.messages == [*HEAD, call, result, words]
     assert prompt.repaired == [4]
+
+
+@pytest.mark.parametrize("own", [{}, {"strategy": "clear_tool_uses_20250919"}, {"strategy": Fewest}])
+@pytest.mark.parametrize("form", [list, responses, anthropic])
+def test_a_late_result_that_the_model_is_asked_about_is_shown(form: Any, own: dict[str, Any]):
+    call, late = step(0, "The slow page.")
+    messages = [*form([*HEAD, call, {"role": "user", "content": "Go on."}, *steps(9)[4:]]), *form([late])]
+    window = manager(200, history=2, **own)
+    assert "The slow page." in json.dumps(window.fit(messages).messages)
+    later = window.fit([*messages, *form(step(9))])
+    assert "The slow page." not in json.dumps(later.messages)
+    assert later == manager(200, history=2, **own).fit([*messages, *form(step(9))])
 
 
 def test_ids_that_come_again_belong_to_the_latest_open_call():
