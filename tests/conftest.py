@@ -21,6 +21,8 @@ each client: fast tests speak to servers on this machine, without TLS. Slow test
 import gc
 import os
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,20 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def forget_what_a_test_registers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(specs.GAMES, "_specs", dict(specs.GAMES._specs))
     monkeypatch.setattr(specs.IN_FILES, "read", dict(specs.IN_FILES.read))
+
+
+@pytest.fixture(scope="module")
+def beside_the_scripts() -> Iterator[None]:
+    """Scripts find the modules beside them; these and the games that they register go when the tests end."""
+    folder = Path(__file__).parents[1] / "experiments"
+    before, games = set(sys.modules), dict(specs.GAMES._specs)
+    sys.path.insert(0, str(folder))
+    yield
+    sys.path.remove(str(folder))
+    specs.GAMES._specs = games
+    for name in set(sys.modules) - before:
+        if Path(getattr(sys.modules[name], "__file__", None) or "").parent == folder:
+            del sys.modules[name]
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,3 +48,10 @@ def is_soon(condition: Callable[[], bool], seconds: float = 30) -> bool:
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.02)
     return condition()
+
+
+def printed_by(*command: Any, **options: Any) -> str:
+    """Run a program, which has to succeed; return what it prints."""
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=900, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

@@ -306,11 +306,16 @@ def test_closing_ends_and_may_be_done_twice():
         ({"context": "both"}, "context must be one of window, host"),
         ({"engine": "fast"}, "has no engine 'fast'"),
         ({"budget": sp.Budget(prompt_tokens=50)}, "prompt_tokens=50 cannot hold the head"),
+        ({"seed": -1}, "seed must be a whole number, 0 or more, not -1"),
+        ({"seed": "x"}, "seed must be a whole number"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"transcript": ""}, "A transcript needs the path of a new file"),
+        ({"transcript": "/dev/null/x.jsonl"}, "cannot be written"),
     ],
 )
 def test_what_a_user_gets_wrong_is_one_sentence(settings, sentence):
-    with pytest.raises(sp.InvalidArgumentError, match=sentence):
-        sp.Episode(RPS, seed=1, **settings)
+    with pytest.raises(sp.SmartPlayError, match=sentence):
+        sp.Episode(RPS, **{"seed": 1, **settings})
 
 
 @pytest.mark.parametrize(

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
-import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.pairs import paired_difference
 
 ROOT = Path(__file__).parents[1]
 LIST = ROOT / "experiments" / "claims.toml"
 
-pytestmark = pytest.mark.skipif(not LIST.exists(), reason="not in a checkout")
+pytestmark = [
+    pytest.mark.skipif(not LIST.exists(), reason="not in a checkout"),
+    pytest.mark.usefixtures("beside_the_scripts"),
+]
 
 CLAIMS = tomllib.loads(LIST.read_text(encoding="utf-8"))["claim"] if LIST.exists() else []
 SET_UP = {
@@ -25,18 +26,6 @@ SET_UP = {
 }  # fmt: skip
 """Pages whose first paragraph has numbers of what the page is about, and of no finding."""
 INTERVAL = re.compile(r"\[(\S+), (\S+)\]")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def beside_the_scripts():
-    before, games = set(sys.modules), dict(sp.GAMES._specs)
-    sys.path.insert(0, str(LIST.parent))
-    yield
-    sys.path.remove(str(LIST.parent))
-    sp.GAMES._specs = games
-    for name in set(sys.modules) - before:
-        if Path(getattr(sys.modules[name], "__file__", None) or "").parent == LIST.parent:
-            del sys.modules[name]
 
 
 @pytest.fixture(scope="module")

@@ -79,8 +79,6 @@ def test_play_takes_every_episode_option():
         (["play", HANOI, "--option", "colour"], "write it as KEY=VALUE"),
         (["eval", "--games", HANOI, "--out", ""], "--out is empty"),
         (["play", HANOI, "--option", "colour=red"], "has no option colour"),
-        (["play", HANOI, "--engine", "warp"], "has no engine 'warp'"),
-        (["play", HANOI, "--tokenizer", "o200"], "no tokenizer 'o200'"),
         (["schema", HANOI, "--format", "xml"], "the formats are openai"),
         (["replay", "no-such-file.jsonl"], "There is no file"),
         (["serve", "mcp", HANOI, "--http", "--transcript", "a.jsonl"], "give a folder by --out"),

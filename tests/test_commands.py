@@ -26,6 +26,7 @@ from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools.cli import app
+from tests.processes import printed_by
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -176,7 +177,7 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     elif SERVES.match(line):
         serve(words)
     elif words[0] == "python":
-        subprocess.run([sys.executable, *words[1:]], check=True)
+        printed_by(sys.executable, *words[1:])
     elif words[0] == "smartplay-tools":
         here = words[1] in ("eval", "sweep") and "--executor" not in words
         with local_port(line):

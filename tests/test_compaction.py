@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context import ContextOverflowError, asked
 from smartplay_tools.context.compacting import MOST_QUESTIONS
 from smartplay_tools.context.strategies.custom import IN_FILES
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.pages.report.episodes import episode_data

@@ -21,7 +21,7 @@ from smartplay_tools.context.strategies import custom
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import plan_episodes
-from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume, sent_prompts
@@ -165,14 +165,6 @@ def test_a_name_means_the_file_of_the_current_folder(file, tmp_path, monkeypatch
     assert seen[0] != seen[1]
 
 
-def test_both_versions_of_a_rewritten_file_are_replayed(file):
-    records = []
-    for turns in ("range(0)", "range(1)"):
-        Path("s.py").write_text(choosing(turns), encoding="utf-8")
-        records.append(played("s.py:S")[1])
-    assert all(replay(events).identical for events in records)
-
-
 def test_an_episode_is_not_played_with_a_file_that_has_changed_since_it_was_planned(file):
     Path("s.py").write_text(choosing("range(0)"), encoding="utf-8")
     config = cell_config(RPS, budget=sp.Budget(strategy="s.py:S")).with_seed(1)
@@ -306,11 +298,3 @@ def test_a_run_whose_records_have_the_path_is_continued_as_it_is(file, tmp_path)
     assert [row["asked"]["strategy"] for row in extended.rows] == [f"./{file}"] * 2
     assert extended.rows[0] == row
     assert all(replay(extended.transcript(row["key"])).identical for row in extended.rows)
-
-
-def test_a_run_file_names_it(file, tmp_path):
-    (tmp_path / "run.toml").write_text(
-        f'games = ["{RPS}"]\n[[budgets]]\nstrategy = "{file}:turns=2"\n', encoding="utf-8"
-    )
-    asked, _ = read_run_file(tmp_path / "run.toml")
-    assert asked.budgets[0].strategy == f"{file}:turns=2"

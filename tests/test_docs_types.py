@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
 
+from tests.processes import printed_by
 from tests.test_docs import ELSEWHERE, ROOT, blocks
 
 
@@ -18,10 +18,4 @@ def test_the_python_of_readme_and_docs_passes_mypy_strict(tmp_path):
         (tmp_path / f"{page.stem.replace('-', '_').lower()}_{number}.py").write_text(code, encoding="utf-8")
     # With the project's own options and cache: the package is not checked again.
     options = ["--strict", "--no-error-summary", "--config-file", ROOT / "pyproject.toml"]
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", *options, "--cache-dir", ROOT / ".mypy_cache", "."],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    printed_by(sys.executable, "-m", "mypy", *options, "--cache-dir", ROOT / ".mypy_cache", ".", cwd=tmp_path)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import printed_by
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("[0-9]*.py"))
 ELSEWHERE = {"16_evaluate_pydantic_ai", "20_train_a_tiny_agent"}
@@ -19,9 +20,8 @@ ELSEWHERE = {"16_evaluate_pydantic_ai", "20_train_a_tiny_agent"}
 def test_it_runs(path, tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_API_KEY")}
     command = [sys.executable, "-W", "error", str(path)]
-    shown = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
-    assert shown.returncode == 0, shown.stderr
-    assert shown.stdout.strip()
+    shown = printed_by(*command, cwd=tmp_path, env=environment)
+    assert shown.strip()
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

@@ -24,20 +24,10 @@ MARK = re.compile(r"<!-- table: (\S+) -->")
 OF_SERVERS = {"chat", "responses", "messages", "set", "errors", "refusals", "names", "fields"}
 """Tables of what clients do with servers' replies, which have tests of their own."""
 
-pytestmark = pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def beside_the_scripts():
-    """Scripts find the modules beside them; these and the games that they register go when the tests end."""
-    before, games = set(sys.modules), dict(sp.GAMES._specs)
-    sys.path.insert(0, str(SCRIPT.parent))
-    yield
-    sys.path.remove(str(SCRIPT.parent))
-    sp.GAMES._specs = games
-    for loaded in set(sys.modules) - before:
-        if Path(getattr(sys.modules[loaded], "__file__", None) or "").parent == SCRIPT.parent:
-            del sys.modules[loaded]
+pytestmark = [
+    pytest.mark.skipif(not SCRIPT.exists(), reason="not in a checkout"),
+    pytest.mark.usefixtures("beside_the_scripts"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,19 +12,10 @@ import smartplay_tools as sp
 ROOT = Path(__file__).parents[1]
 EXPERIMENTS = ROOT / "experiments"
 
-pytestmark = pytest.mark.skipif(not EXPERIMENTS.exists(), reason="not in a checkout")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def beside_the_scripts():
-    """Scripts find the modules beside them while they are loaded."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(EXPERIMENTS))
-    yield
-    sys.path.remove(str(EXPERIMENTS))
-    for name in set(sys.modules) - before:
-        if Path(getattr(sys.modules[name], "__file__", None) or "").parent == EXPERIMENTS:
-            del sys.modules[name]
+pytestmark = [
+    pytest.mark.skipif(not EXPERIMENTS.exists(), reason="not in a checkout"),
+    pytest.mark.usefixtures("beside_the_scripts"),
+]
 
 
 @pytest.fixture(scope="module")

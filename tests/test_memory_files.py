@@ -94,17 +94,6 @@ def test_the_files_are_there_again_after_a_resume_and_a_refused_call_changes_not
         assert resumed.episode.ledger.strategies.asked["memory_tokens"].files.texts == {"/memories/b": "x"}
 
 
-def test_it_is_refused_where_there_is_no_window_and_changes_nothing_when_off():
-    with pytest.raises(
-        sp.InvalidArgumentError, match='memory_tokens needs a window over tool calls, and context="host'
-    ):
-        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(memory_tokens=50))
-    assert sp.Budget(memory_tokens=400).describe() == "memory <= 400"
-    with sp.Episode(RPS, seed=1) as episode:
-        assert "memory" not in json.dumps(sp.play(episode, sp.get_player("rule")).model_dump())
-    assert "memory" not in json.dumps(sp.Budget().model_dump())
-
-
 def test_a_tool_of_a_host_with_the_same_name_stays_the_host_s():
     own = sp.ToolSpec("memory", "Mine.", {"type": "object", "properties": {}, "additionalProperties": False})
     assert sp.schema(own, "anthropic")["input_schema"] == own.parameters

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 import smartplay_tools as sp
@@ -26,8 +24,6 @@ def begin(events=None, game=RPS, **budget):
 def test_where_nothing_is_cut_it_is_refused(budget):
     with pytest.raises(sp.InvalidArgumentError, match='beyond_result="offload" has nothing to offload'):
         begin(**budget)
-    with pytest.raises(sp.InvalidArgumentError, match="beyond_result needs a window over tool calls"):
-        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(beyond_result="offload", result_tokens=20))
 
 
 def test_the_words_beside_a_picture_have_pages_without_it():
@@ -55,10 +51,3 @@ def test_the_rule_player_reads_an_observation_to_its_end_before_it_acts():
     acted = [observations for page, observations in seen if page is None and observations]
     assert len(acted) > 2
     assert all(texts[0].endswith("New round begins.") for texts in acted)
-
-
-def test_off_it_changes_nothing():
-    assert "beyond_result" not in json.dumps(sp.Budget().model_dump())
-    assert sp.Budget(beyond_result="offload").describe() == "offloading"
-    with sp.Episode(RPS, seed=1) as episode:
-        assert "pages" not in sp.play(episode, sp.get_player("rule")).model_dump()

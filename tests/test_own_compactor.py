@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import printed_by
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "compaction.md"
@@ -23,9 +24,7 @@ pytestmark = [
 def run(command, folder, *more):
     script, *given = command.split()[1:]
     program = [sys.executable, ROOT / script, *given, *more]
-    done = subprocess.run(program, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed_by(*program, cwd=folder)
 
 
 def test_a_compactor_in_a_file_is_played_beside_the_published_rows_and_proved_without_it(tmp_path):

@@ -25,7 +25,7 @@ from smartplay_tools.games.minecraft import pictures as minecraft
 from smartplay_tools.games.minecraft.voxel import animals
 from smartplay_tools.games.minecraft.voxel.blocks import NAMES
 from smartplay_tools.players.scripted import RandomPlayer
-from smartplay_tools.records import Record, recorded_pictures, replay, resume, sent_prompts
+from smartplay_tools.records import Record, recorded_pictures, replay, sent_prompts
 from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.types.messages import pictures_of, text_of
 from smartplay_tools.types.pictures import Picture
@@ -200,16 +200,6 @@ def test_a_record_that_names_another_picture_is_found_out():
         recorded_pictures(events)
 
 
-def test_prompts_are_rebuilt_with_their_pictures():
-    events = played(6, observation="both", budget={"history": 2})
-    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
-        assert sent.sha256 == sent.recorded_sha256
-        named = [part["sha256"] for message in sent.prompt.messages for part in pictures_of(message)]
-        assert set(sent.prompt.pictures) == set(named)
-    assert len(named) == 3  # the current one, and two of the past
-    assert not any(sent.prompt.pictures for sent in sent_prompts(events))
-
-
 def test_a_prompts_sha256_depends_on_its_pictures():
     shas = []
     for seed in (1, 2):  # two worlds, whose words here are the same
@@ -223,23 +213,6 @@ def test_a_prompts_sha256_depends_on_its_pictures():
         shas.append([event["sha256"] for event in events if event["event"] == "view"])
     assert shas[0][0] == shas[1][0]
     assert shas[0][1] != shas[1][1]
-
-
-def test_an_episode_with_pictures_is_continued_from_its_record(tmp_path):
-    file = tmp_path / "record.jsonl"
-    with sp.Episode("Crafter-v0", seed=1, observation="both", transcript=file) as episode:
-        conversation = sp.Conversation(episode)
-        for _ in range(3):
-            conversation.prompt()
-            conversation.receive(calling(("observe", "{}")))
-        before = conversation.prompt()
-        episode.ledger.writer.close()
-        episode.ledger.writer = None
-    with resume(file) as resumed:
-        after = resumed.conversation.prompt()
-        assert after.messages == before.messages
-        assert after.pictures == before.pictures
-        assert after.pictures
 
 
 # Caps.

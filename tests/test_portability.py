@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import importlib
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from smartplay_tools.types.sums import added
+from tests.processes import printed_by
 
 IMPORT_EVERYTHING = """
 import importlib, pkgutil, sys
@@ -66,9 +66,7 @@ except sp.InvalidArgumentError as error:
 
 def run_python(script: str, *arguments: object) -> str:
     command = [sys.executable, "-c", script, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed_by(*command)
 
 
 @pytest.mark.slow

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.types import Budget, EpisodeResult
 from tests.test_conversation import calling
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
@@ -47,17 +45,6 @@ def test_it_is_refused_where_nothing_leaves_or_an_answer_cannot_fit():
     assert begin(prompt_tokens=needed, result_tokens=30).prompt() is not None
     with pytest.raises(sp.InvalidArgumentError, match=f"at least {needed}"):
         begin(prompt_tokens=needed - 1, result_tokens=30)
-    with pytest.raises(sp.InvalidArgumentError, match='recall_tokens needs a window over tool calls, and context="ho'):
-        sp.Episode(RPS, seed=1, context="host", budget=sp.Budget(recall_tokens=50))
-
-
-def test_a_row_without_recalls_is_that_of_before():
-    with sp.Episode(RPS, seed=1) as episode:
-        result = sp.play(episode, sp.get_player("rule"))
-    assert "recalls" not in result.model_dump()
-    assert EpisodeResult.from_record(result.model_dump()) == result
-    assert Budget(recall_tokens=80).describe() == "recalls <= 80"
-    assert "recall" not in json.dumps(Budget().model_dump())
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 import smartplay_tools
 from smartplay_tools.context import strategies
 from smartplay_tools.episode import config
+from tests.processes import printed_by
 
 PACKAGE = Path(smartplay_tools.__file__).parent
 ROOT = Path(__file__).parents[1]
@@ -221,11 +221,7 @@ def add(path: Path, before: str, text: str) -> None:
 
 def run(folder: Path, script: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "200"}
-    done = subprocess.run(
-        [sys.executable, "-c", BEGIN + script], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return printed_by(sys.executable, "-c", BEGIN + script, cwd=folder, env=environment)
 
 
 @pytest.mark.slow
@@ -301,8 +297,7 @@ def test_an_adapter_is_added_by_the_documented_steps(tmp_path):
         places.write('[[place]]\nmodule = "smartplay_toy"\nfunctions = ["run"]\nat_most = "the budget"\n')
     run(tmp_path, PLAY_TOY)
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "tests/test_architecture.py", "-k", "adapter or asks"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    printed_by(*command, cwd=tmp_path)
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import html
 import importlib
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
@@ -20,6 +19,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.errors import MissingExtraError
 from tests.evaluation.conftest import CHROMIUM
+from tests.processes import printed_by
 
 pytest.importorskip("furo", reason="the extra `docs` is not installed")
 
@@ -105,8 +105,7 @@ def site(tmp_path_factory) -> Path:
     folder: Path = tmp_path_factory.mktemp("site")
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", folder / "trees"]
     command = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", folder]
-    built = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert built.returncode == 0, built.stdout + built.stderr
+    printed_by(*command)
     return folder
 
 

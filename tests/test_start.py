@@ -17,6 +17,7 @@ import smartplay_tools as sp
 from smartplay_tools import cli
 from smartplay_tools.errors import install_command
 from tests import core_alone
+from tests.processes import printed_by
 
 PACKAGE = Path(sp.__file__).parent
 HEAVY = (
@@ -97,8 +98,8 @@ class TestGymnasium:
     )
     def test_knows_the_settings_whichever_is_imported_first(self, code):
         show = "print(gymnasium.make('smartplay/Hanoi3Disk-v0').spec.max_episode_steps, gymnasium.__loader__)"
-        done = subprocess.run([sys.executable, "-c", f"{code}\n{show}"], capture_output=True, text=True, check=True)
-        assert done.stdout.startswith("30 <_frozen_importlib_external.SourceFileLoader")
+        done = printed_by(sys.executable, "-c", f"{code}\n{show}")
+        assert done.startswith("30 <_frozen_importlib_external.SourceFileLoader")
 
     @pytest.mark.slow
     def test_that_was_looked_for_before_it_was_imported_knows_the_settings(self):
@@ -110,7 +111,7 @@ class TestGymnasium:
             "import gymnasium; assert gymnasium.make('smartplay/Hanoi3Disk-v0').spec.max_episode_steps == 30\n"
             "assert len(sys.meta_path) == finders - 1"
         )
-        subprocess.run([sys.executable, "-c", script], check=True)
+        printed_by(sys.executable, "-c", script)
 
     @pytest.mark.slow
     def test_whose_first_import_fails_knows_the_settings_after_the_second(self, tmp_path):
@@ -122,7 +123,7 @@ class TestGymnasium:
             "except ImportError: sys.path.pop(0)\n"
             "import gymnasium; gymnasium.make('smartplay/Hanoi3Disk-v0')"
         )
-        subprocess.run([sys.executable, "-c", script], check=True)
+        printed_by(sys.executable, "-c", script)
 
     def test_that_cannot_be_imported_is_reported_as_such(self):
         script = "import sys, smartplay_tools; sys.path[:] = []; import gymnasium"
@@ -156,10 +157,8 @@ class TestCommands:
 
     @pytest.mark.slow
     def test_without_any_extra_a_command_works_or_says_which_extra_it_needs(self, tmp_path):
-        done = subprocess.run(
-            [sys.executable, core_alone.__file__, tmp_path], capture_output=True, text=True, check=True
-        )
-        ends = json.loads(done.stdout)
+        done = printed_by(sys.executable, core_alone.__file__, tmp_path)
+        ends = json.loads(done)
         assert {end["command"][0] for end in ends} == set(cli.COMMANDS)
         needs = {}
         for end in ends:

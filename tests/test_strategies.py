@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -252,7 +253,14 @@ class TestSummaries:
         assert sp.AgentSession(episode, summaries=True).prompt().purpose == "play"
 
 
-@pytest.mark.parametrize("strategy", [{"beyond_history": "mask"}, {"notes_tokens": 9}, {"summary_tokens": 9}])
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        {"beyond_history": "mask"},
+        *({name: 50} for name in ("notes_tokens", "summary_tokens", "recall_tokens", "memory_tokens")),
+        {"beyond_result": "offload", "result_tokens": 20},
+    ],
+)
 @pytest.mark.parametrize("where", [{"context": "host"}, {"protocol": "paper"}])
 def test_a_strategy_needs_a_window_and_tools(strategy, where):
     budget, context = sp.Budget(slack=0.5, **strategy), where.get("context", "window")
@@ -262,6 +270,23 @@ def test_a_strategy_needs_a_window_and_tools(strategy, where):
 
     with pytest.raises(sp.InvalidArgumentError, match="needs a window over tool calls"):
         begin_there()
+
+
+@pytest.mark.parametrize(
+    ("strategy", "words", "field"),
+    [
+        ({"recall_tokens": 80}, "recalls <= 80", "recall"),
+        ({"memory_tokens": 400}, "memory <= 400", "memory"),
+        ({"beyond_result": "offload"}, "offloading", "pages"),
+    ],
+)
+def test_a_strategy_has_a_name_and_where_it_is_off_no_row_has_a_field_of_it(strategy, words, field):
+    assert sp.Budget(**strategy).describe() == words
+    assert strategy.keys().isdisjoint(sp.Budget().model_dump())
+    with sp.Episode(RPS, seed=1) as episode:
+        result = sp.play(episode, sp.get_player("rule"))
+    assert field not in json.dumps(result.model_dump())
+    assert sp.EpisodeResult.from_record(result.model_dump()) == result
 
 
 def test_two_strategies_that_decide_the_same_are_refused(monkeypatch):

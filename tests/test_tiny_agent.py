@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
+from tests.processes import printed_by
 
 torch = pytest.importorskip("torch", reason="`.ci/framework train` has an environment with it")
 pytest.importorskip("transformers", reason="`.ci/framework train` has an environment with it")
@@ -115,11 +115,8 @@ def test_training_by_reward_changes_the_model_and_is_the_same_again(tiny_agent, 
 
 def test_the_example_runs(tmp_path):
     command = [sys.executable, "-W", "error", str(EXAMPLES / "20_train_a_tiny_agent.py"), "--quick"]
-    shown = subprocess.run(
-        command, cwd=tmp_path, env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=600
-    )
-    assert shown.returncode == 0, shown.stderr
-    assert "rewarded, no cap" in shown.stdout
+    shown = printed_by(*command, cwd=tmp_path, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert "rewarded, no cap" in shown
 
 
 def test_the_experiment_runs_and_its_records_replay(tmp_path):
@@ -127,8 +124,7 @@ def test_the_experiment_runs_and_its_records_replay(tmp_path):
     command = [sys.executable, "-W", "error", str(EXAMPLES.parent / "experiments" / "learned.py"), "--quick"]
     where = ["--out", str(tmp_path)]
     for _ in range(2):  # the second time everything is there
-        shown = subprocess.run([*command, *where], capture_output=True, text=True, timeout=600)
-        assert shown.returncode == 0, shown.stderr
+        printed_by(*command, *where)
     rows = (tmp_path / "episodes.csv").read_text(encoding="utf-8").splitlines()[1:]
     records = {path.stem: path for path in (tmp_path / "records").glob("*.jsonl")}
     assert len(rows) == len(records) == 5
@@ -142,8 +138,7 @@ def test_an_adapter_is_trained_and_saved_for_llama_cpp(tmp_path):
     pytest.importorskip("gguf", reason="`.ci/framework train` has an environment with it")
 
     def run(*arguments):
-        shown = subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True, timeout=900)
-        assert shown.returncode == 0, shown.stderr
+        printed_by(sys.executable, *arguments)
 
     training = EXAMPLES.parent / "experiments" / "local_training.py"
     run(training, "teach", "--worlds", 1, "--out", tmp_path)

@@ -20,6 +20,7 @@ from smartplay_tools.context.tokens import TokenCounter, get_tokenizer
 from smartplay_tools.context.tokens.o200k import o200k_base
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
 from smartplay_tools.types.arguments import well_formed
+from tests.processes import printed_by
 
 WORDS = TokenCounter()
 
@@ -41,8 +42,8 @@ def test_the_encoding_is_tiktokens_own(tmp_path):
         " theirs._mergeable_ranks == ours._mergeable_ranks, theirs.n_vocab == ours.n_vocab)"
     )
     environment = {**os.environ, "TIKTOKEN_CACHE_DIR": str(tmp_path)}
-    shown = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert shown.stdout.split() == ["True"] * 4
+    shown = printed_by(sys.executable, "-c", script, env=environment)
+    assert shown.split() == ["True"] * 4
 
 
 def test_a_message_costs_what_its_formula_says():
@@ -233,8 +234,8 @@ def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(
 @pytest.mark.slow
 def test_the_shipped_vocabulary_loads_with_the_first_text():
     script = "import sys, smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=1); print('tiktoken' in sys.modules)"
-    shown = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert shown.stdout == "False\n"
+    shown = printed_by(sys.executable, "-c", script)
+    assert shown == "False\n"
 
 
 SCHEMAS = st.recursive(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,11 @@ from anthropic import types
 from smartplay_gateway import ContextEndpoint, LocalEndpoint, SimulatedLimits
 
 import smartplay_tools as sp
-from smartplay_tools.context.strategies.provider_edits import INSTRUCTIONS, SUMMARY
+from smartplay_tools.compactors.provider_edits import INSTRUCTIONS, SUMMARY
 from smartplay_tools.manager.record import read_thread
 from tests.adapters.test_context_editing import uses
 from tests.adapters.test_context_endpoint import JSON, MESSAGE, RESPONSE, STREAM, Upstream, events
+from tests.processes import is_soon
 
 THRESHOLD, DEMAND = "compact-2026-01-12", "compact-2026-09-04"
 USAGE = {"input_tokens": 700, "output_tokens": 30}
@@ -420,22 +420,20 @@ def test_the_cap_holds_for_the_question_and_both_are_on_record(upstream: Upstrea
 
 
 @pytest.mark.parametrize("is_streamed", [False, True])
-def test_nothing_is_asked_for_a_client_that_has_left(endpoint: ContextEndpoint, upstream: Upstream, is_streamed: bool):
+def test_nothing_is_asked_for_a_client_that_has_left(upstream: Upstream, is_streamed: bool):
     """It leaves while the summary is asked for; the request that it made is not sent."""
     script(upstream, SUMMARISED, MESSAGE)
     upstream.may_answer.clear()
     edits = [{"type": "compact_20260112", "trigger": {"type": "input_tokens", "value": 50}}]
     body = {"model": "m", "max_tokens": 9, "messages": uses(3), "context_management": {"edits": edits}}
-    client = http.client.HTTPConnection(endpoint.url.removeprefix("http://"))
-    client.request("POST", "/v1/messages", json.dumps({**body, "stream": is_streamed}), {"anthropic-beta": THRESHOLD})
-    for _ in range(1_000):
-        if upstream.requests:
-            break
-        time.sleep(0.02)
-    client.close()
-    time.sleep(1)  # the endpoint hears of it
-    upstream.may_answer.set()
-    time.sleep(1)
+    sent_body = json.dumps({**body, "stream": is_streamed})
+    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(100_000)) as endpoint:
+        client = http.client.HTTPConnection(endpoint.url.removeprefix("http://"))
+        client.request("POST", "/v1/messages", sent_body, {"anthropic-beta": THRESHOLD})
+        assert is_soon(lambda: bool(upstream.requests))
+        client.close()
+        httpx2.get(endpoint.url, headers={"host": "example.org"})  # who answers this has heard that the client has left
+        upstream.may_answer.set()
     assert [each["messages"][-1]["content"] for each in sent(upstream)] == [INSTRUCTIONS]
 
 

@@ -6,7 +6,6 @@ The server is on this machine: the local endpoint for OpenAI's interface, a scri
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from smartplay_gateway import LocalEndpoint
 import smartplay_tools as sp
 from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import WAY, act, calling
+from tests.processes import printed_by
 
 pytestmark = pytest.mark.slow
 
@@ -26,9 +26,7 @@ def run(example: str, folder: Path, **variables: str) -> str:
     keys = {name: value for name, value in os.environ.items() if not name.endswith(("_API_KEY", "_BASE_URL"))}
     environment = {**keys, "NO_PROXY": "127.0.0.1", **variables}
     command = [sys.executable, "-W", "error", str(EXAMPLES / f"{example}.py")]
-    shown = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-    assert shown.returncode == 0, shown.stderr
-    return shown.stdout
+    return printed_by(*command, cwd=folder, env=environment)
 
 
 @pytest.fixture(scope="module")

@@ -165,39 +165,33 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("options", OPTIONS)
-@pytest.mark.parametrize("form", LOOPS)
-def test_a_loop_stays_under_its_cap(form: str, options: str):
-    kind, stub, client_of, _ = LOOPS[form]
-    with stub(script()) as server, client_of(api_key="-", base_url=getattr(server, "base_url", server.url)) as client:
+async def sent_by(form: str, options: str = "whole", *, is_async: bool = False) -> list[dict[str, Any]]:
+    """The bodies of a loop's requests; each is checked."""
+    kind, stub, client_of, async_client_of = LOOPS[form]
+    with stub(script()) as server:
         loop = kind(sp.ContextManager(CAP, **OPTIONS[options]))
         loop.begin()
+        client = (async_client_of if is_async else client_of)(
+            api_key="-", base_url=getattr(server, "base_url", server.url)
+        )
         create = {"chat": lambda c: c.chat.completions, "responses": lambda c: c.responses}.get(form)
         asked = create(client) if create else client.messages
-        while loop.take(asked.create(**loop.request())):
-            pass
+        more = True
+        while more:
+            response = asked.create(**loop.request())
+            more = loop.take(await response if is_async else response)
+        await client.close() if is_async else client.close()
         check(loop, server.bodies)
-        assert ("Nothing but doors." in str(server.bodies[-1])) == (options == "summaries")
+        return copy.deepcopy(server.bodies)
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("form", LOOPS)
+async def test_a_loop_stays_under_its_cap(form: str, options: str):
+    bodies = await sent_by(form, options)
+    assert ("Nothing but doors." in str(bodies[-1])) == (options == "summaries")
 
 
 @pytest.mark.parametrize("form", LOOPS)
 async def test_an_asynchronous_loop_sends_the_same(form: str):
-    kind, stub, client_of, async_client_of = LOOPS[form]
-    sent = []
-    for is_async in (False, True):
-        with stub(script()) as server:
-            loop = kind(sp.ContextManager(CAP))
-            loop.begin()
-            client = (async_client_of if is_async else client_of)(
-                api_key="-", base_url=getattr(server, "base_url", server.url)
-            )
-            create = {"chat": lambda c: c.chat.completions, "responses": lambda c: c.responses}.get(form)
-            asked = create(client) if create else client.messages
-            more = True
-            while more:
-                response = asked.create(**loop.request())
-                more = loop.take(await response if is_async else response)
-            await client.close() if is_async else client.close()
-            sent.append(copy.deepcopy(server.bodies))
-            check(loop, server.bodies)
-    assert sent[0] == sent[1]
+    assert await sent_by(form, is_async=True) == await sent_by(form)

@@ -8,11 +8,12 @@ from __future__ import annotations
 import importlib.util
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import printed_by
 
 RUNNER = Path(__file__).parents[2] / ".ci" / "frameworks.py"
 
@@ -31,9 +32,8 @@ def test_the_agent_of_the_page_wins_under_the_budget(agent, tmp_path):
     if agent.endswith(".mjs") and shutil.which("npm") is None:
         pytest.skip("npm is not installed")
     command = [sys.executable, str(RUNNER), "--envs", str(tmp_path), agent]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "score 3" in done.stdout
+    done = printed_by(*command)
+    assert "score 3" in done
 
 
 def test_every_program_says_what_it_installs_and_is_on_the_page():

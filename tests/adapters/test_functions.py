@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from tests.processes import printed_by
 
 # These frameworks raise warnings of their own while they are imported.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -83,12 +83,10 @@ def test_in_an_environment_of_their_own(tmp_path):
         pytest.skip("not in a checkout")
 
     def run(*command: str | Path) -> str:
-        done = subprocess.run([*map(str, command)], cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        return printed_by(*command, cwd=tmp_path)
 
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    printed_by(*build, cwd=ROOT)
     (wheel,) = tmp_path.glob("*.whl")
     install = ["env", f"PYTHON={sys.executable}", ROOT / ".ci" / "install", tmp_path / "venv"]
     # Of our own dependencies, those that a game of Rock Paper Scissors needs.

@@ -59,6 +59,7 @@ from tests.adapters.conformance import (
 )
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SITUATIONS, SituationConformance, lacking
+from tests.processes import printed_by
 
 # Inspect and what it imports warn; what they warn of is theirs.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -430,8 +431,7 @@ def test_a_task_runs_by_its_file_as_a_register_of_evaluations_runs_it(tmp_path):
     task = f"{Path(__file__).parents[2] / 'adapters' / 'smartplay_inspect' / 'tasks.py'}@smartplay"
     words = ["--model", "smartplay/rule", "-T", "trials=1", "--display", "none", "--log-dir", str(tmp_path / "logs")]
     program = Path(sys.executable).with_name("inspect")
-    made = subprocess.run([str(program), "eval", task, *words], cwd=tmp_path, capture_output=True, text=True)
-    assert made.returncode == 0, made.stdout + made.stderr
+    printed_by(str(program), "eval", task, *words, cwd=tmp_path)
     (file,) = (tmp_path / "logs").glob("*.eval")
     (sample,) = read_eval_log(str(file)).samples
     assert sample.scores["smartplay_scorer"].value["score"] == 3

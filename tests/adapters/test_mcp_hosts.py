@@ -21,6 +21,7 @@ import smartplay_tools as sp
 from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
 from tests.adapters.test_mcp import post
+from tests.processes import printed_by
 
 
 def on_stdio(*options: str) -> Any:
@@ -32,8 +33,8 @@ def talk(*messages: Any, options: tuple[str, ...] = ("--seed", "7")) -> list[Any
     """The answers of a server on stdio to lines, until its input ends."""
     lines = "".join((m if isinstance(m, str) else json.dumps(m)) + "\n" for m in messages)
     command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, *options]
-    done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=120, check=True)
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    done = printed_by(*command, input=lines)
+    return [json.loads(line) for line in done.splitlines()]
 
 
 def request(method: str, number: Any = 1, **params: Any) -> dict[str, Any]:
@@ -116,8 +117,8 @@ class TestStdio:
         """Some hosts wait a second for a server's first answer."""
         heavy = ["mcp", "mcp_types", "starlette", "uvicorn"]
         code = f"import sys, smartplay_mcp; print([name for name in {heavy} if name in sys.modules])"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-        assert done.stdout == "[]\n"
+        done = printed_by(sys.executable, "-c", code)
+        assert done == "[]\n"
 
     @pytest.mark.slow
     def test_whatever_comes_is_answered_or_passed_by(self):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from smartplay_mcp import HttpServer
 
 from smartplay_tools.web import EpisodeStore
 from tests.adapters.conformance import GAME, move
+from tests.processes import printed_by
 
 pytestmark = [
     pytest.mark.slow,
@@ -45,16 +45,13 @@ def node(tmp_path_factory):
     """Run a script in a folder that has the packages."""
     folder: Path = tmp_path_factory.mktemp("node")
     packages = ["@modelcontextprotocol/sdk"]
-    subprocess.run(
-        ["npm", "install", "--no-audit", "--no-fund", *packages], cwd=folder, check=True, capture_output=True
-    )
+    printed_by("npm", "install", "--no-audit", "--no-fund", *packages, cwd=folder)
 
     def run(script, *arguments):
         (folder / "script.mjs").write_text(script)
         command = ["node", "script.mjs", *arguments]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+        done = printed_by(*command, cwd=folder)
+        return json.loads(done)
 
     return run
 

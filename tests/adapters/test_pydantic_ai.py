@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -50,6 +49,7 @@ from tests.adapters.conformance import (
 from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import REFUSED, SituationConformance, weather
+from tests.processes import printed_by
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -127,9 +127,8 @@ def test_the_example_evaluates_an_agent(tmp_path):
     example = Path(__file__).parents[2] / "examples" / "16_evaluate_pydantic_ai.py"
     environment = {name: value for name, value in os.environ.items() if name != "SMARTPLAY_MODEL"}
     command = [sys.executable, "-W", "error", str(example)]
-    shown = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
-    assert shown.returncode == 0, shown.stderr
-    assert shown.stdout.count("score 3  terminated") == 3
+    shown = printed_by(*command, cwd=tmp_path, env=environment)
+    assert shown.count("score 3  terminated") == 3
 
 
 def test_the_history_of_the_agent_keeps_everything():

@@ -8,7 +8,7 @@ import importlib
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,6 +20,7 @@ import smartplay_tools as sp
 from tests.adapters.conformance import WAY, act, calling
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.window_host import INTERFACES, TOOLS, client_of, for_messages
+from tests.processes import is_soon
 
 GAME = "Hanoi3Disk-v0"
 PATHS = {"chat": "chat/completions", "responses": "responses", "messages": "messages"}
@@ -69,13 +70,6 @@ def serving(kind: Any, player: Any) -> Iterator[tuple[Any, str]]:
             yield endpoint, player.name
         else:
             yield endpoint, endpoint.model(endpoint.open(GAME, seed=7))
-
-
-def until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 20
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(("kind", "interface"), CASES)
@@ -169,13 +163,13 @@ def test_a_client_that_leaves_the_window_stops_the_questions(interface, stream):
         if stream:
             with httpx2.stream("POST", url, json=body, **options) as answer:
                 next(answer.iter_lines())
-                until(lambda: player.asked == 1)
+                assert is_soon(lambda: player.asked == 1)
         else:
             with pytest.raises(httpx2.TimeoutException):
                 httpx2.post(url, json=body, **options)
         time.sleep(0.3)  # the server notices
         player.may_answer.set()
-        until(lambda: stats.idle_replies == 1)
+        assert is_soon(lambda: stats.idle_replies == 1)
         time.sleep(0.3)
         assert player.asked == 1
         player.says = calling(act(WAY[0]))

@@ -39,6 +39,7 @@ from tests.adapters.benchmark_rows import rows_of
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SituationConformance, lacking
+from tests.processes import printed_by
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -115,8 +116,7 @@ def test_tasks_are_validated_without_a_model(game, gold, tmp_path):
     """The oracle is the reference, where there is one; and what nobody plays does not pass."""
     command = [str(Path(sys.executable).with_name("vf-validate")), "smartplay_verifiers", "--taskset.game", game]
     command += ["-n", "1", "--runtime.type", "subprocess"]
-    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert shown.returncode == 0, shown.stdout + shown.stderr
+    printed_by(*command, cwd=tmp_path)
     (row,) = map(json.loads, next(tmp_path.rglob("results.jsonl")).read_text(encoding="utf-8").splitlines())
     assert (row["gold"]["reason"], row["noop"]["reason"]) == (gold, "valid")
 

@@ -65,11 +65,6 @@ def test_the_interval_draws_episodes_within_each_setting():
     assert (spread.low, spread.high) == (0, 0.75)
 
 
-def test_unknown_weights_are_refused():
-    with pytest.raises(sp.InvalidArgumentError, match="paper, zero-based"):
-        capability_scores({}, weights="equal")
-
-
 def test_a_setting_from_elsewhere_counts_if_it_is_rated():
     unrated = sp.register(dataclasses.replace(sp.GAMES[HANOI], id="Unrated-v0", challenges={}))
     alone = capability_scores({BANDIT: [0.4, 0.6]})

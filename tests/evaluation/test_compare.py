@@ -132,7 +132,7 @@ def test_runs_without_a_game_in_common_are_refused():
 def test_what_cannot_be_compared_is_one_sentence(tmp_path):
     published = Path(__file__).parents[2] / "experiments" / "tools-v1" / "rule"
     for words, sentence in (
-        ([published, published], "The same folder is named twice"),
+        ([published, published / ".." / published.name], "The same folder is named twice"),
         ([tmp_path], "is not the folder of a run"),
     ):
         refused = CliRunner().invoke(app, ["compare", *map(str, words)])

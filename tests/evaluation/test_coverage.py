@@ -11,7 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs, repeats
-from smartplay_tools.evaluation.analysis.decisions import decide, mde
+from smartplay_tools.evaluation.analysis.decisions import decide
 from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.statistics.distributions import wilson
@@ -126,11 +126,6 @@ def test_repeats(worlds):
 def test_no_episode_leaves_the_declared_bounds():
     for (game, *_), scores in SCORES.items():
         assert bounds(game).hold(tuple(sorted(scores.tolist())))
-
-
-@pytest.mark.parametrize(("n", "expected"), [(5, 1.68), (10, 1.00), (20, 0.66), (50, 0.40), (100, 0.28), (200, 0.20)])
-def test_the_smallest_difference_that_is_seen(n, expected):
-    assert mde(1.0, n) == pytest.approx(expected, abs=0.005)
 
 
 @pytest.mark.slow

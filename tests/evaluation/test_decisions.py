@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.decisions import Margin, decide, mde
 from smartplay_tools.statistics.intervals import Bounds, Sample
@@ -89,8 +87,3 @@ def test_the_command_line_has_the_verdict_and_the_difference_that_would_have_bee
     assert pairing["verdict"] == {"word": "undecided", "margin": 4.3, "mde": pytest.approx(5.76, abs=0.01)}
     code, table, _ = run(*command)
     assert (code, "undecided, MDE 5.8" in table) == (0, True)
-
-
-def test_a_run_that_is_named_twice_is_refused(tmp_path):
-    refused = CliRunner().invoke(app, ["compare", str(tmp_path), str(tmp_path / ".." / tmp_path.name)])
-    assert (refused.exit_code, refused.output.count("named twice")) == (2, 1)

@@ -42,14 +42,6 @@ def test_a_machine_gets_json_and_nothing_else(tmp_path):
     assert summary["cells"][0]["score"]["mean"] == 3
 
 
-def test_the_papers_protocol_can_be_evaluated(tmp_path):
-    asked = f"--games {HANOI} --players random --trials 1 --executor inline --protocol paper"
-    code, _, _ = run("eval", *asked.split(), "--out", tmp_path)
-    (row,) = RunFolder(tmp_path).rows()
-    assert (code, row["protocol"], row["turns"]) == (0, "paper", 60)
-    assert run("replay", tmp_path, "--workers", 1)[0] == 0
-
-
 def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     arguments = ("eval", "--games", HANOI, "--trials", 1, "--executor", "inline", "--out", tmp_path)
     code, _, stderr = run(
@@ -64,17 +56,14 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (["--players", "rules"], "did you mean rule"),
         (["--suite", "icml"], "There is no suite 'icml'; the suites are paper, tools-v1."),
         (["--prompt-tokens", "50"], f"{HANOI}, rule, prompts <= 50: prompt_tokens=50 cannot hold the head"),
         (["--shard", "half"], "--shard half is invalid; write it as 1/4."),
         (["--price", "3,4"], "--price 3,4 names no player"),
         (["--price", "rule=3"], "'3' is not a price"),
         (["--price", "ruel=3,4"], "The run has no player ruel that could have a price; it has rule."),
-        (["--players", ""], "Name at least one player."),
         (["--player-option", "api_key=x"], "give it in the environment"),
         (["--player-option", "temperature"], "--player-option temperature has no value"),
-        (["--player-option", "temperature=1"], "The player 'rule' cannot be made with"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(tmp_path, wrong, sentence):

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.evaluation.servers import calling, completion, serving
+from tests.processes import printed_by
 
 TMUX = shutil.which("tmux")
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(TMUX is None, reason="there is no tmux on this machine")]
@@ -92,14 +93,11 @@ def test_bars_in_80x24_then_the_table_and_the_results_of_a_run_that_goes_on(pane
     later = pane.until(lambda screen: re.search(r"[1-9]/3", screen) or "Spent in all" in screen)
     assert "\n".join(later).count("episodes,") <= 1, "the bars are drawn over themselves, not below"
 
-    shown = subprocess.run(
-        [sys.executable, "-m", "smartplay_tools", "results", str(out)], capture_output=True, text=True, timeout=60
-    )
-    assert shown.returncode == 0, shown.stderr
-    if "6 of 6" not in shown.stdout:
-        assert "being played" in shown.stdout
-        assert "silent" in shown.stdout
-        tables = [line for line in shown.stdout.splitlines() if not line.endswith(".") and str(out) not in line]
+    shown = printed_by(sys.executable, "-m", "smartplay_tools", "results", str(out))
+    if "6 of 6" not in shown:
+        assert "being played" in shown
+        assert "silent" in shown
+        tables = [line for line in shown.splitlines() if not line.endswith(".") and str(out) not in line]
         assert all(len(line) <= 80 for line in tables), tables
 
     pane.until(lambda screen: "Spent in all" in screen, seconds=240)

@@ -13,6 +13,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
+from tests.processes import printed_by
 
 pytest.importorskip("ray", reason="the extra `ray` is not installed")
 pytestmark = pytest.mark.slow
@@ -67,9 +68,8 @@ def lines_of(script: str, tmp_path: Path, *arguments: str, address: str = "") ->
     paths = os.pathsep.join([str(tmp_path), str(ROOT), *sys.path])
     environment = {**os.environ, "PYTHONPATH": paths, "RAY_ADDRESS": address}
     command = [sys.executable, str(tmp_path / "script.py"), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip().splitlines()
+    done = printed_by(*command, env=environment)
+    return done.strip().splitlines()
 
 
 def run(tmp_path: Path, name: str, cap: int = 0, executor: str = "ray", address: str = "") -> str:
@@ -118,8 +118,7 @@ def test_processes_and_a_cluster_play_the_records_of_chains_and_of_a_compactor_t
         out = tmp_path / executor
         command = [sys.executable, "-m", "smartplay_tools", "eval", *asked.split(), "--executor", executor]
         command += ["--out", str(out)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=tmp_path, env=environment)
-        assert done.returncode == 0, done.stderr
+        printed_by(*command, cwd=tmp_path, env=environment)
         folder = RunFolder(out)
         assert all(row["questions"] > 0 and row["end_reason"] == "rollout" for row in folder.rows())
         played.append({row["key"]: folder.transcript(row["key"]).read_bytes() for row in folder.rows()})

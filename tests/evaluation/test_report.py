@@ -8,7 +8,6 @@ import hashlib
 import json
 import re
 import shutil
-import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -38,6 +37,7 @@ from tests.evaluation.report_runs import (
     known_for_now,
     record,
 )
+from tests.processes import printed_by
 
 NODE = shutil.which("node")
 PAGES = Path(pages.__file__).parent
@@ -135,8 +135,7 @@ def test_the_policy_allows_the_page_s_own_scripts_and_style_by_their_hashes_and_
 def test_every_script_is_one_that_a_browser_can_read():
     assert NODE is not None
     program = "for (const name of process.argv.slice(1)) new vm.Script(fs.readFileSync(name, 'utf8'), {filename: name})"
-    read = subprocess.run([NODE, "-e", program, *sorted(PAGES.rglob("*.js"))], capture_output=True, text=True)
-    assert read.returncode == 0, read.stderr
+    printed_by(NODE, "-e", program, *sorted(PAGES.rglob("*.js")))
 
 
 def test_what_a_model_writes_never_becomes_markup(tmp_path):

@@ -122,12 +122,6 @@ def test_the_other_weights(folder):
     assert "paper, zero-based" in refused.output
 
 
-def test_json_for_machines(folder):
-    printed = json.loads(run(folder, "--json").output)
-    assert (printed["planned"], printed["finished"], printed["failed_attempts"]) == (8, 8, 0)
-    assert [cell["cell"]["player"] for cell in printed["cells"]] == ["random", "rule"] * 2
-
-
 def test_files_for_notebooks(folder, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     run(folder, "--csv", tmp_path / "run.csv", "--parquet", tmp_path / "run.parquet")

@@ -67,15 +67,6 @@ def test_the_results_do_not_depend_on_executor_or_workers(tmp_path, executor, wo
     assert results(tmp_path / "one") == results(tmp_path / "many")
 
 
-def test_running_it_again_plays_nothing_again(tmp_path):
-    sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
-    before, timings = results(tmp_path), (tmp_path / "timings.jsonl").read_bytes()
-    run = sp.evaluate(GAMES, out=tmp_path, trials=2, executor="inline")
-    assert run.complete
-    assert results(tmp_path) == before
-    assert (tmp_path / "timings.jsonl").read_bytes() == timings
-
-
 def test_a_run_can_be_extended_by_trials_games_and_players(tmp_path):
     sp.evaluate([HANOI], ["rule"], out=tmp_path / "a", trials=1, executor="inline")
     sp.evaluate(GAMES, ["rule", "random"], out=tmp_path / "a", trials=2, executor="inline")
@@ -158,7 +149,6 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
             {"player_options": {"temperature": 1}},
             "The player 'rule' cannot be made with these arguments: .*'temperature'",
         ),
-        ({"players": ["rule:fast"]}, "The player 'rule:fast' cannot be made with"),
         ({"players": {"mine": lambda seed: Broken(seed=seed)}, "executor": "processes"}, "worker processes"),
         ({"player_options": {"seed": 1}}, "seed is not an option of a player"),
         ({"players": ["openai:x"], "run_cost": 1.0, "player_options": {"base_url": "http://127.0.0.1:9"}}, "--price"),
@@ -204,17 +194,6 @@ def test_a_failed_episode_is_tried_again_and_both_attempts_are_on_record(tmp_pat
         (1, "player_error", "RuntimeError: stumbled")
     ] * 2
     assert [row["attempt"] for row in run.folder.timings()] == [1, 1, 2, 2]
-
-
-def test_a_player_that_always_fails_is_tried_three_times_a_run_and_has_no_result(tmp_path):
-    run = sp.evaluate(
-        [BANDIT], {"broken": Broken, "rule": sp.get_player("rule").__class__}, out=tmp_path, trials=1, executor="inline"
-    )
-    assert not run.complete
-    assert [row["player"] for row in run.rows] == ["rule"]
-    assert [failure["attempt"] for failure in run.failures] == [1, 2, 3]
-    record = sp.read_transcript(tmp_path / "attempts" / f"{run.failures[0]['key']}.1.jsonl")
-    assert "no more ideas" in record[-1]["traceback"]
 
 
 def test_a_player_that_exits_ends_its_episode_and_not_the_run(tmp_path):

@@ -125,17 +125,7 @@ def test_an_episode_that_a_later_attempt_finished_is_not_missing():
     assert (failures.attempts, failures.missing, failures.last_error) == (1, 0, None)
 
 
-def test_nothing_gives_an_empty_summary():
-    summary = summarize([])
-    assert (summary.cells, summary.profiles, summary.failures) == ((), (), ())
-
-
 # Deviations from the paper.
-
-
-def test_the_papers_own_way_deviates_in_nothing():
-    trials = sp.GAMES[HANOI].trials
-    assert cell_summary(play_rows(HANOI, trials=trials, protocol="paper")).deviations == {}
 
 
 def test_every_deviation_is_told():

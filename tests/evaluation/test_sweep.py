@@ -80,16 +80,6 @@ def played(tmp_path_factory):
     )
 
 
-def test_every_cell_meets_the_same_seeds(played):
-    cells = {(row["player"], *(row["budget"][name] for name in ("history", "slack"))) for row in played.rows}
-    assert len(cells) == 8
-    seeds = {
-        tuple(row["seed"] for row in played.rows if (row["player"], row["budget"]["history"]) == ("rule", history))
-        for history in (1, 50)
-    }
-    assert len(seeds) == 1
-
-
 def test_whoever_remembers_less_earns_less_and_whoever_looks_at_nothing_does_not_care(played):
     rows = {(row["player"], row["history"], row["slack"]): row for row in played.summary}
     full, forgetful = rows["rule", 50, 0], rows["rule", 1, 0]
@@ -162,7 +152,6 @@ def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
         (["--slack", "0,2"], "--slack 2"),
         (["--slack", "much"], "--slack much: Input should be a valid number"),
         (["--manual", "lost"], "'lost'"),
-        (["--players", "nobody"], "'nobody'"),
     ],
 )
 def test_a_mistake_is_told_in_a_sentence(options, sentence, tmp_path):

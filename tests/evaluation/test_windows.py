@@ -199,7 +199,3 @@ def test_an_episode_that_the_run_could_not_pay_for_is_not_compared():
     small, full = compare_windows(rows)
     assert (small.episodes, small.differences["score"].mean, small.differences["score"].episodes) == (1, -10, 1)
     assert full.episodes == 2
-
-
-def test_nothing_played_is_nothing_compared():
-    assert compare_windows([]) == []

@@ -6,13 +6,13 @@ import json
 import os
 import re
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from smartplay_tools.testing import CHECKS
+from tests.processes import printed_by
 
 TESTS = Path(__file__).parents[1]
 PAGE = TESTS.parent / "docs" / "add-a-game.md"
@@ -49,17 +49,7 @@ class Installed:
         self._environment = {**os.environ, "PYTHONPATH": paths, "COLUMNS": "120"}
 
     def python(self, *arguments: str, given: str = "", cwd: Path | None = None) -> str:
-        shown = subprocess.run(
-            [sys.executable, "-W", "error", *arguments],
-            env=self._environment,
-            cwd=cwd,
-            input=given,
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
-        assert shown.returncode == 0, shown.stdout + shown.stderr
-        return shown.stdout
+        return printed_by(sys.executable, "-W", "error", *arguments, env=self._environment, cwd=cwd, input=given)
 
     def commands(self, *lines: str, cwd: Path | None = None) -> list[tuple[int, str]]:
         """The exit code and the output of each command, all run by one other process."""
@@ -80,7 +70,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
     (source / "higher_or_lower.py").write_text(f"{game}\n\n{player}", encoding="utf-8")
     (source / "pyproject.toml").write_text(project, encoding="utf-8")
     options = ["--quiet", "--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation"]
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", target, source], check=True)
+    printed_by(sys.executable, "-m", "pip", "install", *options, "--target", target, source)
     return Installed(target)
 
 
