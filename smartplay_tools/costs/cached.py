@@ -162,7 +162,7 @@ class Prefixes:
 
 
 class Cache:
-    """What a provider with this rule has stored of requests, which are asked about in their order."""
+    """What a provider with this rule has stored of requests, which are looked up in their order."""
 
     def __init__(self, prefixes: Prefixes, rule: CacheRule, places: Sequence[Place], life: float = inf) -> None:
         """`places` say where the player marks its prompts, for rules that store only up to marks."""
@@ -171,7 +171,7 @@ class Cache:
         self._used: dict[int, float] = {}
         """The stored prefixes by their numbers, with the time of their last use."""
 
-    def ask(self, at: int, units: Sequence[Unit], stable: int, prompt: int, now: float = 0.0) -> tuple[int, int]:
+    def look_up(self, at: int, units: Sequence[Unit], stable: int, prompt: int, now: float = 0.0) -> tuple[int, int]:
         """Return how many tokens of a request are found stored, and how many are stored after it.
 
         `prompt` are its tokens, of which the last one is always computed.

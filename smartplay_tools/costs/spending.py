@@ -37,7 +37,7 @@ class Spending:
         same, stable = same_and_stable(units, self._before)
         self._before, rule = units, self._rule
         self._prefixes.add(units, same, view.purpose)
-        found, stored = self._cache.ask(-1, units, stable, view.tokens)
+        found, stored = self._cache.look_up(-1, units, stable, view.tokens)
         hit, written = hit_and_written(found, stored, rule)
         fresh, read, write, price = rule.rates
         self._asked = (view.tokens - hit - written) * fresh + hit * read + written * write

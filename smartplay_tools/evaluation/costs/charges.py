@@ -83,7 +83,7 @@ def _found_and_stored(log: RequestLog, rule: CacheRule, places: tuple[Place, ...
     if key not in log.remembered:
         cache, found = Cache(prefixes, rule, places, life), list[tuple[int, int]]()
         for at, request in enumerate(log.requests):
-            found.append(cache.ask(at, request.units, request.stable, request.prompt, request.at or 0.0))
+            found.append(cache.look_up(at, request.units, request.stable, request.prompt, request.at or 0.0))
             cache.store_reply(at, request.at or 0.0)
         log.remembered[key] = found
     of_each: Sequence[tuple[int, int]] = log.remembered[key]
