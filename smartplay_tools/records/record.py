@@ -20,6 +20,7 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import SENSELESS, GameValueError, InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.providers.prices import Price
+from smartplay_tools.records.growing_lines import GrowingLines, ends_of
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
@@ -47,7 +48,6 @@ from smartplay_tools.transcript.events import (
     concerns_summary,
 )
 from smartplay_tools.transcript.file import kind_of, read_line, read_written
-from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
 from smartplay_tools.types.messages import Message, text_of
