@@ -28,19 +28,21 @@ from rich.table import Table
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.attempt import Task, Times
-from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import RunLimits
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, player_key
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.roster import Roster
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.run_progress import StopFlag, following
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import Scheduler, Setup
+from smartplay_tools.evaluation.runs.scheduler import Scheduler
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
 OPERATIONS = ("open", "os.rename", "os.remove", "os.scandir", "os.listdir", "os.mkdir")
 
 
-class Simulated:
+class Simulated(Executor):
     """An executor whose attempts take no time: every record is the one that was played, with the seed of its task."""
 
     played: ClassVar[list[bytes]] = []
@@ -55,9 +57,6 @@ class Simulated:
         while (task := take()) is not None:
             task.record.write_bytes(record_of(task))
             yield EndedAttempt(task, Times(1.0, 0.1, 0.2))
-
-    def close(self) -> None:
-        """There is nothing to release."""
 
 
 def record_of(task: Task) -> bytes:
@@ -75,7 +74,7 @@ def driven(folder: Path, episodes: int) -> float:
     writer = RunWriter(folder)
     with writer.writing():
         writer.write_manifest(plan.manifest(shard=None, prices={}))
-        scheduler = Scheduler(writer, plan, Setup(players))
+        scheduler = Scheduler(writer, Roster(plan, players, {}, set(), {}), {}, RunOptions(), ())
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from smartplay_tools.context.strategies.custom import register_strategy as register_strategy
     from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
     from smartplay_tools.conversation.loop import aplay as aplay, play as play
-    from smartplay_tools.conversation.text_env import TextEnv as TextEnv
     from smartplay_tools.episode.config import EpisodeConfig as EpisodeConfig
     from smartplay_tools.episode.episode import Episode as Episode
     from smartplay_tools.episode.tools import schema as schema
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
     from smartplay_tools.records.replays import replay as replay
     from smartplay_tools.records.resumption import fork as fork, resume as resume
+    from smartplay_tools.training.text_env import TextEnv as TextEnv
     from smartplay_tools.transcript.file import read_transcript as read_transcript
     from smartplay_tools.types import (
         AsyncPlayer as AsyncPlayer,

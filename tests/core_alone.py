@@ -44,7 +44,6 @@ COMMANDS = (
     ("serve", "openai", "--port", "0"),
     ("serve", "mcp", GAME, "--http", "--port", "0"),
     ("serve", "window", GAME, "--port", "0"),
-    ("serve", "local", "--port", "0"),
     ("model", "list"),
     ("minedojo", "--help"),
 )

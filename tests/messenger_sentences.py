@@ -16,11 +16,12 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from smartplay_tools.games.messenger.grammar import KINDS, phrases
-from smartplay_tools.games.messenger.manuals import OUR_TEXTS, Texts, load
+from smartplay_tools.games.messenger.manuals import OUR_TEXTS, UNKNOWN, Texts, load
 from smartplay_tools.games.messenger.rules import MOVEMENTS
 
 PUBLISHED = Path(__file__).parent / "data" / "messenger_figures.toml"
+GRAMMAR = tomllib.loads((Path(__file__).parent / "data" / "messenger_grammar.toml").read_text(encoding="utf-8"))
+KINDS = (*MOVEMENTS, UNKNOWN)
 SENTENCES_TO_READ = 200
 
 POSSESSION = re.compile(
@@ -108,6 +109,11 @@ def _share(some_entries: list[Entry], pattern: str) -> float:
 
 
 # What only the grammar's word lists can tell.
+
+
+def phrases(table: str, key: str) -> list[str]:
+    """Return the phrases of one of the grammar's lists, without their weights."""
+    return [phrase.partition(" *")[0] for phrase in GRAMMAR[table][key]]
 
 
 def _any_of(words: Iterable[str]) -> str:

@@ -60,7 +60,6 @@ def test_play_takes_every_episode_option():
     ("words", "sentence"),
     [
         (["play", "Hanoi3Disc-v0"], "did you mean Hanoi3Disk-v0"),
-        (["estimate"], "with --dry-run"),
         (["play", "hanoi"], "did you mean Hanoi3Disk-v0 or Hanoi4Disk-v0?"),
         (["play", "Chess"], "`smartplay-tools games` lists all."),
         (["play", HANOI, "--player", "rul"], "did you mean rule"),

@@ -14,12 +14,13 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context import ContextOverflowError, asked
 from smartplay_tools.context.compacting import MOST_QUESTIONS
 from smartplay_tools.context.strategies.custom import IN_FILES
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record, replay, resume, sent_prompts
@@ -581,6 +582,22 @@ def test_an_option_of_the_player_names_the_other_player_of_a_run(tmp_path):
     assert record.totals.cost == record.cost == record.question_cost == pytest.approx(sum(asked) / 1e6)
     with pytest.raises(InvalidArgumentError, match="compactor_player is the name of a player"):
         sp.evaluate([RPS], ["random"], out=tmp_path / "2", **{**given, "player_options": {"compactor_player": 3}})
+
+
+def test_a_question_that_fails_is_billed_at_the_price_of_the_player_that_was_asked():
+    """Its provider may have charged for it, and a call may be under way when the process dies."""
+    options = {"compactor_player": "rule-notes"}
+    prices = {"random": Price.per_million(1000, 1000), "rule-notes": Price.per_million(1, 1)}
+    conversation = begin(summing, player="random", player_options=options)
+    while (prompt := conversation.prompt()).purpose == "play":
+        conversation.receive(ROCK)
+    conversation.spend(sp.Usage(prompt=50, reply=7))
+    record = Record(events_of(conversation), prices=prices)
+    assert record.question_cost == pytest.approx(57 / 1e6)
+    assert record.open_call.unknown_cost == pytest.approx(prompt.tokens / 1e6)
+    assert episode_data("", record, {})["turns"][-1]["questions"] == 0
+    conversation.episode.close()
+    assert replay(events_of(conversation)).identical
 
 
 COUNTING = """

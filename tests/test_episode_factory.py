@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.episode import EpisodeFactory
+from smartplay_tools.training import EpisodeFactory
 
 GAME = "Hanoi3Disk-v0"
 

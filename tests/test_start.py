@@ -177,7 +177,6 @@ class TestCommands:
             "serve openai": "serve",
             "serve mcp": "mcp",
             "serve window": "serve",
-            "serve local": "local",
         }
 
     @pytest.mark.parametrize(

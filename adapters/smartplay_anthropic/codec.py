@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools import Message, Prompt, Reply, schema
-from smartplay_tools.context.prompts import CacheMarks
 from smartplay_tools.players import plain_answer, read_usage, unreadable, with_end, with_management
+from smartplay_tools.players.cache_marks import CacheMarks
 from smartplay_tools.players.conversion import (
     SYSTEM,
     accepted_name,

@@ -19,7 +19,6 @@ with extra_named("smartplay_anthropic", "anthropic"):
 
 from smartplay_anthropic import codec
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
-from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.players import (
     BrokenAnswerError,
     ModelPlayer,
@@ -29,6 +28,7 @@ from smartplay_tools.players import (
     check_url,
     readable_proxies,
 )
+from smartplay_tools.players.cache_marks import CacheMarks, checked_marks
 
 _transport = importlib.import_module(anthropic.DefaultHttpxClient.__mro__[1].__module__)
 """The HTTP library of the client, whose default client uses the environment's proxies whatever it is told."""

@@ -10,8 +10,8 @@ import agent_framework as af
 from agent_framework.exceptions import ChatClientInvalidRequestException
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.messages import calls_of, text_of
 

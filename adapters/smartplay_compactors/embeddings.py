@@ -11,7 +11,7 @@ import numpy as np
 import wordllama
 
 from smartplay_tools import Message
-from smartplay_tools.context.strategies.retrieval import MOST_TURNS, MemoryCompactor, text_of_turn
+from smartplay_tools.compactors.retrieval import MOST_TURNS, MemoryCompactor, text_of_turn
 
 DECIMALS = 4
 """The decimals to which similarities are rounded, so that they order turns alike on every machine."""

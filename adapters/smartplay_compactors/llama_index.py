@@ -10,8 +10,8 @@ from llama_index.core import llms
 from llama_index.core.memory import ChatSummaryMemoryBuffer
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.types.messages import text_of
 
 KEPT = ("tool_calls", "tool_call_id")

@@ -22,7 +22,7 @@ from typing import Any, Literal
 from smartplay_gateway.answers import Report
 from smartplay_gateway.surfaces import COMPACT, Json, RefusedError, Surface
 from smartplay_tools import ContextManager, InvalidArgumentError, PromptOverflowError
-from smartplay_tools.context.strategies.provider_edits import (
+from smartplay_tools.compactors.provider_edits import (
     SUMMARY,
     ClearThinking,
     Compact,

@@ -9,8 +9,8 @@ from inspect_ai import model
 
 from smartplay_inspect.messages import from_inspect, to_inspect
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import ContextOverflowError, GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.types.messages import calls_of, text_of
 
 

@@ -26,9 +26,9 @@ from inspect_ai.util import store_as
 from smartplay_inspect.messages import from_inspect, tool_calls, tool_specs
 from smartplay_inspect.solver import Played
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, Usage, get_player
-from smartplay_tools.context.prompts import received
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation import AttachedPlayer
+from smartplay_tools.players.conversion import received
 from smartplay_tools.types.messages import text_of
 
 

@@ -22,10 +22,9 @@ from pydantic import Field
 
 from smartplay_inspect.messages import InspectChat, from_output, tool_infos
 from smartplay_tools import Conversation, Episode, EpisodeConfig, Prompt
-from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import BrokenAnswerError, left_to_provider, reply_in
-from smartplay_tools.players.conversion import check_names
+from smartplay_tools.players.conversion import check_names, with_pictures_below
 from smartplay_tools.providers.cache_fields import openai_cache_fields
 from smartplay_tools.transcript import Event
 

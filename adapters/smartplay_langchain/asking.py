@@ -26,8 +26,8 @@ from langchain_core.utils.function_calling import convert_to_openai_tool
 from smartplay_langchain.caching import cache_key, messages_for
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_of
 from smartplay_tools import AgentSession, InvalidArgumentError, Prompt, Reply, ToolSpec
-from smartplay_tools.context.prompts import CacheMarks
 from smartplay_tools.players import reply_in
+from smartplay_tools.players.cache_marks import CacheMarks
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 

@@ -14,7 +14,8 @@ from langchain_core.messages import AnyMessage
 
 from smartplay_langchain.messages import sendable, to_langchain
 from smartplay_tools import Message, Prompt
-from smartplay_tools.context.prompts import CacheMarks, last_markable, stable_end, with_pictures_below
+from smartplay_tools.players.cache_marks import CacheMarks, last_markable, stable_end
+from smartplay_tools.players.conversion import with_pictures_below
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 ANTHROPIC = {"cache_control": {"type": "ephemeral"}}

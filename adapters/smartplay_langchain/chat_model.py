@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field
 
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
-from smartplay_tools.context.prompts import received
+from smartplay_tools.players.conversion import received
 from smartplay_tools.types.messages import calls_of, text_of
 
 

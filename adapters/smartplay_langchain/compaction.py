@@ -18,8 +18,8 @@ from langgraph.store.memory import InMemoryStore
 from smartplay_langchain.chat_model import PlayerChatModel
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
 class LangChainCompactor(ImportedCompactor):

@@ -132,7 +132,8 @@ class _Fitted(Runnable[LanguageModelInput, AIMessage]):
     def _told(self, prompt: FittedPrompt, reply: AIMessage, settings: Mapping[str, Any]) -> AIMessage:
         """Have the prompt's tokens recorded as the provider has counted them."""
         if reply.usage_metadata is not None and (tokens := reply.usage_metadata["input_tokens"]):
-            managed = asks_management(settings, vars(self._bound), vars(getattr(self._bound, "bound", self._bound)))
+            model = vars(getattr(self._bound, "bound", self._bound))
+            managed = asks_management(settings, getattr(self._bound, "kwargs", None), model)
             self._manager.reported(prompt, tokens, managed=managed)
         return reply
 

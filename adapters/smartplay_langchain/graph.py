@@ -30,8 +30,8 @@ from smartplay_langchain.calls import (
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_langchain.toolkit import artifact_of, is_of_a_game
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
-from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.conversation import HostChat, HostHistory
+from smartplay_tools.players.cache_marks import CacheMarks, checked_marks
 from smartplay_tools.types.messages import Call
 
 

@@ -32,7 +32,7 @@ from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
-from smartplay_tools.context.prompts import CacheMarks
+from smartplay_tools.players.cache_marks import CacheMarks
 
 if TYPE_CHECKING:
     from langchain_core.language_models import BaseChatModel

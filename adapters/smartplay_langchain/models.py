@@ -12,9 +12,9 @@ from pydantic import SecretStr
 
 from smartplay_langchain.asking import PromptSettings, ToolChoice, read_reply
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
-from smartplay_tools.context.prompts import CacheMarks, checked_marks
 from smartplay_tools.errors import extra_named
 from smartplay_tools.players import ModelPlayer, asks_management, check_key, readable_proxies
+from smartplay_tools.players.cache_marks import CacheMarks, checked_marks
 
 FAILURES = frozenset(
     {

@@ -48,10 +48,9 @@ with extra_named("smartplay_openai.agents", "agents"):
     )
 
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
-from smartplay_tools.context.prompts import with_pictures_below
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.players import left_to_provider, reply_in
-from smartplay_tools.players.conversion import check_names
+from smartplay_tools.players.conversion import check_names, with_pictures_below
 from smartplay_tools.players.wire import RESPONSES, read_items
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 from smartplay_tools.providers.caps import cap_at

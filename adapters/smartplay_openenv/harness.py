@@ -24,9 +24,9 @@ from openenv.core.harness import (
 
 from smartplay_openenv.environment import tools_of
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolResult
-from smartplay_tools.episode import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.players import reply_in
 from smartplay_tools.players.conversion import encodable, sendable
+from smartplay_tools.training import EpisodeFactory, RewardName, reward_of
 
 
 class SmartPlaySession(ResourceSession):

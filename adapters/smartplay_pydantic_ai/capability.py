@@ -59,18 +59,12 @@ from smartplay_tools import (
     ToolResult,
     ToolSpec,
 )
-from smartplay_tools.context.prompts import (
-    CacheMarks,
-    checked_marks,
-    last_markable,
-    received,
-    stable_end,
-    with_pictures_below,
-)
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import left_to_provider, reply_in
+from smartplay_tools.players.cache_marks import CacheMarks, checked_marks, last_markable, stable_end
+from smartplay_tools.players.conversion import received, with_pictures_below
 from smartplay_tools.providers.cache_fields import CacheFields, openai_cache_fields
 
 

@@ -14,8 +14,8 @@ from pydantic_ai.usage import RunUsage
 
 from smartplay_pydantic_ai.messages import PydanticAIChat, from_history, to_response
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
 @dataclass(eq=False)

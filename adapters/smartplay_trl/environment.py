@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, Message
-from smartplay_tools.episode import EpisodeFactory, RewardName
+from smartplay_tools.training import EpisodeFactory, RewardName
 from smartplay_tools.types.messages import text_of
 
 

@@ -16,8 +16,8 @@ from ag2.context import ConversationContext
 from ag2.stream import MemoryStream
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.messages import calls_of, text_of
 

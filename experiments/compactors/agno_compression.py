@@ -16,8 +16,8 @@ from agno.models.base import Model
 from agno.models.response import ModelResponse
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import reply_message
 from smartplay_tools.types.messages import calls_of, text_of
 

@@ -14,8 +14,8 @@ from autogen_core import FunctionCall, models
 from autogen_core.model_context import BufferedChatCompletionContext, TokenLimitedChatCompletionContext
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.messages import calls_of, text_of
 

@@ -16,8 +16,8 @@ from haystack.hooks.compaction.summarization import SummarizationCompactor
 from haystack.hooks.compaction.tool_result_pruning import ToolResultPruningCompactor
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call, reply_message
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import calls_of, text_of

@@ -10,8 +10,8 @@ from typing import Any
 
 from headroom.compress import compress
 
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
 class Compression(ImportedCompactor):

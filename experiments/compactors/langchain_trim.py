@@ -12,8 +12,8 @@ from langchain_core.messages import trim_messages
 from smartplay_langchain.messages import from_langchain, to_langchain
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 
 
 @dataclass(eq=False)

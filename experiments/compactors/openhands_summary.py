@@ -25,8 +25,8 @@ from openhands.sdk.llm.utils.metrics import MetricsSnapshot
 from openhands.sdk.tool import Observation
 
 from smartplay_tools import Message
+from smartplay_tools.compactors.imported import ImportedCompactor
 from smartplay_tools.context.compaction import GivenHistory
-from smartplay_tools.context.strategies.imported import ImportedCompactor
 from smartplay_tools.players.conversion import function_call
 from smartplay_tools.types.messages import calls_of, text_of
 

@@ -166,14 +166,6 @@ class _Commands(TyperGroup):
         """Return the names in their order."""
         return list(COMMANDS)
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command that is called; what is an option of others is named."""
-        if args[0] == "estimate":
-            raise InvalidArgumentError(
-                "eval and sweep say what a run would take, before it is paid for, with --dry-run."
-            )
-        return super().resolve_command(ctx, args)
-
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help from the summaries, which imports none of the commands."""
         listed = copy.copy(self)

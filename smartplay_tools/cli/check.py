@@ -25,8 +25,6 @@ def check(
     base_url: options.BaseUrls = None,
     player_option: options.PlayerOptions = None,
     price: runs.Prices = None,
-    parse_calls: options.ParseCalls = None,
-    tool_choice: options.ToolChoice = None,
     as_json: options.Json = False,
 ) -> None:
     """Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.
@@ -40,7 +38,6 @@ def check(
     if not names:
         raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
     configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
-    configs = runs.with_tool_options(configs, parse_calls, tool_choice)
     check_prices(runs.prices(price), names)
     prices = given_prices(configs) | runs.prices(price)
     answers = [(config, probe(config, prices)) for config in configs]

@@ -51,19 +51,6 @@ BaseUrls = Annotated[
         "--base-url", metavar="[NAME=]URL", help="Base URL of the models' server, or of the named player's; repeatable."
     ),
 ]
-ParseCalls = Annotated[
-    str | None,
-    typer.Option(
-        metavar="FORMAT",
-        help="Read calls that a model writes as text, for servers that do not: hermes, llama or mistral. On record.",
-    ),
-]
-ToolChoice = Annotated[
-    str | None,
-    typer.Option(
-        metavar="CHOICE", help="required has the server make every reply a call, auto leaves it to the model."
-    ),
-]
 BaseUrl = Annotated[str | None, typer.Option(help="Base URL of the server of openai:MODEL.")]
 Host = Annotated[str, typer.Option(help="The address to listen on; the default is this machine only.")]
 Port = Annotated[int, typer.Option(help="The port; 0 is a free one.", min=0, max=65535)]

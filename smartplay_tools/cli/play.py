@@ -50,8 +50,6 @@ def play(
     base_url: options.BaseUrl = None,
     player_option: options.PlayerOptions = None,
     price: runs.Prices = None,
-    parse_calls: options.ParseCalls = None,
-    tool_choice: options.ToolChoice = None,
     seed: options.Seed = 0,
     steps: Annotated[int | None, typer.Option(min=1, help="Stop after N steps.")] = None,
     transcript: options.TranscriptFile = None,
@@ -69,7 +67,7 @@ def play(
 
     Example: smartplay-tools play Hanoi3Disk-v0 --player rule --seed 7 --prompt-tokens 700
     """
-    given = _player_options(player, base_url, player_option, parse_calls, tool_choice)
+    given = _player_options(player, base_url, player_option)
     second = second_player(given, seed=seed)
     who = get_player(player, seed=seed, **without_second(given))
     known = runs.prices(price)
@@ -114,15 +112,11 @@ def play(
         raise typer.Exit(INTERRUPTED if interrupted else 1)
 
 
-def _player_options(
-    name: str, base_url: str | None, pairs: list[str] | None, parse_calls: str | None, tool_choice: str | None
-) -> dict[str, Any]:
-    """The options of the player; those that only models have are refused for others."""
-    for option, value in (("--base-url", base_url), ("--parse-calls", parse_calls), ("--tool-choice", tool_choice)):
-        if value is not None and not is_model(name):
-            raise InvalidArgumentError(f"{option} is only for models, such as openai:MODEL; {name} needs no server.")
+def _player_options(name: str, base_url: str | None, pairs: list[str] | None) -> dict[str, Any]:
+    """The options of the player; a server, which only models have, is refused for others."""
+    if base_url is not None and not is_model(name):
+        raise InvalidArgumentError(f"--base-url is only for models, such as openai:MODEL; {name} needs no server.")
     (config,) = runs.player_configs([name], None if base_url is None else [base_url], pairs)
-    (config,) = runs.with_tool_options([config], parse_calls, tool_choice)
     check_no_credentials("--player-option", config.options)
     return config.options
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -31,9 +30,6 @@ def report(
     ] = None,
     plugins: options.Plugins = False,
     game: options.GameFiles = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that read records, where there are many.")
-    ] = None,
     tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
@@ -46,7 +42,6 @@ def report(
     from smartplay_tools.evaluation.pages.report.page import write_report
 
     options.import_games(game)
-    processes = workers or os.cpu_count() or 1
-    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins, workers=processes)
+    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins)
     size = path.stat().st_size / 1e6
     say(f"{path} ({size:.1f} MB): open it in a browser.")

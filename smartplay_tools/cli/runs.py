@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from smartplay_tools.cli import INTERRUPTED, options
-from smartplay_tools.cli.estimate import print_estimate, print_pilot
+from smartplay_tools.cli.estimate import print_estimate
 from smartplay_tools.cli.progress import showing, spending_sentences
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
@@ -32,14 +32,6 @@ RunCost = Annotated[float | None, _option(min=0, help="Cap on the whole run, in 
 Prices = Annotated[
     list[str] | None,
     _option("--price", metavar="PLAYER=IN,OUT[,CACHED[,WRITTEN]]", help="USD per million tokens; repeatable."),
-]
-Pilot = Annotated[
-    int | None,
-    _option(
-        min=1,
-        metavar="N",
-        help="Play N episodes of each cell only, and estimate the whole run from them. Without it, the run continues.",
-    ),
 ]
 
 
@@ -75,20 +67,6 @@ def player_configs(
     ]
 
 
-def with_tool_options(
-    configs: Sequence[PlayerConfig], parse_calls: str | None, tool_choice: str | None
-) -> list[PlayerConfig]:
-    """Return the players, with these two options for every model."""
-    asked = {"parse_calls": parse_calls, "tool_choice": tool_choice}
-    given = {name: value for name, value in asked.items() if value is not None}
-    if given and not any(is_model(config.name) for config in configs):
-        raise InvalidArgumentError("--parse-calls and --tool-choice are for models, such as openai:MODEL.")
-    return [
-        config.model_copy(update={"options": {**given, **config.options}}) if is_model(config.name) else config
-        for config in configs
-    ]
-
-
 def _named(name: str, configs: Sequence[PlayerConfig]) -> list[PlayerConfig]:
     return [config for config in configs if config.name == name] or [player_named(name)]
 
@@ -104,8 +82,6 @@ class RunCommand:
     seed: options.Seed = 0
     base_url: options.BaseUrls = None
     player_option: options.PlayerOptions = None
-    parse_calls: options.ParseCalls = None
-    tool_choice: options.ToolChoice = None
     workers: Annotated[int | None, _option(min=1, help="Episodes at a time.")] = None
     executor: Annotated[
         str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
@@ -114,8 +90,7 @@ class RunCommand:
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
-    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens, cost and hours; play nothing.")] = False
-    pilot: Pilot = None
+    dry_run: Annotated[bool, _option("--dry-run", help="Estimate calls, tokens and cost; play nothing.")] = False
     assume_reply_tokens: Annotated[
         int | None, _option(min=1, help="For --dry-run: assumed tokens of a model's reply.")
     ] = None
@@ -126,8 +101,7 @@ class RunCommand:
         """Return the players of the run (`player_configs`), of which there has to be one."""
         if not names:
             raise InvalidArgumentError("Name at least one player.")
-        given = player_configs(names, self.base_url, self.player_option, configs)
-        return with_tool_options(given, self.parse_calls, self.tool_choice)
+        return player_configs(names, self.base_url, self.player_option, configs)
 
     def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
@@ -146,12 +120,7 @@ class RunCommand:
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
         display = not_shown if quiet else partial(showing, Console(stderr=True))
-        if self.pilot is None:
-            return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
-        run = run_plan(plan.first(self.pilot), self.out, players, how, run_file=run_file, display=display)
-        if not self.as_json:
-            print_pilot(Console(stderr=True), run, plan, players, how)
-        return run
+        return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
 
 
 def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

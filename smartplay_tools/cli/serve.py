@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -21,25 +21,24 @@ app.command("mcp")(serve_mcp.mcp)
 app.command("window")(serve_window.window)
 
 
-ApiKey = Annotated[str | None, typer.Option(help="A key that requests must have.", envvar="SMARTPLAY_ENDPOINT_KEY")]
-Name = Annotated[
-    str | None, typer.Option(help="The name under which one player is served, instead of its own.", show_default=False)
-]
-
-
 @app.command("openai")
 def openai(
     player: Annotated[
-        list[str] | None, typer.Option(help="The players that answer: rule, random, ...; repeatable.")
+        list[str] | None, typer.Option(help="The players that answer: rule, local, local:FILE.gguf, ...; repeatable.")
     ] = None,
     player_option: options.PlayerOptions = None,
-    name: Name = None,
+    name: Annotated[
+        str | None,
+        typer.Option(help="The name under which one player is served; its own if not given."),
+    ] = None,
     seed: options.Seed = 0,
     host: options.Host = "127.0.0.1",
     port: options.Port = 8000,
     allow_host: options.AllowHost = None,
     allow_origin: options.AllowOrigin = None,
-    api_key: ApiKey = None,
+    api_key: Annotated[
+        str | None, typer.Option(help="A key that requests must have.", envvar="SMARTPLAY_ENDPOINT_KEY")
+    ] = None,
     context_tokens: Annotated[
         int | None, typer.Option(help="Refuse longer prompts with context_length_exceeded.", min=1)
     ] = None,
@@ -47,54 +46,29 @@ def openai(
 ) -> None:
     """Serve players of this package as OpenAI's chat completions and Responses; a request's model is a player's name.
 
+    With `--player local`, a real model answers without a key, whose calls are well-formed by construction.
+
     Example: smartplay-tools serve openai --player rule --port 8000
     """
-    limits = {"context_tokens": context_tokens, "busy_every": busy_every}
-    where = {"host": host, "port": port, "api_key": api_key, "hosts": allow_host or (), "origins": allow_origin or ()}
-    _serve(player or ["rule"], player_option, name, seed, limits, where)
-
-
-@app.command("local")
-def local(
-    model: Annotated[str, typer.Argument(help="A model of `smartplay-tools model list`, or a GGUF file.")] = "",
-    player_option: options.PlayerOptions = None,
-    name: Name = "local",
-    seed: options.Seed = 0,
-    host: options.Host = "127.0.0.1",
-    port: options.Port = 8000,
-    allow_host: options.AllowHost = None,
-    allow_origin: options.AllowOrigin = None,
-    api_key: ApiKey = None,
-) -> None:
-    """Serve a model file on this machine as OpenAI's chat completions and Responses: a real model without a key.
-
-    Its calls are well-formed by construction. Any program that takes a base URL can use it, as the model `local`.
-
-    Example: smartplay-tools serve local --port 8000
-    """
-    where = {"host": host, "port": port, "api_key": api_key, "hosts": allow_host or (), "origins": allow_origin or ()}
-    _serve([f"local:{model}" if model else "local"], player_option, name, seed, {}, where)
-
-
-def _serve(
-    names: list[str],
-    player_option: list[str] | None,
-    name: str | None,
-    seed: int,
-    limits: dict[str, int | None],
-    where: dict[str, Any],
-) -> None:
     from smartplay_tools.cli.runs import player_configs
     from smartplay_tools.players import get_player
 
-    configs = player_configs(names, None, player_option, [])
+    configs = player_configs(player or ["rule"], None, player_option)
     players = [get_player(config.name, seed=seed, **config.options) for config in configs]
     if name is not None:
         if len(players) > 1:
             raise InvalidArgumentError(f"--name is for one player, and these are {len(players)}.")
         players[0].name = name
     adapter = importlib.import_module(ENDPOINT)
-    endpoint = adapter.LocalEndpoint(*players, limits=adapter.SimulatedLimits(**limits), **where)
+    endpoint = adapter.LocalEndpoint(
+        *players,
+        limits=adapter.SimulatedLimits(context_tokens=context_tokens, busy_every=busy_every),
+        host=host,
+        port=port,
+        api_key=api_key,
+        hosts=allow_host or (),
+        origins=allow_origin or (),
+    )
     models = ", ".join(player.name for player in players)
     say(f"{endpoint.base_url} answers as {models}; stop with Ctrl-C.")
     try:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from fractions import Fraction
 
 from smartplay_tools.context.newest import NewestTurns, Stretches, Tokens, Turns, longest_run, step_of
-from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.types import ResolvedBudget
 
 
@@ -29,14 +29,24 @@ def _kept(limit: int, slack: float) -> int:
 class FoldedTurns(NewestTurns):
     """Moves the first turn of the run on, turn by turn, where a budget has slack."""
 
-    def __init__(self, budget: ResolvedBudget, counter: TokenCounter, reserve: int, question: int) -> None:
+    def __init__(self, budget: ResolvedBudget, reserve: int, question: int) -> None:
         """`question` is the tokens of the question for a summary."""
-        super().__init__(budget, counter, reserve)
+        super().__init__(budget, reserve)
         self._question, follow = question, self._follow
         self._stretches = Stretches(follow)
         self._shorter = Stretches(None if follow is None else _kept(follow, budget.slack))
 
-    def append(self, turns: Turns, tokens: Tokens, *, oldest: int, pinned: int | None, head: int, summary: int) -> None:
+    def append(
+        self,
+        turns: Turns,
+        tokens: Tokens,
+        places: Sequence[int],
+        *,
+        oldest: int,
+        pinned: int | None,
+        head: int,
+        summary: int,
+    ) -> None:
         """Move on after the newest of the turns; the arguments are those of the grid."""
         self._stretches.append(turns)
         self._shorter.append(turns)

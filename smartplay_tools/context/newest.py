@@ -17,7 +17,6 @@ from operator import attrgetter
 from typing import TypeAlias
 
 from smartplay_tools.context.grid import begun_on_grid, block_of, moved_on_grid
-from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.types import ResolvedBudget
 
@@ -47,10 +46,9 @@ class Stretches:
 class NewestTurns:
     """Finds the first turn of the run that a prompt shows, turn by turn."""
 
-    def __init__(self, budget: ResolvedBudget, counter: TokenCounter, reserve: int) -> None:
+    def __init__(self, budget: ResolvedBudget, reserve: int) -> None:
         """`reserve` is R, the tokens that the run leaves free."""
-        self._budget, self._counter, self._reserve = budget, counter, reserve
-        self._drops, self._places = budget.beyond_history == "drop", [0]
+        self._budget, self._reserve, self._drops = budget, reserve, budget.beyond_history == "drop"
         self._stretches = Stretches(self._follow, budget.slack)
         self.first = 0
         """The first turn of the run; all turns from there on are shown."""
@@ -62,29 +60,43 @@ class NewestTurns:
         """How many turns without a step may follow one; None for any number."""
         return self._budget.history if self._drops and self._budget.stalled_turns is not None else None
 
-    def append(self, turns: Turns, tokens: Tokens, *, oldest: int, pinned: int | None, head: int, summary: int) -> None:
+    def append(
+        self,
+        turns: Turns,
+        tokens: Tokens,
+        places: Sequence[int],
+        *,
+        oldest: int,
+        pinned: int | None,
+        head: int,
+        summary: int,
+    ) -> None:
         """Find the first turn after the newest of the turns.
 
         Arguments:
             turns: all turns.
             tokens: returns V, the tokens of a prompt whose run begins at a turn, without the summary.
+            places: those of the turns on the grid, and that of the next.
             oldest: b, before which observations are masked.
             pinned: the turn that a strategy has pinned.
             head: the tokens of the head.
             summary: the tokens of the summary.
         """
         last, cap, slack = len(turns) - 1, self._budget.prompt_tokens, self._budget.slack
-        if cap is not None:
-            self._places.append(self._places[-1] + sum(form.tokens(self._counter) for form in turns[-1].whole))
         self._stretches.append(turns)
-        low = max(bisect_left(turns, oldest, hi=last, key=step_of), self._stretches.first) if self._drops else 0
+        low = max(first_young(turns, oldest), self._stretches.first) if self._drops else 0
         self.first, self.overflows = low, False
         if cap is None:
             return
         most = cap - self._reserve
         self.overflows = tokens(last) > most
         low = last if self.overflows else low
-        self.first = newest_run(tokens, most, self._places, block_of(slack, most - head), low, pinned)
+        self.first = newest_run(tokens, most, places, block_of(slack, most - head), low, pinned)
+
+
+def first_young(turns: Turns, oldest: int) -> int:
+    """Return the first turn that is not too old, at most the newest."""
+    return bisect_left(turns, oldest, hi=len(turns) - 1, key=step_of)
 
 
 def newest_run(

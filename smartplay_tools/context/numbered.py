@@ -31,6 +31,8 @@ class NumberedMessages:
         """Every message by its number, as a prompt shows it now."""
         self.starts = [len(lead)]
         """The number of the first message of each turn, and the number that comes next."""
+        self.places = [0]
+        """The tokens of all turns before each, whole (`context.grid`), and those of all."""
         self.oldest = self.trimmed_before = self.elided = 0
         """What decides the levels of all messages, as in a `Selection`."""
         self._sums, self._aged = [0], 0
@@ -40,12 +42,20 @@ class NumberedMessages:
         """The numbers of results by the ids of their calls, and how many messages were looked at for them."""
 
     def add(self, turn: Turn) -> None:
-        """Add a complete turn; nothing of it has aged, unless the words of no reply are shown."""
+        """Add a complete turn."""
         if turn.reply_tokens is not None:
             turn.whole[0].is_counted(self.counter, turn.reply_tokens)
         self.turns.append(turn)
-        self.now += turn.seen(0, trimmed_before=self.trimmed_before)
+        self.now += turn.seen(self.oldest, trimmed_before=self.trimmed_before, elided=self.elided)
         self.starts.append(len(self.now))
+        self.places.append(self.places[-1] + self._sum(turn.whole))
+
+    def back_to(self, turn: int) -> None:
+        """Forget the turns from one on."""
+        start = self.starts[turn]
+        del self.turns[turn:], self.now[start:], self._sums[start + 1 :]
+        del self.starts[turn + 1 :], self.places[turn + 1 :]
+        self._aged, self._read = min(self._aged, turn), min(self._read, start)
 
     def age(self, oldest: int, trimmed_before: int = 0, elided: int = 0) -> None:
         """Give every message the level that these ages mean."""
@@ -62,7 +72,7 @@ class NumberedMessages:
             if seen != self.now[start:stop]:
                 self.now[start:stop] = seen
                 del self._sums[start + 1 :]
-            pictures = turn.first_picture + len(turn.pictured)
+            pictures = turn.pictures_so_far
             if index == self._aged and self._is_settled(turn, pictures):
                 self._aged += 1
             if turn.step >= latest and pictures >= most:
@@ -83,6 +93,10 @@ class NumberedMessages:
             sizes = [form.tokens(self.counter) for form in self.now[len(sums) - 1 : stop]]
             sums[-1:] = accumulate(sizes, initial=sums[-1])
         return sums[stop] - sums[row.start]
+
+    def turn_tokens(self, turn: int) -> int:
+        """Return the tokens of a turn as a prompt shows it now."""
+        return self.tokens(self.row(turn, turn + 1))
 
     def row(self, first: int, stop: int) -> range:
         """Return the numbers of the messages of the turns from one to before another."""

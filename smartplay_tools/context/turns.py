@@ -157,7 +157,7 @@ class Turn:
     """The step at which the message was made, for a turn without items."""
     manual: str | None = None
     """What is part of the head from then on: the manual, if it has been read; with a compactor the newest notes."""
-    calls: tuple[Call, ...] = ()
+    calls: tuple[Call, ...] = field(default_factory=tuple)
     """The parsed calls of the message; by default they are parsed from it."""
     notes: int | None = None
     """The newest turn with notes, this one included; None while there are no notes."""
@@ -204,6 +204,11 @@ class Turn:
     def pictured(self) -> tuple[int, ...]:
         """The indices of the items with a picture."""
         return tuple([at for at, item in enumerate(self.items) if pictures_of(item.message)])
+
+    @property
+    def pictures_so_far(self) -> int:
+        """How many pictures there are up to its end."""
+        return self.first_picture + len(self.pictured)
 
     @property
     def tools(self) -> tuple[str, ...]:

@@ -18,10 +18,11 @@ moves leaves room for both.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import takewhile
+from itertools import accumulate, takewhile
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from smartplay_tools.context.fold import FoldedTurns
@@ -68,8 +69,10 @@ class ContextWindow(NumberedMessages):
         """The latest turn that shows the newest observation."""
         self.pinned: int | None = None
         """The turn that a strategy has pinned, of which every observation is masked before the run."""
-        self._pinned_tokens = self._first_turns = 0
-        """The tokens of that turn, and how many of the first turns stay."""
+        self._first_turns = 0
+        """How many of the first turns stay."""
+        self._pins, self._pins_before = list[int](), [0]
+        """The turns that stay when they have left the run, and the tokens of those before each, and of all."""
         self._run = self._new_run()
         self._left = 0
         """The latest turn that a run has begun with: a summary has been asked for of the turns before it."""
@@ -94,8 +97,8 @@ class ContextWindow(NumberedMessages):
     def _new_run(self) -> NewestTurns:
         asking, reserve = self.strategies.summaries, self.strategies.reserve
         if self.strategies.words.has_grid or not self.budget.slack:
-            return NewestTurns(self.budget, self.counter, reserve)
-        return FoldedTurns(self.budget, self.counter, reserve, 0 if asking is None else asking.question_tokens)
+            return NewestTurns(self.budget, reserve)
+        return FoldedTurns(self.budget, reserve, 0 if asking is None else asking.question_tokens)
 
     @classmethod
     def of(
@@ -159,17 +162,21 @@ class ContextWindow(NumberedMessages):
         self.add(turn)
         if turn.shows and turn.shows[-1] == turn.step:
             self.newest = len(self.turns) - 1
-        strategies, trimmed, elided = self.strategies, 0, 0
+        self.grow_old()
+        self.use_head(turn.manual, self.oldest)
+        self._pin_turns(turn)
+        if self._rule is None:
+            self._move(before)
+
+    def grow_old(self) -> None:
+        """Give every message the level that it has at the newest turn."""
+        turn, strategies, trimmed, elided = self.turns[-1], self.strategies, 0, 0
         oldest = strategies.ageing.oldest(turn.step, self.budget.history, self.oldest)
         if strategies.trimming is not None:
             trimmed = strategies.trimming.trimmed_before(turn.step, self.trimmed_before)
         if strategies.eliding is not None:
-            elided = strategies.eliding.elided(turn.first_picture + len(turn.pictured), self.elided)
+            elided = strategies.eliding.elided(turn.pictures_so_far, self.elided)
         self.age(oldest, trimmed, elided)
-        self.use_head(turn.manual, oldest)
-        self._pin(turn)
-        if self._rule is None:
-            self._move(before)
 
     def view(self) -> View:
         """Return the next prompt: to play, or for words that are needed first, as its purpose says.
@@ -228,35 +235,39 @@ class ContextWindow(NumberedMessages):
 
     # What is pinned.
 
-    def _pin(self, turn: Turn) -> None:
-        """Pin a strategy's turn, and then first turns, as far as they fit beside what every prompt shows."""
+    def _pin_turns(self, turn: Turn) -> None:
+        """Pin the turn that shows the newest observation, and that of a strategy, where it fits beside the first."""
         strategies, last, cap = self.strategies, len(self.turns) - 1, self.budget.prompt_tokens
-        self.pinned, self._pinned_tokens, self._first_turns = None, 0, 0
-        room = math.inf if cap is None else cap - strategies.reserve
+        most = math.inf if cap is None else cap - strategies.reserve
+        shown = {last, last if self.newest is None else self.newest}
+        pins = {number: self.turn_tokens(number) for number in shown}
+        self.pinned = None
         if strategies.pinning is not None:
             pinned = strategies.pinning.pinned(turn)
-            if pinned is not None and pinned not in (last, self.newest):
+            if pinned is not None and pinned not in shown:
                 tokens = self.masked_tokens(pinned)
-                if self._prompt_tokens(last) + tokens <= room:
-                    self.pinned, self._pinned_tokens = pinned, tokens
-        if strategies.first_turns:
-            numbers = range(1, min(strategies.first_turns, last) + 1)
-            room -= self._prompt_tokens(last)
-            self._first_turns = bisect_right(numbers, room, key=self._first_tokens)
+                if self.head_tokens + sum(pins.values()) + tokens <= most:
+                    self.pinned, pins[pinned] = pinned, tokens
+        self.pin(pins, most)
 
-    def _prompt_tokens(self, first: int) -> int:
+    def pin(self, pins: dict[int, int], most: float) -> None:
+        """Pin turns, of which the newest is one, and then as many of the first turns as fit beside what they take."""
+        last, left = len(self.turns) - 1, most - self.head_tokens - sum(pins.values())
+        del pins[last]
+        self._first_turns = 0
+        for turn in range(min(self.strategies.first_turns, last)):
+            tokens = 0 if turn in pins else self.turn_tokens(turn)
+            if (left := left - tokens) < 0:
+                break
+            pins.setdefault(turn, tokens)
+            self._first_turns += 1
+        self._pins = sorted(pins)
+        self._pins_before = [0, *accumulate(pins[turn] for turn in self._pins)]
+
+    def prompt_tokens(self, first: int) -> int:
         """V: tokens of head, the run from `first` to the newest turn, and the pinned turns before it."""
-        total = self.head_tokens + self.tokens(self.row(first, len(self.turns)))
-        if self.newest is not None and self.newest < first:
-            total += self.tokens(self.row(self.newest, self.newest + 1))
-        if self.pinned is not None and self.pinned < first:
-            total += self._pinned_tokens
-        return total + self._first_tokens(min(self._first_turns, first)) if self._first_turns else total
-
-    def _first_tokens(self, stop: int) -> int:
-        """Tokens of the first turns to before `stop`, without those that are pinned for another reason."""
-        others = [turn for turn in {self.newest, self.pinned} if turn is not None and turn < stop]
-        return self.tokens(self.row(0, stop)) - sum(self.tokens(self.row(turn, turn + 1)) for turn in others)
+        run = self.tokens(self.row(first, len(self.turns)))
+        return self.head_tokens + run + self._pins_before[bisect_left(self._pins, first)]
 
     @property
     def always(self) -> set[int]:
@@ -267,7 +278,7 @@ class ContextWindow(NumberedMessages):
     @property
     def always_tokens(self) -> int:
         """The tokens of the head and the turns that every prompt shows."""
-        return self._prompt_tokens(len(self.turns) - 1) if self.turns else self.head_tokens
+        return self.prompt_tokens(len(self.turns) - 1) if self.turns else self.head_tokens
 
     # The built-in rule.
 
@@ -275,27 +286,32 @@ class ContextWindow(NumberedMessages):
         """Move the run on; where that makes turns leave, a summary may be asked for first."""
         run, summary = self._run, self._summary
         sizes = {"head": self.head_tokens, "summary": 0 if summary is None else summary.tokens}
-        run.append(self.turns, self._prompt_tokens, oldest=self.oldest, pinned=self.pinned, **sizes)
+        run.append(self.turns, self.prompt_tokens, self.places, oldest=self.oldest, pinned=self.pinned, **sizes)
         left, self._left = self._left, max(self._left, run.first)
         before = self._before = self._playing
         self._asking = self._overflow = None
         self._playing = self._played(self._newest_turns())
         if run.overflows:
-            self._overflow = self._prompt_tokens(len(self.turns) - 1) + self.strategies.reserve
+            self._overflow = self.always_tokens + self.strategies.reserve
         elif self.strategies.summaries is not None and run.first > max(left, self._first_turns):
             self._asking = self._request(before, newest_before)
 
     def _newest_turns(self) -> Selection:
-        first, count, firsts = self._run.first, len(self.turns), self._first_turns
-        pinned = {turn for turn in (self.newest, self.pinned) if turn is not None and turn < first}
-        masked = self.pinned if self.pinned in pinned else None
-        pinned.update(range(min(firsts, first)))
-        rows = [range(turn, turn + 1) for turn in sorted(pinned)] + [range(first, count)]
+        first, firsts = self._run.first, self._first_turns
         texts = {}
         if self._summary is not None:  # it stands after the first turns
-            texts[next(row.start for row in rows if row.start >= firsts or row.start == first)] = self._summary.form
+            before = (turn for turn in self._pins if firsts <= turn < first)
+            texts[next(before, first)] = self._summary.form
+        return self.run_from(first, texts)
+
+    def run_from(self, first: int, texts: Mapping[int, Form] = MappingProxyType({})) -> Selection:
+        """Return what shows the run from a turn on, the pinned turns before it, and texts before some turns."""
+        pinned = self._pins[: bisect_left(self._pins, first)]
+        masked = self.pinned if self.pinned in pinned else None
+        rows = [range(turn, turn + 1) for turn in pinned] + [range(first, len(self.turns))]
         ages = self.oldest, self.trimmed_before, self.elided
-        return Selection(rows, self.pieces(rows, texts), *ages, pinned=masked, facts={"anchors": firsts})
+        facts = {"anchors": self._first_turns}
+        return Selection(rows, self.pieces(rows, texts), *ages, pinned=masked, facts=facts)
 
     def _request(self, before: View, newest: int | None) -> View:
         """Return the prompt for a summary: the one before without the turns that stay, and a question.

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
         play as play,
     )
     from smartplay_tools.conversation.paper import PaperConversation as PaperConversation
-    from smartplay_tools.conversation.text_env import TextEnv as TextEnv
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

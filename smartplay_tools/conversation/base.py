@@ -262,7 +262,9 @@ class BaseConversation(ABC):
     def spend(self, usage: Usage) -> None:
         """Count what the provider charged for attempts at a reply that never came."""
         provider = checked_usage(usage, {"role": "assistant", "content": ""})
-        self._ledger.record({"event": "usage", "turn": self.episode.stats.turns, "provider": provider})
+        is_question = self._pending is not None and self._pending.view.purpose == "compaction"
+        asked = {"purpose": "compaction"} if is_question else {}  # another player may answer, at another price
+        self._ledger.record({"event": "usage", "turn": self.episode.stats.turns, **asked, "provider": provider})
 
     def _record_reply(self, reply: CheckedReply, pending: Pending | None) -> tuple[Call, ...]:
         """Record and charge the reply to a prompt, and return its calls; nothing is played."""
@@ -400,7 +402,7 @@ class BaseConversation(ABC):
         """
         if self._is_warm and not (self.episode.game.is_slow or self._ledger.strategies.compacts):
             return function()
-        result = await self._ledger.queue.run_to_end(function)
+        result = await self._ledger.queue.run(function, to_end=True)
         self._is_warm = True
         return result
 

@@ -14,11 +14,6 @@ if TYPE_CHECKING:
         NewListener as NewListener,
         add_listener as add_listener,
     )
-    from smartplay_tools.episode.factory import (
-        EpisodeFactory as EpisodeFactory,
-        RewardName as RewardName,
-        reward_of as reward_of,
-    )
     from smartplay_tools.episode.ledger import Listener as Listener
     from smartplay_tools.episode.stats import EpisodeStats as EpisodeStats
     from smartplay_tools.episode.tools import (

@@ -280,10 +280,6 @@ class Episode:
         """Seconds spent so far in the game's reset and steps in this process; not part of the record."""
         return self.ledger.session.game_seconds
 
-    def on_step(self, function: Callable[[TextGame], None] | None) -> None:
-        """Set a function that is called with the game after every recorded step; it may draw it, but must not play."""
-        self.ledger.on_step = function
-
     def privileged_game(self) -> TextGame:
         """Return the game itself, for a player that needs more than its messages; record and result note the access."""
         with self.lock:

@@ -26,7 +26,7 @@ from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
 from smartplay_tools.types.arguments import Arguments, meaning
 
 if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+    pass
 
 Listener = Callable[[Event], None]
 """Called with each event of one episode, in the thread that records it; it can change nothing."""
@@ -52,7 +52,6 @@ class Ledger:
         self.lock = threading.RLock()
         self.queue = SerialQueue()
         """Runs the calls of asynchronous callers one after the other."""
-        self.on_step: Callable[[TextGame], None] | None = None
         self.at_end: Callable[[], None] | None = None
         """Called once the episode has its result."""
         self.on_view: Callable[[int, int], None] | None = None
@@ -140,8 +139,6 @@ class Ledger:
             self._step_is_unrecorded = False
             if key and not was_over:  # afterwards every call has the same answer, and hosts may go on calling
                 self.remember(key, name, arguments, result)
-            if self.on_step is not None and "reward" in answer.data:
-                self.on_step(self.game)
             return result
 
     def recall(self, key: str, name: str, arguments: Arguments) -> ToolResult | None:

@@ -259,15 +259,13 @@ def _work_on(work: Callable[[Sequence[T]], R], job: tuple[int, Sequence[T]]) -> 
     return work(job[1])
 
 
-def worth(processes: int, records: Iterable[Path], size: int, *, plugins: bool = True) -> int:
+def worth(processes: int, records: Iterable[Path], size: int) -> int:
     """Return how many processes these records are worth: one for every `size` bytes, and at most `processes`.
 
-    Only this process is used if it has games that others would not have; `plugins`: these import games of packages. A
-    record that its run has moved meanwhile, or that cannot be read, counts as empty; reading it will say so.
+    Only this process is used if it has games that others would not have. A record that its run has moved meanwhile, or
+    that cannot be read, counts as empty; reading it will say so.
     """
-    added = GAMES.added()
-    others_know_them = not added or (plugins and all(map(GAMES.is_declared, added)))
-    if processes == 1 or is_daemonic() or not others_know_them:
+    if processes == 1 or is_daemonic() or not all(map(GAMES.is_declared, GAMES.added())):
         return 1
     total = 0
     for record in records:

@@ -14,11 +14,8 @@ from types import MappingProxyType
 from typing import Any
 
 from smartplay_tools.context.prompts.wording import VERSION
-from smartplay_tools.episode.cells import cell_config
-from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.paper_tables import PAPER_SETTINGS
-from smartplay_tools.games.specs import get_spec
 from smartplay_tools.types import Budget
 
 PROMPT_CAPS: tuple[int | None, ...] = (2_000, 8_000, None)
@@ -51,19 +48,6 @@ class Suite:
     def is_fixed(self) -> bool:
         """Whether the suite leaves no choice but the player and the seed."""
         return bool(self.budgets)
-
-    def cells(self, player: str | None, player_options: Mapping[str, Any] | None = None) -> list[CellConfig]:
-        """Return the cells of a fixed suite for a player: every game under every budget, the rest by default."""
-        how: dict[str, Any] = {"player": player, "player_options": player_options}
-        cells = [
-            cell_config(game, budget=budget, **how, **self._options_of(game))
-            for game in self.games
-            for budget in self.budgets
-        ]
-        return [cell.model_copy(update={"prompts": self.prompts}) for cell in cells]
-
-    def _options_of(self, game: str) -> dict[str, Any]:
-        return {name: value for name, value in self.options.items() if name in get_spec(game).load().options}
 
 
 def _tools_v1() -> Suite:

@@ -8,7 +8,6 @@ streams of `random` and `numpy.random`: each game keeps two streams, which are i
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import itertools
 import math
@@ -292,27 +291,14 @@ _IN_USE = threading.RLock()
 """Held while the global streams are those of a game."""
 
 _NUMPY: Any = np.random  # its stubs lack two of its functions
-_PYTHON: Any = random.random.__self__  # type: ignore[attr-defined]
-_PYTHON_STATE = (ctypes.c_void_p.from_buffer(ctypes.py_object(_PYTHON)).value or 0) + object.__basicsize__
-"""Where the state of Python's stream is in memory: after the head of its object."""
-
-_TWISTER_BYTES = 625 * 4
-"""The size of the state of a Mersenne Twister in memory, Python's and NumPy's alike: 624 words and a position."""
-
-_Seen = tuple[bytes, float | None, Any, bytes]
 
 
 class _GlobalStreams:
     """The streams of `random` and `numpy.random` as one environment sees them; `with` puts them in place.
 
-    Asking Python and NumPy for a state takes longer than most steps, so they are asked only where their memory is not
-    as it was put in place last. NumPy's legacy functions keep the second of two normal numbers outside of the bit
-    generator, and lose it when the bit generator is replaced: while the program has one, its state is always asked for.
+    NumPy's legacy functions keep the second of two normal numbers outside of the bit generator, and lose it when the
+    bit generator is replaced, so the program's is put back.
     """
-
-    put_back: ClassVar[tuple[_Seen, tuple[Any, Any, dict[str, Any]]] | None] = None
-    """How the streams of the program looked when they were put back last, and their states; None where that is no
-    sign that they have not been used."""
 
     def __init__(self, seed: int) -> None:
         self._python = random.Random(seed).getstate()
@@ -320,35 +306,15 @@ class _GlobalStreams:
 
     def __enter__(self) -> None:
         _IN_USE.acquire()
-        if (put_back := _GlobalStreams.put_back) is not None and put_back[0] == _seen():
-            self._outside = put_back[1]
-        else:
-            bits = _NUMPY.get_bit_generator()
-            self._outside = random.getstate(), bits, np.random.get_state(legacy=False)
+        self._outside = random.getstate(), _NUMPY.get_bit_generator(), np.random.get_state(legacy=False)
         random.setstate(self._python)
         _NUMPY.set_bit_generator(self._numpy)
-        self._inside = _python_memory()
 
     def __exit__(self, *_: object) -> None:
-        if _python_memory() != self._inside:
-            self._python = random.getstate()
+        self._python = random.getstate()
         python, bits, state = self._outside
         random.setstate(python)
         _NUMPY.set_bit_generator(bits)
         if state["has_gauss"]:
             np.random.set_state(state)
-        can_be_seen = isinstance(bits, np.random.MT19937) and not state["has_gauss"]
-        _GlobalStreams.put_back = (_seen(), self._outside) if can_be_seen else None
         _IN_USE.release()
-
-
-def _seen() -> _Seen:
-    """Return the program's streams as they are in memory; of another bit generator than NumPy's usual one, nothing."""
-    bits = _NUMPY.get_bit_generator()
-    is_twister = isinstance(bits, np.random.MT19937)
-    return (*_python_memory(), bits, ctypes.string_at(bits.ctypes.state_address, _TWISTER_BYTES) if is_twister else b"")
-
-
-def _python_memory() -> tuple[bytes, float | None]:
-    """Return the stream of `random` as it is in memory, and its second normal number."""
-    return ctypes.string_at(_PYTHON_STATE, _TWISTER_BYTES), _PYTHON.gauss_next

@@ -3,6 +3,8 @@
 player_registry  names of players, and players in a file: `FILE.py:CLASS`; `get_player`
 prompt_reading   parses the messages of a prompt, for rule players
 model            `ModelPlayer`, the base class of players that call a model: attempts, pauses, limits, clients
+conversion       the steps that adapters share between the canonical form of messages and that of their framework
+cache_marks      up to which messages a provider's cache is asked to store a prompt
 environment      keys and proxies, checked before anything is asked
 cut_prompts      servers that cut prompts without a word, noticed by their count
 optional_fields  what a server that refuses a part of a request is asked without

@@ -2,21 +2,27 @@
 
 Replies are converted to the canonical form of `types.messages`. Messages of a prompt are converted after they have been
 counted and recorded: a request cannot hold half a character or a tool by an impossible name, both of which a record
-keeps as the model said them.
+keeps as the model said them. Some interfaces refuse pictures in the results of tools: the lines that
+`with_pictures_below` adds around them belong to the interface, like those of a chat template, and are neither recorded
+nor counted.
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeVar, cast
 
+from smartplay_tools.context.prompts.wording import VERSION, Wording, in_any_version
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.request_limits import most, shortened
+from smartplay_tools.types import Prompt, ToolSpec
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, pictures_of, text_of
 from smartplay_tools.types.pictures import Picture, is_picture
@@ -30,11 +36,13 @@ __all__ = [
     "function_call",
     "halves",
     "kept_item",
+    "received",
     "reply_message",
     "sendable",
     "shown",
     "system_text",
     "taken_back",
+    "with_pictures_below",
 ]
 
 SYSTEM = ("system", "developer")
@@ -93,6 +101,46 @@ def shown(
         return text_of(message)
     parts = cast(list[dict[str, Any]], message["content"])  # only a list has pictures
     return [picture(pictures[part["sha256"]]) if is_picture(part) else text(part["text"]) for part in parts]
+
+
+def with_pictures_below(prompt: Prompt) -> Prompt:
+    """Return a prompt whose pictures are in a user message after the results of each turn, and not in the results."""
+    if not prompt.pictures:
+        return prompt
+    words = Wording.of(prompt.version or VERSION)
+    shown, below, stable = list[Message](), list[dict[str, Any]](), 0
+    for at, message in enumerate([*prompt.messages, _END]):
+        if below and message["role"] != "tool":
+            shown.append({"role": "user", "content": below})
+            below = []
+        if at == prompt.prefix_messages:
+            stable = len(shown)
+        if named := pictures_of(message):
+            for part in named:
+                below += [{"type": "text", "text": words("picture_of", id=message["tool_call_id"])}, dict(part)]
+            message = message.copy()
+            message["content"] = f"{text_of(message)}\n{words('picture_below')}"
+        shown.append(message)
+    return replace(prompt, shared=shown[:-1], prefix_messages=stable)
+
+
+_END: Message = {"role": "user", "content": None}
+"""Stands after the last message, so that the pictures of the last results have a place before it."""
+
+
+def received(messages: list[Message], tools: tuple[ToolSpec, ...] = (), max_tokens: int | None = None) -> Prompt:
+    """Return a prompt that came through a provider's interface; its last message tells if it asks for a summary."""
+    last = messages[-1] if messages and messages[-1]["role"] == "user" else None
+    is_request = (
+        last is not None and _summary_request(in_any_version("summary_request")).fullmatch(text_of(last)) is not None
+    )
+    return Prompt(messages, tools, max_tokens, purpose="summary" if is_request else "play")
+
+
+@functools.cache
+def _summary_request(sentences: Sequence[str]) -> re.Pattern[str]:
+    requests = (map(re.escape, text.split("{tokens}")) for text in sentences)
+    return re.compile("|".join(r"\d+".join(parts) for parts in requests))
 
 
 def encodable(value: Any) -> Any:

@@ -1,5 +1,7 @@
 """Servers that cut prompts without a word, noticed by their own count: it stays the same while ours is far above it.
 
+Ours has to differ between the two prompts: in a game whose results are of one size, two prompts may have equal counts.
+
 Ollama cuts every prompt at its `num_ctx`, 4,096 tokens by default, and answers as if nothing were missing
 (docs.ollama.com/context-length, and TauricResearch/TradingAgents#168; read on 29 November 2026).
 """
@@ -20,8 +22,8 @@ class CutPrompts:
 
     def __init__(self, player: str) -> None:
         self._player = player
-        self._count: int | None = None
-        """What the server has counted of the last prompt, if that is far below our count."""
+        self._before: tuple[int, int] | None = None
+        """Our count and the server's of the last prompt, if the latter is far below."""
         self._said = False
 
     def note(self, tokens: int, usage: Usage | None) -> None:
@@ -29,9 +31,8 @@ class CutPrompts:
         count = 0 if usage is None else usage.prompt
         if self._said or not count or not tokens:
             return
-        is_cut, is_again = count < FAR_BELOW * tokens, count == self._count
-        self._count = count if is_cut else None
-        if is_cut and is_again:
+        before, self._before = self._before, (tokens, count) if count < FAR_BELOW * tokens else None
+        if self._before and before and before[0] != tokens and before[1] == count:
             self._said = True
             log.warning(
                 "The server of %s has counted %s tokens in each of two prompts, one of which has about %s: it seems to "

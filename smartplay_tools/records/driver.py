@@ -32,7 +32,7 @@ from smartplay_tools.types.messages import Message
 from smartplay_tools.types.pictures import Picture
 
 if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+    pass
 
 Driven: TypeAlias = Conversation | AgentSession | PaperConversation
 
@@ -54,7 +54,8 @@ UNCOMPARED = frozenset(
 compared), and the text of an exception. The chain includes them, so it is not compared either."""
 
 LATER = frozenset(
-    {("start", "scoring"), ("usage", "texts"), ("end", "result", "tokens", "texts"), ("call", "data", "contents")}
+    {("start", "scoring"), ("end", "result", "tokens", "texts"), ("call", "data", "contents")}
+    | {("usage", "texts"), ("usage", "purpose")}
 )
 """What records of older versions do not have."""
 
@@ -77,7 +78,6 @@ class Driver:
         *,
         kind: type[Conversation] | type[AgentSession] = Conversation,
         tokenizer: str | Tokenizer | None = None,
-        on_step: Callable[[TextGame], None] | None = None,
         on_picture: Callable[[Picture], object] | None = None,
         config: EpisodeConfig | None = None,
         compactor: Literal["recorded", "called", "both"] = "recorded",
@@ -103,7 +103,6 @@ class Driver:
         self._rewritings = self.episode.ledger.strategies.recorded_rewritings
         if compactor != "called":
             self._rewritings.extend(_rewritings(self.recorded))
-        self.episode.on_step(on_step)
         names: Iterator[str] = iter(())
         if not compares_pictures(recorded[0]):
             self.episode.ledger.names_pictures_by_pixels, names = False, picture_names(self.recorded)

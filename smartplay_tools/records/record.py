@@ -575,8 +575,10 @@ class Record:
     @cached_property
     def seconds(self) -> dict[int, float]:
         """How long the player took for each turn, from the prompt to the reply; empty if times were not kept."""
+        if self.path is None:
+            return {}
         try:
-            times = read_times(self.path or "", len(self.events))
+            times = read_times(self.path, len(self.events))
         except TranscriptError:
             return {}
         seconds: dict[int, float] = {}

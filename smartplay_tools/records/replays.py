@@ -148,20 +148,17 @@ def _tampered(recorded: Sequence[Event]) -> Iterator[str]:
         yield f"The prompts of the record cannot be rebuilt: {type(error).__name__}: {in_one_line(error)}."
 
 
-def recorded_pictures(
-    source: str | Path | Sequence[Event], *, tokenizer: str | Tokenizer | None = None
-) -> Mapping[str, Picture]:
+def recorded_pictures(source: str | Path | Sequence[Event]) -> Mapping[str, Picture]:
     """Return every picture that the model of a record was shown, by its sha256.
 
     The record is played again. A picture that the record names and the replay does not make is a `TranscriptError`,
     except where pictures are not compared (`Replay.not_compared`).
-    `tokenizer` is required as for `replay`.
     """
     events = read_events(source)
     if not events or EpisodeConfig.from_event(events[0]).observation == "text":
         return NO_PICTURES
     made: list[Picture] = []
-    driver = Driver(events, tokenizer=tokenizer, on_picture=made.append)
+    driver = Driver(events, on_picture=made.append)
     try:
         driver.run()
     finally:

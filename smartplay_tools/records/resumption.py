@@ -10,7 +10,7 @@ next one has begun with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ from smartplay_tools.transcript.file import TranscriptWriter, broken_links
 from smartplay_tools.types import EpisodeResult
 
 if TYPE_CHECKING:
-    from smartplay_tools.games.base import TextGame
+    pass
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,6 @@ def resume(
     transcript: str | Path | list[Event] | None = None,
     session: bool = False,
     tokenizer: str | Tokenizer | None = None,
-    on_step: Callable[[TextGame], None] | None = None,
 ) -> Resumed:
     """Continue an episode from its record, a file or its events.
 
@@ -67,7 +66,6 @@ def resume(
         session: the conversation is an `AgentSession`, for a host that runs calls one by one.
         tokenizer: required if the record was counted with one that does not ship with this package: a name in a record
             opens nothing, unless the program has named the same tokenizer before.
-        on_step: called with the game after every step, the recorded ones included.
 
     An episode that the game or its budgets have ended is returned in its final state. A record that was changed, or
     that plays differently here, raises a `TranscriptError`.
@@ -78,7 +76,7 @@ def resume(
     end = recorded[-1]["result"] if recorded[-1]["event"] == "end" else None
     goes_on = end is None or (transcript is not None and end["end_reason"] in EXTERNAL_ENDS)
     kind: type[Conversation] | type[AgentSession] = AgentSession if session else Conversation
-    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, on_step=on_step, compactor="both")
+    driver = Driver(recorded, kind=kind, tokenizer=tokenizer, compactor="both")
     try:
         driver.run(with_end=not goes_on)
         kept = [event for event in driver.recorded if not (goes_on and event["event"] == "end")]

@@ -228,11 +228,12 @@ def without_calls(text: str) -> str:
         if pattern.search(text):
             return (
                 "writes its calls as text, which its server does not read: start vLLM with --enable-auto-tool-choice "
-                f"and --tool-call-parser {name}, or play with --parse-calls {name}"
+                f"and --tool-call-parser {name}, or play with --player-option "
+                f"parse_calls={name}"
             )
     return (
         "has called no tool: start a vLLM server with --enable-auto-tool-choice and --tool-call-parser, or ask for "
-        "calls with --tool-choice required; a model without tools can play with --protocol paper"
+        "calls with --player-option tool_choice=required; a model without tools can play with --protocol paper"
     )
 
 

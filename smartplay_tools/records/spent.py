@@ -9,7 +9,7 @@ from operator import add
 from typing import Any, TypeAlias
 
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.transcript.events import Event
+from smartplay_tools.transcript.events import Event, purpose_of
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import Usage
 from smartplay_tools.types.sums import added
@@ -81,7 +81,7 @@ class _Sum:
         # Of attempts at a reply that never came there is no other count than the provider's.
         counted = ours if "reply" in usage or reported is None else reported
         self.prompt_tokens += counted.prompt
-        if usage.get("purpose", "play") == "play":
+        if purpose_of(usage) == "play":
             self.peak_prompt_tokens = max(self.peak_prompt_tokens, ours.prompt)
         self.reply_tokens += counted.reply
         if price is not None:
@@ -128,8 +128,8 @@ class RecordCounts:
 
     def __init__(self, prices: Mapping[str, Price], parsed: Callable[[Written], Event]) -> None:
         self._prices, self._parsed = prices, parsed
-        self.price: Price | None = None
-        self._second_price: Price | None = None
+        self._price: Price | None = None
+        self._question_price: Price | None = None
         """The price of the player that answers a compactor's questions."""
         self.whole, self.own, self.questions = _Sum(), _Sum(), _Sum()
         self.play = _Play()
@@ -146,22 +146,14 @@ class RecordCounts:
                 from smartplay_tools.players.player_registry import second_name  # only a record's start needs players
 
                 config = self._parsed(event)["config"]
-                self.price = self._prices.get(config.get("player") or "")
+                self._price = self._prices.get(config.get("player") or "")
                 second = second_name(config.get("player_options", {}))
-                self._second_price = self.price if second is None else self._prices.get(second)
+                self._question_price = self._price if second is None else self._prices.get(second)
             case "usage":
-                usage = self._parsed(event)
-                is_question = usage.get("purpose") == "compaction"
-                price = self._second_price if is_question else self.price
-                self.whole.add(usage, price)
-                self.own.add(usage, price)
-                if is_question:
-                    self.questions.add(usage, price)
+                self._add(self._parsed(event))
             case "sent":
                 sent = self._parsed(event)
-                usage = {"prompt": sent["tokens"], "reply": sent["reply"], "provider": None}
-                self.whole.add(usage, self.price)
-                self.own.add(usage, self.price)
+                self._add({"prompt": sent["tokens"], "reply": sent["reply"], "provider": None})
             case "call":
                 self._new_calls.append(event)
                 self.declares = self.declares or _declares(event)
@@ -173,6 +165,16 @@ class RecordCounts:
                 self.play.add(self._parsed(event))
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()
+
+    def _add(self, usage: Event) -> None:
+        self.whole.add(usage, self._price_of(usage))
+        self.own.add(usage, self._price_of(usage))
+        if purpose_of(usage) == "compaction":
+            self.questions.add(usage, self._question_price)
+
+    def _price_of(self, event: Event) -> Price | None:
+        """The price of the player that is asked by the prompt of a `view` or `usage` event."""
+        return self._question_price if purpose_of(event) == "compaction" else self._price
 
     def count_steps(self) -> None:
         """Take the number of steps from the latest call that has it; a call that was not played has none."""
@@ -192,6 +194,6 @@ class RecordCounts:
                 return Spent()
         if waiting is None:
             return Spent()
-        prompt, reply = waiting["tokens"], waiting["max_tokens"] or 0
-        cost = 0.0 if self.price is None else self.price.most(prompt, reply)
+        prompt, reply, price = waiting["tokens"], waiting["max_tokens"] or 0, self._price_of(waiting)
+        cost = 0.0 if price is None else price.most(prompt, reply)
         return Spent(unknown_calls=1, unknown_tokens=prompt + reply, unknown_cost=cost)

@@ -68,7 +68,8 @@ class TranscriptWriter:
                 raise TranscriptError(f"{self.path} exists, and a record is never overwritten; name another file.")
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = AppendedFile(self.path, self.path.open("xb", buffering=0))
+                self.path.touch(exist_ok=False)
+                self._file = AppendedFile(self.path)
                 self._times = TimesWriter.if_kept(self.path)
             except OSError as error:
                 raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
@@ -83,17 +84,15 @@ class TranscriptWriter:
         writer._chain = events[-1].get("chain", "") if events else ""
         expected = b"".join(event_line(event) + b"\n" for event in events)
         try:
-            file = writer.path.open("r+b", buffering=0)
-            written = file.read()
-            if written == expected[:-1]:
-                file.write(b"\n")
-            elif written.startswith(expected):
-                file.truncate(len(expected))
-                file.seek(len(expected))
-            else:
-                file.close()
-                raise TranscriptError(f"{path} was changed after it was written, so it cannot be continued.")
-            writer._file = AppendedFile(writer.path, file)
+            with writer.path.open("r+b", buffering=0) as file:
+                written = file.read()
+                if written == expected[:-1]:
+                    file.write(b"\n")
+                elif written.startswith(expected):
+                    file.truncate(len(expected))
+                else:
+                    raise TranscriptError(f"{path} was changed after it was written, so it cannot be continued.")
+            writer._file = AppendedFile(writer.path)
             writer._times = TimesWriter.if_kept(writer.path, len(events))
         except OSError as error:
             raise TranscriptError(f"{path} cannot be continued: {error.strerror}.") from None
@@ -118,13 +117,8 @@ class TranscriptWriter:
                 ) from error
 
     def close(self) -> None:
-        """Close the file; later events are not written."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-        if self._times is not None:
-            self._times.close()
-            self._times = None
+        """End the record; later events are not written."""
+        self._file = self._times = None
 
 
 def _usable(path: str | Path) -> Path:

@@ -18,7 +18,7 @@ import httpx2
 from smartplay_gateway import ContextEndpoint
 
 import smartplay_tools as sp
-from smartplay_tools.context.strategies.provider_edits import INSTRUCTIONS
+from smartplay_tools.compactors.provider_edits import INSTRUCTIONS
 from tests.adapters.test_context_endpoint import JSON, MESSAGE, RESPONSE, STREAM, Upstream, events
 from tests.counting import Json
 from tests.manager.histories import FORMS, Messages, chat

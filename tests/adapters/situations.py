@@ -13,7 +13,7 @@ from collections.abc import Callable
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context.prompts import VERSION, Wording
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from tests.adapters.conformance import (
     EACH,
     PLACE,

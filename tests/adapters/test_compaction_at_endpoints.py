@@ -16,7 +16,7 @@ from anthropic import types
 from smartplay_gateway import ContextEndpoint, LocalEndpoint, SimulatedLimits
 
 import smartplay_tools as sp
-from smartplay_tools.context.strategies.provider_edits import INSTRUCTIONS, SUMMARY
+from smartplay_tools.compactors.provider_edits import INSTRUCTIONS, SUMMARY
 from smartplay_tools.manager.record import read_thread
 from tests.adapters.test_context_editing import uses
 from tests.adapters.test_context_endpoint import JSON, MESSAGE, RESPONSE, STREAM, Upstream, events

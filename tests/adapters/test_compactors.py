@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.compactors.retrieval import MemoryCompactor, WordMemory
 from smartplay_tools.context.compaction import Room
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.context.strategies.retrieval import MemoryCompactor, WordMemory
 from smartplay_tools.errors import MissingExtraError
 from smartplay_tools.registry import resolve
 

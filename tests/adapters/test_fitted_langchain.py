@@ -26,6 +26,7 @@ from smartplay_langchain import ContextManagerMiddleware, FittedModel
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.manager.record import read_thread
 from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
 from tests.adapters.fitted import Book, FittedConformance
 from tests.manager.histories import text_of_page
@@ -235,3 +236,19 @@ def test_thoughts_and_extra_fields_count_and_stay():
     with pytest.raises(sp.PromptOverflowError):
         FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), thought])
     FittedModel(model, sp.ContextManager(50)).invoke([HumanMessage("Well?"), bare])
+
+
+@pytest.mark.parametrize("name", ["bind", "bind_tools"])
+def test_a_prompt_that_its_provider_was_asked_to_manage_is_recorded_as_such(name, tmp_path):
+    class Counting(Reader):
+        def _reply(self, messages: list[BaseMessage]) -> AIMessage:
+            usage: Any = {"input_tokens": 9, "output_tokens": 1, "total_tokens": 10}
+            return super()._reply(messages).model_copy(update={"usage_metadata": usage})
+
+    managed = {"extra_body": {"context_management": [{"type": "compaction", "compact_threshold": 10**6}]}}
+    fitted = FittedModel(Counting(sent=[], tools=[], pages=0), sp.ContextManager(120, record=tmp_path))
+    for settings, question in ((managed, "Well?"), ({}, "So?")):
+        bound = fitted.bind(**settings) if name == "bind" else fitted.bind_tools([read], **settings)
+        bound.invoke(question)
+    prompts = [prompt for path in tmp_path.iterdir() for prompt in read_thread(path).prompts]
+    assert {(prompt.managed, prompt.reported) for prompt in prompts} == {(True, None), (False, 9)}

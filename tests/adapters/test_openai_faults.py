@@ -24,6 +24,7 @@ import smartplay_gateway as sg
 import smartplay_openai as so
 
 from smartplay_tools.players.attempts import Attempts
+from smartplay_tools.players.cut_prompts import CutPrompts
 
 GAME = "Hanoi3Disk-v0"
 STEPS = 7
@@ -330,6 +331,15 @@ def test_a_server_that_cuts_prompts_is_said_once(caplog):
     assert [record.levelname for record in caplog.records] == ["WARNING"]
     assert "300 tokens" in caplog.text
     assert "num_ctx" in caplog.text
+
+
+def test_prompts_of_one_size_are_no_cut_prompts(caplog):
+    counts = CutPrompts("openai:m")
+    for _ in range(3):
+        counts.note(700, sp.Usage(prompt=450))  # the model's server is sent no schemas of tools
+    assert not caplog.records
+    counts.note(720, sp.Usage(prompt=450))
+    assert len(caplog.records) == 1
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def _rule(act: str, kind: Kind, **row: Any) -> Rule:
 _TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 DIALECTS = {row["name"]: Dialect(**row) for row in _TABLE["dialect"]}
 RULES = [_rule(**row) for row in _TABLE["rule"]]
-LIMITS = [Limit(**row) for row in _TABLE["limit"]]
+LIMITS = [Limit(**row) for row in _TABLE["client_limit"]]
 
 
 def limits(way: str, dialect: Dialect) -> list[Limit]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import threading
 from typing import Any
 
@@ -39,13 +38,13 @@ REPLIES = {
     "an illegal action": (completion(called("act", '{"action": "Fly"}')), "cannot be played", "description"),
     "cut within words": (cut({"content": "<think>Let me see"}), "cut at its length", "--reply-tokens"),
     "cut within a call": (cut(called("act", '{"act')), "within a call", "--reply-tokens"),
-    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "--parse-calls hermes"),
+    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "parse_calls=hermes"),
     "reasoning alone": (
         completion({"content": None, "reasoning_content": "hm " * 9}),
         "27 characters",
         "reasoning pars",
     ),
-    "words": (completion({"content": "I observe."}), "has called no tool", "--tool-choice required"),
+    "words": (completion({"content": "I observe."}), "has called no tool", "tool_choice=required"),
 }
 
 
@@ -146,8 +145,8 @@ def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
     with serving(lambda body, number: completion({"content": f"I choose.\n{HERMES}"})) as (url, bodies):
         record = tmp_path / "game.jsonl"
         command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2)
-        code, _, _ = run(*command, "--parse-calls", "hermes", "--transcript", record)
-        refused = run(*command, "--parse-calls", "qwen")
+        code, _, _ = run(*command, "--player-option", "parse_calls=hermes", "--transcript", record)
+        refused = run(*command, "--player-option", "parse_calls=qwen")
     assert code == 0
     assert (refused[0], "hermes, llama, mistral" in refused[2]) == (2, True)
     events = sp.read_transcript(record)
@@ -160,33 +159,18 @@ def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
 def test_tool_choice_goes_to_the_server(tmp_path):
     with serving(lambda body, number: completion(calling("act", action="1"))) as (url, bodies):
         command = ("eval", "--games", BANDIT, "--players", f"{MODEL},rule", "--base-url", url, "--trials", 1)
-        options = ("--tool-choice", "required", "--tool-calls", 3, "--executor", "inline", "--out", tmp_path)
+        options = (
+            "--player-option",
+            f"{MODEL}.tool_choice=required",
+            "--tool-calls",
+            3,
+            "--executor",
+            "inline",
+            "--out",
+            tmp_path,
+        )
         assert run(*command, *options)[0] == 0
     assert {body["tool_choice"] for body in bodies} == {"required"}
     model, rule = RunFolder(tmp_path).rows()
     assert model["deviations"]["tool_choice"] == {"paper": "auto", "played": "required"}
     assert "tool_choice" not in rule["deviations"]
-
-
-# The pilot.
-
-
-def test_a_pilot_plays_the_first_episodes_of_a_cell_and_the_run_goes_on(tmp_path):
-    command = ("eval", "--games", "Hanoi3Disk-v0", "--players", "rule,random", "--trials", 3, "--executor", "inline")
-    code, _, stderr = run(*command, "--out", tmp_path, "--pilot", 2, "--quiet")
-    assert code == 0, stderr
-    before = RunFolder(tmp_path).rows()
-    assert [(row["player"], row["trial"]) for row in before] == [("rule", 0), ("rule", 1), ("random", 0), ("random", 1)]
-    assert re.search(r"The whole run: \S+k-\S+k tokens", stderr)  # from the smallest of a cell to the largest
-    assert "without --pilot continues" in stderr
-    assert run(*command, "--out", tmp_path)[0] == 0
-    after = RunFolder(tmp_path).rows()
-    assert len(after) == 6
-    assert [row for row in after if row["trial"] < 2] == before
-
-
-@pytest.mark.slow  # a sweep draws figures
-def test_a_pilot_of_a_sweep_names_its_cells(tmp_path):
-    asked = ("--games", BANDIT, "--players", "rule,random", "--manual", "tool,pinned", "--trials", 3)
-    _, _, swept = run("sweep", *asked, "--executor", "inline", "--out", tmp_path, "--pilot", 1)
-    assert swept.count("pinned") == 2

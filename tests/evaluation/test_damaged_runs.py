@@ -19,6 +19,7 @@ from smartplay_tools.transcript.hashing import chained_lines
 from tests.evaluation.command import run as command
 
 pytest.importorskip("uvicorn")
+COLUMNS = pytest.importorskip("smartplay_tools.web.site.listed").COLUMNS
 site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
@@ -131,7 +132,7 @@ def looked_at(folder: Path) -> None:
     try:
         shown.playing()
         for episode in shown.episodes():
-            assert len(episode) == len(site_runs.COLUMNS)
+            assert len(episode) == len(COLUMNS)
             if episode[0] is not None:
                 shown.record(episode[0])
     except SmartPlayError as error:

@@ -18,6 +18,7 @@ from smartplay_tools.records import Record, replay
 from smartplay_tools.records.rows import mean_score, recorded_score
 from smartplay_tools.types import EndReason
 from smartplay_tools.web.site import site_runs
+from smartplay_tools.web.site.listed import COLUMNS
 from tests.evaluation.window_rows import row
 
 BANDIT, MESSENGER, HANOI = "BanditTwoArmedHighLowFixed-v0", "MessengerL1-v0", "Hanoi3Disk-v0"
@@ -87,7 +88,7 @@ def test_every_reader_of_a_run_counts_so_where_the_game_is_not_known(cards, tmp_
         assert summarize(run.folder.rows()).cells[0].score.mean == pytest.approx(sum(counted) / 4)
         assert [recorded_score(Record.head(path)) for path in paths] == pytest.approx(counted)
         assert EpisodeSelection(min_score=0.5).choose(tmp_path)[0] == []
-        site = [dict(zip(site_runs.COLUMNS, one, strict=True)) for one in site_runs.SiteRun(tmp_path, "").episodes()]
+        site = [dict(zip(COLUMNS, one, strict=True)) for one in site_runs.SiteRun(tmp_path, "").episodes()]
         assert [one["counted"] for one in site] == pytest.approx(counted)
     older = [dict(event) for event in Record.read(paths[0]).events]
     del older[0]["scoring"]

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import re
 import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -15,7 +11,6 @@ import smartplay_tools as sp
 from smartplay_tools.errors import DamageWarning, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import shown_by
-from tests.evaluation.report_runs import known_for_now, record
 from tests.evaluation.test_view import unpacked
 
 pytest.importorskip("jinja2")
@@ -95,50 +90,9 @@ def test_the_tables_are_of_all_episodes(run, monkeypatch):
     assert "This page holds" not in report.render_report(run, episodes="all")
 
 
-@pytest.mark.slow
-def test_several_processes_write_the_page_that_one_writes(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
-    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
-    pages = []
-    for workers in (1, 3):
-        out = report.write_report(run, tmp_path / f"{workers}.html", title="A run", episodes="all", workers=workers)
-        pages.append(out.read_bytes())
-    assert pages[0] == pages[1]
-
-
-def test_a_game_that_only_this_process_knows_is_drawn_in_every_episode(tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
-    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
-    known_for_now(monkeypatch, dataclasses.replace(sp.GAMES[HANOI], id="MyHanoi-v0"))
-    for seed in range(4):
-        record(tmp_path / "records" / f"{seed}.jsonl", "MyHanoi-v0", seed=seed)
-    shown = sources.find_sources(tmp_path / "records").episodes
-    drawn = [json.loads(episode.text)["drawing"] for episode in reading.read_episodes(shown, "", workers=3)[0]]
-    assert [drawing["kind"] for drawing in drawn] == ["hanoi"] * 4
-
-
-@pytest.mark.slow
-def test_a_record_that_cannot_be_shown_is_named_whichever_process_reads_it(run, tmp_path, monkeypatch):
-    reading = pytest.importorskip("smartplay_tools.evaluation.pages.report.episode_reading")
-    monkeypatch.setattr(reading, "WORTH_A_PROCESS", 1)
+def test_a_record_that_cannot_be_shown_is_named(run, tmp_path):
     copied = shutil.copytree(run, tmp_path / "run")
     records = sorted((copied / "episodes").glob("*.jsonl"))
     records[2].write_text(records[2].read_text().replace('"position": ', '"place": '))
-    for workers in (1, 2):
-        with pytest.warns(DamageWarning, match=records[2].name):
-            report.render_report(copied, episodes="all", workers=workers)
-
-
-@pytest.mark.slow
-def test_a_script_whose_processes_cannot_begin_writes_the_page_all_the_same(run, tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from smartplay_tools.evaluation.pages.report import episode_reading as reading\n"
-        "from smartplay_tools.evaluation.pages.report.page import write_report\n"
-        "reading.WORTH_A_PROCESS = 1\n"
-        f"write_report({str(run)!r}, {str(tmp_path / 'page.html')!r}, title='A run', episodes='all', workers=2)\n"
-    )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
-    assert "if __name__ == '__main__':" in done.stderr
-    alone = report.write_report(run, tmp_path / "alone.html", title="A run", episodes="all")
-    assert (tmp_path / "page.html").read_bytes() == alone.read_bytes()
+    with pytest.warns(DamageWarning, match=records[2].name):
+        report.render_report(copied, episodes="all")

@@ -26,6 +26,7 @@ from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
+COLUMNS = pytest.importorskip("smartplay_tools.web.site.listed").COLUMNS
 site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
 site_record = pytest.importorskip("smartplay_tools.web.site.site_record")
 
@@ -218,7 +219,7 @@ def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
         assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompts <= 900"]
     assert (shown.playing(), shown.summary()["finished"]) == ([], 1)
     (row,) = shown.episodes()
-    assert dict(zip(site_runs.COLUMNS, row, strict=True))["end"] == "closed"
+    assert dict(zip(COLUMNS, row, strict=True))["end"] == "closed"
     with pytest.raises(sp.InvalidArgumentError):
         shown.record("episodes/0123456789abcdef")
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 
 from smartplay_tools.evaluation.analysis.beside import (
     EARLY,
@@ -14,9 +15,8 @@ from smartplay_tools.evaluation.analysis.beside import (
     shows_points,
     shows_steps,
 )
-from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Side
-from smartplay_tools.evaluation.analysis.decisions import Verdict
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
+from smartplay_tools.evaluation.analysis.formats import Column, ShownColumn, TextTable, columns, figures_table
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
@@ -43,47 +43,82 @@ VERDICT_NOTES = (
 )
 
 
+@dataclass(frozen=True)
+class _Line:
+    """A side in a game: a reference, or one that is compared with the reference above it."""
+
+    game: str
+    side: Side
+    means: Mapping[str, MeanEstimate]
+    ends: Mapping[str, int]
+    pairing: Pairing | None = None
+
+    @property
+    def beside(self) -> Beside:
+        """What decides about the columns."""
+        return Beside.of(self.game, self.means, self.ends)
+
+
+def _lines(comparison: Comparison) -> Iterator[_Line]:
+    for game, reference, means in comparison.references:
+        compared = [each for each in comparison.pairings if (each.game, each.reference) == (game, reference)]
+        yield _Line(game, reference, means, compared[0].reference_ends)
+        yield from (_Line(game, each.side, each.means, each.ends, each) for each in compared)
+
+
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
     """Return the table with a section for each game and, if there are several games, the table over all games."""
-    names = side_names(comparison)
-    games = dict.fromkeys(each.game for each in comparison.pairings)
-    rows = sections((game, _game_rows(comparison, game, names)) for game in games)
-    judged = comparison.is_judged
-    last = Column("verdict", words=True) if judged else Column("tokens")
-    beside = list(_beside(comparison).values())
-    way = ["to best"] if _has_best(comparison) else []
-    headings = (*columns("", "pairs", *(["steps"] if shows_steps(beside) else []), "score", *way, "+-", "W/T/L"), last)
-    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes(beside, points=False)]
-    notes += [WAY] if way else []
-    notes += [*_notes(comparison), *early_notes(beside)]
-    tables = [TextTable(_title("scores", comparison, names), headings, rows, tuple(notes))]
-    if shows_points(beside):
-        tables.append(_points_table(comparison, names))
+    names, lines, judged = side_names(comparison), list(_lines(comparison)), comparison.is_judged
+    games = {game: [(_name(line, names), line) for line in own] for game, own in grouped(lines, _game).items()}
+    beside = {(line.game, line.side): line.beside for line in lines}
+    has_steps, has_best = shows_steps(beside.values()), any("way_to_best" in line.means for line in lines)
+
+    def scores(own: Sequence[_Line]) -> Sequence[ShownColumn[_Line]]:
+        points = decimals_of(line.means["score"] for line in own)
+        return (
+            ("pairs", lambda line: f"{line.pairing.pairs}" if line.pairing else NOTHING),
+            *([("steps", lambda line: f"{line.beside.steps:,.1f}")] if has_steps else []),
+            ("score", lambda line: fixed(line.means["score"].mean, points)),
+            *([("to best", lambda line: with_interval(line.means.get("way_to_best"), 2))] if has_best else []),
+            ("+-", lambda line: _difference(line.pairing, "score", points)),
+            ("W/T/L", lambda line: _outcome(line.pairing) if line.pairing else ""),
+            (Column("verdict", words=True), _verdict) if judged else ("tokens", _tokens),
+        )
+
+    early = early_notes(beside.values())
+    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes([*beside.values()], points=False)]
+    notes += [*([WAY] if has_best else []), *_notes(comparison), *early]
+    tables = [figures_table(_title("scores", comparison, names), "", games, scores, notes)]
+    if shows_points(beside.values()):
+        notes = [NOTES[0], POINTS, *early]
+        tables.append(figures_table(_title("points", comparison, names), "", games, lambda _: PAID, notes))
     if len(games) > 1:
-        tables.append(_overall_table(comparison, names))
+        ended = {side for (_, side), own in beside.items() if own.ends}
+        tables.append(_overall_table(comparison, names, ended, early))
     return tables
 
 
-def _points_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
-    """The points of every side, and their differences, where points are not what scores count."""
-    beside = _beside(comparison)
-    games = grouped(comparison.pairings, lambda each: each.game)
-    rows: list[tuple[str, ...]] = []
-    for game, members in games.items():
-        rows.append((game,))
-        for reference, pairings in grouped(members, lambda each: each.reference).items():
-            paid = fixed(beside[game, reference].points, 2, "+")
-            rows.append((f"  {_named(game, reference, names, beside)}", paid, "reference"))
-            for each in pairings:
-                paid = fixed(each.means["reward"].mean, 2, "+")
-                less = with_interval(each.differences.get("reward"), 2, sign="+")
-                rows.append((f"    {_named(game, each.side, names, beside)}", paid, less))
-    notes = (NOTES[0], POINTS, *early_notes(beside.values()))
-    return TextTable(_title("points", comparison, names), columns("", "points", "+-"), tuple(rows), notes)
+def _game(line: _Line) -> str:
+    return line.game
 
 
-def _named(game: str, side: Side, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]) -> str:
-    return names[side] + EARLY * bool(beside[game, side].ends)
+def _name(line: _Line, names: Mapping[Side, str]) -> str:
+    return ("  " if line.pairing else "") + names[line.side] + EARLY * bool(line.ends)
+
+
+def _difference(pairing: Pairing | None, measure: str, decimals: int) -> str:
+    if pairing is None:
+        return "reference"
+    if measure == "score" and pairing.is_identical:
+        return "identical"
+    return with_interval(pairing.differences.get(measure), decimals, sign="+")
+
+
+PAID: Sequence[ShownColumn[_Line]] = (
+    ("points", lambda line: fixed(line.means["reward"].mean, 2, "+")),
+    ("+-", lambda line: _difference(line.pairing, "reward", 2)),
+)
+"""The points of a side, and their difference, where points are not what scores count."""
 
 
 def _title(measure: str, comparison: Comparison, names: Mapping[Side, str]) -> str:
@@ -92,83 +127,41 @@ def _title(measure: str, comparison: Comparison, names: Mapping[Side, str]) -> s
     return f"compared: {measure} less those of {references.pop() if len(references) == 1 else 'their references'}"
 
 
-def _beside(comparison: Comparison) -> dict[tuple[str, Side], Beside]:
-    """What decides about the columns, of every side in every game."""
-    ends = {(each.game, each.reference): each.reference_ends for each in comparison.pairings}
-    means = {(game, side): means for game, side, means in comparison.references}
-    ends |= {(each.game, each.side): each.ends for each in comparison.pairings}
-    means |= {(each.game, each.side): each.means for each in comparison.pairings}
-    return {key: Beside.of(key[0], means[key], ends[key]) for key in means}
+def _outcome(each: Pairing | Overall) -> str:
+    return f"{each.wins}/{each.ties}/{each.losses}"
 
 
-def _game_rows(comparison: Comparison, game: str, names: Mapping[Side, str]) -> Iterator[tuple[str, ...]]:
-    pairings = [each for each in comparison.pairings if each.game == game]
-    references = [(side, means) for named, side, means in comparison.references if named == game]
-    points = decimals_of([*(each.means["score"] for each in pairings), *(means["score"] for _, means in references)])
-    beside = _beside(comparison)
-    has_steps = shows_steps(list(beside.values()))
-
-    has_best = _has_best(comparison)
-
-    def line(side: Side, pairs: str, means: Mapping[str, MeanEstimate], *others: str) -> tuple[str, ...]:
-        steps = (f"{beside[game, side].steps:,.1f}",) if has_steps else ()
-        way = (with_interval(means.get("way_to_best"), 2),) if has_best else ()
-        return (
-            f"  {_named(game, side, names, beside)}",
-            pairs,
-            *steps,
-            fixed(means["score"].mean, points),
-            *way,
-            *others,
-        )
-
-    for side, means in references:
-        last = "" if comparison.is_judged else _tokens(means)
-        yield line(side, NOTHING, means, "reference", "", last)
-        for each in pairings:
-            if each.reference == side:
-                told = _verdict(each.verdict) if comparison.is_judged else _tokens(each.means)
-                difference = with_interval(each.differences.get("score"), points, sign="+")
-                shown = "identical" if each.is_identical else difference, f"{each.wins}/{each.ties}/{each.losses}", told
-                name, *own = line(each.side, f"{each.pairs}", each.means, *shown)
-                yield f"  {name}", *own
-
-
-def _has_best(comparison: Comparison) -> bool:
-    """Whether a best choice of whole turns is known of any side."""
-    means = [*(each.means for each in comparison.pairings), *(means for *_, means in comparison.references)]
-    return any("way_to_best" in each for each in means)
-
-
-def _verdict(verdict: Verdict | None) -> str:
-    if verdict is None:
+def _verdict(line: _Line) -> str:
+    if line.pairing is None:
+        return ""
+    if (verdict := line.pairing.verdict) is None:
         return NOTHING
     if verdict.word == "undecided":
         return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
     return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
 
 
-def _tokens(means: Mapping[str, MeanEstimate]) -> str:
-    return short(means["tokens"].mean)
+def _tokens(line: _Line) -> str:
+    return short(line.means["tokens"].mean)
 
 
-def _overall_table(comparison: Comparison, names: Mapping[Side, str]) -> TextTable:
-    rows = [_overall_row(each, names, _beside(comparison)) for each in comparison.overall]
+def _overall_table(
+    comparison: Comparison, names: Mapping[Side, str], ended: Set[Side], early: Sequence[str]
+) -> TextTable:
+    """`ended` are the sides with episodes that ended early in any game."""
+    rows = [
+        (
+            f"{names[each.side]}{EARLY * bool(ended & {each.side, each.reference})} against {names[each.reference]}",
+            f"{len(each.games)}",
+            with_interval(each.difference, 1, factor=100, sign="+"),
+            _outcome(each),
+        )
+        for each in comparison.overall
+    ]
     headings = columns("", "games", "% human, +-", "W/T/L")
     note = "% human, +-: difference of normalised scores, the mean over the games that have one"
     title = f"over all games, {_title('human scores', comparison, names)}"
-    early = early_notes(_beside(comparison).values())
     return TextTable(title, headings, tuple(rows), (note, *early))
-
-
-def _overall_row(
-    each: Overall, names: Mapping[Side, str], beside: Mapping[tuple[str, Side], Beside]
-) -> tuple[str, ...]:
-    difference = with_interval(each.difference, 1, factor=100, sign="+")
-    outcome = f"{each.wins}/{each.ties}/{each.losses}"
-    early = any(own.ends for (_, side), own in beside.items() if side in (each.side, each.reference))
-    name = f"{names[each.side]}{EARLY * early} against {names[each.reference]}"
-    return name, f"{len(each.games)}", difference, outcome
 
 
 def side_names(comparison: Comparison) -> dict[Side, str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import Column, TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import Column, ShownColumn, TextTable, columns, figures_table
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.headline import INTERVALS, PRIVILEGED, by_game, shared, warnings
 from smartplay_tools.evaluation.analysis.numbers import (
@@ -37,23 +37,25 @@ PROFILES_PER_TABLE = 2
 """The number of capability columns that fit into 80 columns beside the capabilities' names."""
 
 
-Figures = tuple[tuple[str, Callable[[CellSummary], str]], ...]
-"""Headings, and the functions that print their values for a cell."""
+Figures = tuple[ShownColumn[CellSummary], ...]
 
 
 def details(summary: RunSummary) -> Iterator[TextTable]:
     """Yield the tables of a run, without the headline."""
-    if summary.cells:
-        yield _scores(summary)
+    cells = summary.cells
+    if cells:
+        shown = interval_notes(each for c in cells for each in (c.score, c.normalized_score, c.completion))
+        yield _cells(summary, "scores", _scores, INTERVALS, *shown, *warnings(cells))
     for first in range(0, len(summary.profiles), PROFILES_PER_TABLE):
-        shown = summary.profiles[first : first + PROFILES_PER_TABLE]
-        yield _capabilities(shown, [profile.condition for profile in summary.profiles])
-    if summary.cells:
-        yield _cells(summary, "how it went", PLAY, "totals over episodes; cut: share of tool results")
-        yield _ends(summary)
-        spent = [figure for figure in SPENT if any(cell.spent_cost for cell in summary.cells)]
-        yield _cells(summary, "what it took", (*TOKENS, *spent), *TOKEN_NOTES)
-        yield deviations_table(summary.cells)
+        beside = summary.profiles[first : first + PROFILES_PER_TABLE]
+        yield _capabilities(beside, [profile.condition for profile in summary.profiles])
+    if cells:
+        yield _cells(summary, "how it went", lambda _: PLAY, "totals over episodes; cut: share of tool results")
+        rewards = interval_notes(cell.reward for cell in cells)
+        yield _cells(summary, "rewards, and why episodes ended", _ends, INTERVALS, *rewards)
+        spent = SPENT if any(cell.spent_cost for cell in cells) else ()
+        yield _cells(summary, "what it took", lambda _: (*TOKENS, *spent), *TOKEN_NOTES)
+        yield deviations_table(cells)
     if summary.failures:
         yield failures_table(summary.failures)
 
@@ -70,41 +72,30 @@ def failures_table(failures: Sequence[Failures]) -> TextTable:
     return TextTable("attempts without a result", headings, tuple(rows), (note,))
 
 
-def _scores(summary: RunSummary) -> TextTable:
-    rows: list[tuple[str, ...]] = []
-    for game, cells in by_game(summary):
-        points = decimals_of(cell.score for _, cell in cells)
-        rows.append((game,))
-        for name, cell in cells:
-            shares = (with_interval(share, 0, factor=100) for share in (cell.normalized_score, cell.completion))
-            n = count(cell.episodes, cell.score)
-            rows.append((f"  {name}", n, with_interval(cell.score, points), *shares))
-    headings = columns("game and player", "n", "score", "% human", "% done")
-    notes = interval_notes(each for c in summary.cells for each in (c.score, c.normalized_score, c.completion))
-    return TextTable(_title("scores", summary), headings, tuple(rows), (INTERVALS, *notes, *warnings(summary.cells)))
-
-
-def _ends(summary: RunSummary) -> TextTable:
-    rows: list[tuple[str, ...]] = []
-    for game, cells in by_game(summary):
-        decimals = decimals_of(cell.reward for _, cell in cells)
-        rows.append((game,))
-        for name, cell in cells:
-            ends = ", ".join(f"{reason} {count}" for reason, count in cell.end_reasons.items())
-            rows.append((f"  {name}", with_interval(cell.reward, decimals), ends))
-    headings = (*columns("game and player", "reward"), Column("ends", words=True))
-    notes = (INTERVALS, *interval_notes(cell.reward for cell in summary.cells))
-    return TextTable(_title("rewards, and why episodes ended", summary), headings, tuple(rows), notes)
-
-
-def _cells(summary: RunSummary, title: str, figures: Figures, *notes: str) -> TextTable:
-    """A table with a heading for every game and below it a row for every player."""
-    rows = sections(
-        (game, [(f"  {name}", *(show(cell) for _, show in figures)) for name, cell in cells])
-        for game, cells in by_game(summary)
+def _scores(cells: Sequence[CellSummary]) -> Figures:
+    points = decimals_of(cell.score for cell in cells)
+    return (
+        ("n", lambda c: count(c.episodes, c.score)),
+        ("score", lambda c: with_interval(c.score, points)),
+        ("% human", lambda c: with_interval(c.normalized_score, 0, factor=100)),
+        ("% done", lambda c: with_interval(c.completion, 0, factor=100)),
     )
-    headings = columns("game and player", *(heading for heading, _ in figures))
-    return TextTable(_title(title, summary), headings, rows, notes)
+
+
+def _ends(cells: Sequence[CellSummary]) -> Figures:
+    points = decimals_of(cell.reward for cell in cells)
+    return (
+        ("reward", lambda c: with_interval(c.reward, points)),
+        (Column("ends", words=True), lambda c: ", ".join(f"{why} {count}" for why, count in c.end_reasons.items())),
+    )
+
+
+def _cells(
+    summary: RunSummary, title: str, figures: Callable[[Sequence[CellSummary]], Figures], *notes: str
+) -> TextTable:
+    """A table with a heading for every game and below it a row for every player."""
+    given = shared(summary)
+    return figures_table(f"{title} ({given})" if given else title, "game and player", by_game(summary), figures, notes)
 
 
 def _count(name: str) -> Callable[[CellSummary], str]:
@@ -201,8 +192,3 @@ def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_value(each)}" for name, each in value.items())
     return "none" if value is None else str(value)
-
-
-def _title(what: str, summary: RunSummary) -> str:
-    given = shared(summary)
-    return f"{what} ({given})" if given else what

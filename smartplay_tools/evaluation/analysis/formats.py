@@ -8,12 +8,14 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.visible import as_html, visible
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -59,14 +61,40 @@ def _visible(part: Any) -> Any:
     return visible(part) if isinstance(part, str) else tuple(map(_visible, part))
 
 
-def columns(words: str, *numbers: str) -> tuple[Column, ...]:
-    """Return the columns of most tables: one of words, then numbers."""
-    return Column(words, words=True), *map(Column, numbers)
+def columns(words: str, *others: str | Column) -> tuple[Column, ...]:
+    """Return the columns of most tables: one of words, then numbers, which headings alone stand for."""
+    return Column(words, words=True), *(each if isinstance(each, Column) else Column(each) for each in others)
 
 
 def sections(groups: Iterable[tuple[str, Iterable[tuple[str, ...]]]]) -> tuple[tuple[str, ...], ...]:
     """Return the rows of groups, each group below its heading."""
     return tuple(row for heading, rows in groups for row in [(heading,), *rows])
+
+
+ShownColumn = tuple[str | Column, Callable[[T], str]]
+"""A column of a table, and what it shows of a thing."""
+
+
+def figures_table(
+    title: str,
+    what: str,
+    groups: Mapping[str, Sequence[tuple[str, T]]],
+    figures: Callable[[Sequence[T]], Sequence[ShownColumn[T]]],
+    notes: Iterable[str] = (),
+) -> TextTable:
+    """Return a table of named things in groups, each below its heading.
+
+    `what` heads the names. `figures` has the columns; it is called with the things of each group, since what these
+    show may decide how numbers are written.
+    """
+
+    def lines(named: Sequence[tuple[str, T]]) -> Iterator[tuple[str, ...]]:
+        shown = figures([thing for _, thing in named])
+        for name, thing in named:
+            yield f"  {name}", *(show(thing) for _, show in shown)
+
+    rows = sections((heading, lines(named)) for heading, named in groups.items())
+    return TextTable(title, columns(what, *(heading for heading, _ in figures([]))), rows, tuple(notes))
 
 
 def to_markdown(table: TextTable) -> str:

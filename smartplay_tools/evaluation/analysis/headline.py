@@ -6,11 +6,11 @@ It fits 80 columns. `TERMS` explains its columns, and `details` has all other ta
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 
 from smartplay_tools.evaluation.analysis.beside import EARLY, column_notes, early_notes, shows_points, shows_steps
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.analysis.names import apart, check_distinct
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
@@ -49,18 +49,29 @@ Named = tuple[str, CellSummary]
 """A cell and its name in a table."""
 
 
-def headline(summary: RunSummary, title: str = "") -> TextTable:
+def headline(summary: RunSummary) -> TextTable:
     """Return the short table of a run: score, share of the human's, tokens and cost for every game and player."""
     beside = [cell.beside for cell in summary.cells]
     has_steps, has_points = shows_steps(beside), shows_points(beside)
-    rows = sections((game, _rows(cells, has_steps, has_points)) for game, cells in by_game(summary))
-    shown = [*(["steps"] if has_steps else []), "score", *(["points"] if has_points else [])]
-    headings = columns("game and player", "n", *shown, "% human", "tokens", "USD")
-    intervals = [INTERVALS, *column_notes(beside), OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
-    return TextTable(title or shared(summary), headings, rows, (*intervals, *warnings(summary.cells)))
+
+    def figures(cells: Sequence[CellSummary]) -> Sequence[ShownColumn[CellSummary]]:
+        decimals = decimals_of(cell.score for cell in cells)
+        return (
+            ("n", lambda c: count(c.episodes, c.score)),
+            *([("steps", lambda c: f"{c.beside.steps:,.1f}")] if has_steps else []),
+            ("score", lambda c: with_interval(c.score, decimals)),
+            *([("points", lambda c: fixed(c.reward.mean, 2, "+"))] if has_points else []),
+            ("% human", lambda c: f"{100 * c.normalized_score.mean:.0f}" if c.normalized_score else NOTHING),
+            ("tokens", lambda c: short(c.episode_tokens.mean)),
+            ("USD", lambda c: dollars(c.episode_cost and c.episode_cost.mean)),
+        )
+
+    notes = [INTERVALS, *column_notes(beside), OF_AN_EPISODE, *interval_notes(cell.score for cell in summary.cells)]
+    notes += warnings(summary.cells)
+    return figures_table(shared(summary), "game and player", by_game(summary), figures, notes)
 
 
-def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
+def by_game(summary: RunSummary) -> dict[str, list[Named]]:
     """Return the cells of each game with their names: the player, and what not all cells of the table were given."""
     games: dict[str, list[Named]] = {}
     given, _ = apart([summary.label_of(cell) for cell in summary.cells])
@@ -68,7 +79,7 @@ def by_game(summary: RunSummary) -> list[tuple[str, list[Named]]]:
         name = ", ".join(filter(None, [player_name(cell), label]))
         games.setdefault(game_name(cell), []).append((name, cell))
     check_distinct((game, name) for game, cells in games.items() for name, _ in cells)
-    return list(games.items())
+    return games
 
 
 def shared(summary: RunSummary) -> str:
@@ -116,15 +127,3 @@ def game_name(cell: CellSummary) -> str:
     made = [cell.cell.engine] if cell.cell.engine else []
     made += [f"{name}={value}" for name, value in cell.cell.options.items()]
     return f"{cell.cell.game} ({', '.join(made)})" if made else cell.cell.game
-
-
-def _rows(cells: Sequence[Named], has_steps: bool, has_points: bool) -> Iterator[tuple[str, ...]]:
-    decimals = decimals_of(cell.score for _, cell in cells)
-    for name, cell in cells:
-        human = NOTHING if cell.normalized_score is None else f"{100 * cell.normalized_score.mean:.0f}"
-        cost = NOTHING if cell.episode_cost is None else dollars(cell.episode_cost.mean)
-        score = with_interval(cell.score, decimals)
-        steps = (f"{cell.beside.steps:,.1f}",) if has_steps else ()
-        points = (fixed(cell.reward.mean, 2, "+"),) if has_points else ()
-        shown = (*steps, score, *points, human, short(cell.episode_tokens.mean), cost)
-        yield f"  {name}", count(cell.episodes, cell.score), *shown

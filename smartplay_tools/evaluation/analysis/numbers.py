@@ -47,18 +47,13 @@ def with_interval(estimate: MeanEstimate | None, decimals: int, *, factor: float
     return f"{mean} [{fixed(factor * estimate.low, decimals, sign)}, {fixed(factor * estimate.high, decimals, sign)}]"
 
 
-def amount(estimate: MeanEstimate | None, show: Callable[[float], str], *, sign: str = "") -> str:
-    """Return "mean [low, high]" of an amount that is at least 0, or with `sign` "+" of a difference of such amounts."""
+def amount(estimate: MeanEstimate | None, show: Callable[[float], str]) -> str:
+    """Return "mean [low, high]" of an amount that is at least 0."""
     if estimate is None:
         return NOTHING
-
-    def signed(value: float) -> str:
-        return ("-" if value < 0 else sign) + show(abs(value))
-
     if estimate.low is None or estimate.high is None:
-        return signed(estimate.mean)
-    low = estimate.low if sign else max(0.0, estimate.low)
-    return f"{signed(estimate.mean)} [{signed(low)}, {signed(estimate.high)}]"
+        return show(estimate.mean)
+    return f"{show(estimate.mean)} [{show(max(0.0, estimate.low))}, {show(estimate.high)}]"
 
 
 def interval_notes(estimates: Iterable[MeanEstimate | None]) -> list[str]:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
+from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell, by_cell, labels
 from smartplay_tools.evaluation.analysis.numbers import NOTHING
 from smartplay_tools.records.rows import Row, mean_score
@@ -166,37 +166,31 @@ NOTES = (
 
 def repeats_table(figures: Sequence[Repeats]) -> TextTable:
     """Return the table of cells with repeats."""
-    rows = sections((game, _rows(own)) for game, own in grouped(figures, lambda each: each.cell.game).items())
-    numbers = ("worlds x", "sd within", "between", "ICC", "floor", "flip", "pass@k", "pass^k")
+    games = {game: _named(own) for game, own in grouped(figures, lambda each: each.cell.game).items()}
     equal = [each.cell.player for each in figures if not each.within]
     notes = [f"{', '.join(dict.fromkeys(equal))}: all repeats are equal, so more trials say more"] if equal else []
-    left_out = sum(each.left_out for each in figures)
-    notes += (
-        [f"{left_out} episodes are left out, of worlds with more repeats than others or with one"] if left_out else []
-    )
-    return TextTable("repeats", columns("game and player", *numbers), rows, (*NOTES, *notes))
+    if left_out := sum(each.left_out for each in figures):
+        notes.append(f"{left_out} episodes are left out, of worlds with more repeats than others or with one")
+    return figures_table("repeats", "game and player", games, lambda _: FIGURES, (*NOTES, *notes))
 
 
-def _rows(figures: Sequence[Repeats]) -> Iterator[tuple[str, ...]]:
+def _named(figures: Sequence[Repeats]) -> list[tuple[str, Repeats]]:
+    """The figures of a game by their players, with what these were given where a player has several."""
     players = Counter(each.cell.player for each in figures)
-    for each in figures:
-        yield _row(each, each.label if players[each.cell.player] > 1 else "")
+    labelled = ((each.label if players[each.cell.player] > 1 else "", each) for each in figures)
+    return [(", ".join(filter(None, [each.cell.player, label])), each) for label, each in labelled]
 
 
-def _row(each: Repeats, label: str) -> tuple[str, ...]:
-    at = " ".join(f"{share[0]:.2f}" for _, share, _ in each.passes) or NOTHING
-    every = " ".join(f"{share[0]:.2f}" for _, _, share in each.passes) or NOTHING
-    return (
-        "  " + ", ".join(filter(None, [each.cell.player, label])),
-        f"{each.worlds} x {each.repeats}",
-        f"{math.sqrt(each.within):.3g}",
-        f"{math.sqrt(each.between):.3g}",
-        NOTHING if each.icc is None else f"{each.icc[0]:.2f}",
-        f"{each.noise_floor:.2g}",
-        NOTHING if each.flips is None else f"{each.flips:.2f}",
-        at,
-        every,
-    )
+FIGURES: Sequence[ShownColumn[Repeats]] = (
+    ("worlds x", lambda each: f"{each.worlds} x {each.repeats}"),
+    ("sd within", lambda each: f"{math.sqrt(each.within):.3g}"),
+    ("between", lambda each: f"{math.sqrt(each.between):.3g}"),
+    ("ICC", lambda each: NOTHING if each.icc is None else f"{each.icc[0]:.2f}"),
+    ("floor", lambda each: f"{each.noise_floor:.2g}"),
+    ("flip", lambda each: NOTHING if each.flips is None else f"{each.flips:.2f}"),
+    ("pass@k", lambda each: " ".join(f"{share[0]:.2f}" for _, share, _ in each.passes) or NOTHING),
+    ("pass^k", lambda each: " ".join(f"{share[0]:.2f}" for _, _, share in each.passes) or NOTHING),
+)
 
 
 def as_json(each: Repeats) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from operator import itemgetter
 
 from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_points, shows_steps
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns
+from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
 from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import (
@@ -38,11 +38,7 @@ CUT_NOTE = (
     "docs/experiments.md lists the caps from which on nothing is cut"
 )
 
-ShownColumn = tuple[str, Callable[[WindowComparison], str]]
-"""A column of a table of cells: its heading, and what it shows of a cell."""
-
-
-STEPS: ShownColumn = ("steps", lambda c: f"{c.means['steps'].mean:,.1f}")
+STEPS: ShownColumn[WindowComparison] = ("steps", lambda c: f"{c.means['steps'].mean:,.1f}")
 
 
 def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
@@ -57,7 +53,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     beside = [c.beside for c in comparisons]
     has_steps = shows_steps(beside)
 
-    def figures(members: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+    def figures(members: Sequence[WindowComparison]) -> Sequence[ShownColumn[WindowComparison]]:
         decimals = decimals_of(c.means["score"] for c in members)
         return (
             ("n", lambda c: count(c.episodes, c.means["score"])),
@@ -92,23 +88,19 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
 def cells_table(
     title: str,
     comparisons: Sequence[WindowComparison],
-    figures: Callable[[Sequence[WindowComparison]], Sequence[ShownColumn]],
+    figures: Callable[[Sequence[WindowComparison]], Sequence[ShownColumn[WindowComparison]]],
     notes: Sequence[str],
 ) -> TextTable:
     """Return a table with a section for each family and a line for each cell; `figures` has a family's columns."""
-    rows: list[tuple[str, ...]] = []
-    headings: list[str] = []
     titled = zip(family_titles([c.cell for c in comparisons]), comparisons, strict=True)
-    for heading, pairs in grouped(titled, itemgetter(0)).items():
-        members = [comparison for _, comparison in pairs]
-        names, shown = window_names([c.cell for c in members]), figures(members)
-        check_distinct(names)
-        headings = [name for name, _ in shown]
-        rows.append((heading,))
-        for name, comparison in zip(names, members, strict=True):
-            marked = f"{name}{EARLY}" if comparison.ends else name
-            rows.append((f"  {marked}", *(show(comparison) for _, show in shown)))
-    return TextTable(title, columns("window", *headings), tuple(rows), tuple(notes))
+    families = {heading: [c for _, c in pairs] for heading, pairs in grouped(titled, itemgetter(0)).items()}
+    return figures_table(title, "window", {name: _named(own) for name, own in families.items()}, figures, notes)
+
+
+def _named(family: Sequence[WindowComparison]) -> list[tuple[str, WindowComparison]]:
+    names = window_names([c.cell for c in family])
+    check_distinct(names)
+    return [(name + EARLY * bool(each.ends), each) for name, each in zip(names, family, strict=True)]
 
 
 POINTS_NOTE = "of an episode, with 95 % intervals; +-: to the reference, paired by seed, each interval by itself"
@@ -120,7 +112,7 @@ def points_tables(comparisons: Sequence[WindowComparison]) -> list[TextTable]:
     if not shows_points(beside):
         return []
 
-    def figures(_: Sequence[WindowComparison]) -> Sequence[ShownColumn]:
+    def figures(_: Sequence[WindowComparison]) -> Sequence[ShownColumn[WindowComparison]]:
         return (
             *([STEPS] if shows_steps(beside) else []),
             ("points", lambda c: with_interval(c.means["reward"], 2, sign="-")),

@@ -13,9 +13,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
@@ -26,7 +27,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_atte
 from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Outcome, Record
-from smartplay_tools.records.rows import Row, mean_score, read_row
+from smartplay_tools.records.rows import Row, Timing, mean_score, read_row
 from smartplay_tools.records.spent import Spent
 from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
@@ -219,9 +220,12 @@ class RunFollower:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
-        self.damage = self._damage_of_rows = ""
+        self.damage = ""
         """What is wrong with the folder, if anything was left out of the latest snapshot."""
+        self._damage_of: dict[Path, str] = {}
         self._rows = GrowingLines(folder.path / "results.jsonl")
+        self.seconds: dict[tuple[str, int], float] = {}
+        """How long the attempts that are over took, by key and number."""
         self._timings, self._began_again = GrowingLines(folder.path / "timings.jsonl"), 0
         self._manifest: tuple[Any, _Plan] | None = None
         self._attempts: dict[Path, _ReadAttempt] = {}
@@ -237,7 +241,6 @@ class RunFollower:
         with self._lock:
             plan = self._plan()
             self._read_rows()
-            self._read_timings()
             self._read_records(plan.prices)
             return self._count(plan)
 
@@ -252,21 +255,33 @@ class RunFollower:
         return self._manifest[1]
 
     def _read_rows(self) -> None:
-        lines, is_replaced = self._rows.read()
-        if is_replaced or not self._rows.path.exists():  # rewritten, as at the end of a run, or deleted
-            self.results, self._damage_of_rows = {}, ""
+        rows, have_gone = self._added_to(self._rows, read_row)
+        if have_gone:
+            self.results = {}
+        self.results |= {row["key"]: Result.of(row) for row in rows}
+        timings, have_gone = self._added_to(self._timings, partial(read_row, kind=Timing))
+        if have_gone:
+            self.seconds, self._began_again = {}, 0
+        self.seconds |= {(row["key"], row["attempt"]): row["seconds"] for row in timings}
+        self._began_again += sum("began_again" in row for row in timings)
+        self.damage = next(iter(self._damage_of.values()), "")
+
+    def _added_to(self, file: GrowingLines, read: Callable[[bytes], Row]) -> tuple[list[Row], bool]:
+        """The rows that were added to a file, and whether those before have gone.
+
+        They have if it was rewritten, as at the end of a run, or deleted.
+        """
+        lines, is_replaced = file.read()
+        have_gone = is_replaced or not file.path.exists()
+        if have_gone:
+            self._damage_of.pop(file.path, None)
+        rows: list[Row] = []
         for line in lines:
             try:
-                row = read_row(line)
-                self.results[row["key"]] = Result.of(row)
+                rows.append(read(line))
             except DamageError as error:
-                self._damage_of_rows = f"A line of {self._rows.path} is damaged: {error}."
-        self.damage = self._damage_of_rows
-
-    def _read_timings(self) -> None:
-        lines, is_replaced = self._timings.read()
-        before = 0 if is_replaced or not self._timings.path.exists() else self._began_again
-        self._began_again = before + sum(b'"began_again"' in line for line in lines)
+                self._damage_of[file.path] = f"A line of {file.path} is damaged: {error}."
+        return rows, have_gone
 
     def _read_records(self, prices: Mapping[str, Price]) -> None:
         earlier, paths = self._attempts, self.folder.attempts()

@@ -1,17 +1,16 @@
-"""The estimate of a run's calls, tokens, cost and time, before it is played or from its first episodes.
+"""The estimate of a run's calls, tokens and cost, before it is played.
 
 For every cell a few episodes are played offline, under the cell's own budget, on the seeds of its first trials. A free
 player plays them itself. In place of a model, the players `rule` and `random` play them, with replies padded to the
 assumed length of the model's, because replies are part of later prompts. The length of an episode depends on how well
 it is played, so every estimate is a range: from the shortest of these episodes to one that lasts as long as the game
-and the budget allow, with a tenth more calls for observing and mistakes. From episodes of the run
-itself (`estimate_from`) the mean is taken, and the range is a point.
+and the budget allow, with a tenth more calls for observing and mistakes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from statistics import fmean
@@ -64,10 +63,6 @@ LOOKS_AND_MISTAKES = 1.1
 MARGIN = 0.05
 """The uncertainty of the samples, as a share that is added at both ends of a range."""
 
-SECONDS_A_CALL = (0.5, 3.0)
-TOKENS_A_SECOND = (100.0, 20.0)
-"""The assumed speed of models, at best and at worst."""
-
 
 @dataclass(frozen=True)
 class Range:
@@ -97,8 +92,6 @@ class Estimate:
     cost: Range | None
     """US dollars: from the cache hits of the samples, to no hits and everything written to the provider's cache. None
     if the price of the player's model is not known."""
-    call_seconds: Range
-    """Seconds that the player's replies take, one after another."""
     cut_share: float = 0.0
     """The share of tool results that were cut to `result_tokens` in the samples."""
     reply_length: tuple[int, int] | None = None
@@ -163,30 +156,8 @@ def estimate_cell(
         cost=Range(0, 0, 0)
         if not is_model(player_of(cell)) and price is None
         else _cost(every, whole, price, len(seeds)),
-        call_seconds=Range(0, 0, 0) if is_free else _seconds(figures),
         cut_share=cut / results if results else 0.0,
         reply_length=lengths,
-    )
-
-
-def estimate_from(cell: CellConfig, episodes: int, played: Sequence[Row], seconds: Mapping[str, float]) -> Estimate:
-    """Return the estimate for a cell's episodes from the rows of some of them, and the `seconds` of each by key.
-
-    A range is from what all would take if they were as the smallest of these to the same for the largest.
-    """
-
-    def all_episodes(figure: Callable[[Row], float]) -> Range:
-        figures = list(map(figure, played))
-        return Range(episodes * min(figures), episodes * fmean(figures), episodes * max(figures))
-
-    return Estimate(
-        cell,
-        episodes,
-        calls=all_episodes(lambda row: row["turns"] + row.get("summaries", 0)),
-        prompt_tokens=all_episodes(lambda row: row["tokens"]["prompt"]),
-        reply_tokens=all_episodes(lambda row: row["tokens"]["reply"]),
-        cost=None if any(row["cost"] is None for row in played) else all_episodes(lambda row: row["cost"]),
-        call_seconds=all_episodes(lambda row: seconds.get(row["key"], 0.0)),
     )
 
 
@@ -225,14 +196,6 @@ def _cost(every: Sequence[_Sample], whole: Sequence[_Sample], price: Price | Non
 
     low, high = min(map(likely, every)) * (1 - MARGIN), max(map(most, every)) * (1 + MARGIN)
     return Range(low, fmean(map(likely, whole)), high) * episodes
-
-
-def _seconds(figures: Mapping[str, Range]) -> Range:
-    calls, replies = figures["calls"], figures["reply_tokens"]
-    low = calls.low * SECONDS_A_CALL[0] + replies.low / TOKENS_A_SECOND[0]
-    high = calls.high * SECONDS_A_CALL[1] + replies.high / TOKENS_A_SECOND[1]
-    middle = calls.expected * fmean(SECONDS_A_CALL) + replies.expected / fmean(TOKENS_A_SECOND)
-    return Range(low, middle, high)
 
 
 def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sample:

@@ -112,10 +112,6 @@ class Plan:
         )
         return replace(self, cells=cells, episodes=tuple(episodes))
 
-    def first(self, count: int) -> Plan:
-        """Return the part with the first `count` trials of each cell."""
-        return replace(self, episodes=tuple(episode for episode in self.episodes if episode.trial < count))
-
     def shard(self, number: int, count: int) -> Plan:
         """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
 

@@ -49,7 +49,7 @@ from smartplay_tools.episode.config import (
 from smartplay_tools.errors import InvalidArgumentError, similar
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
-from smartplay_tools.evaluation.runs.scheduler import OnProgress
+from smartplay_tools.evaluation.runs.run_progress import OnProgress
 from smartplay_tools.providers.prices import Price, check_given
 from smartplay_tools.types import Budget, CarriedStore, ObservationForm
 

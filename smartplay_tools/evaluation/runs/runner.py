@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -26,9 +26,9 @@ from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
+from smartplay_tools.evaluation.runs.run_progress import Display, RunProgress, Signals, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import RunProgress, Scheduler, Setup, log
+from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
@@ -184,9 +184,8 @@ def run_plan(
         manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        setup = Setup(roster.players, manifest.prices, caps, roster.tried, repriced)
         heard = options.on_progress or (_FirstFailures() if display is None else None)
-        scheduler = Scheduler(folder, part, setup, heard)
+        scheduler = Scheduler(folder, roster, manifest.prices, replace(options, on_progress=heard), repriced)
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError, damage_named
@@ -25,9 +25,10 @@ from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
-from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, game_file, player_key, player_of, strategy_file
-from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode, game_file, player_key, player_of, strategy_file
+from smartplay_tools.evaluation.runs.roster import Roster
+from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.run_progress import RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import Price, check_known
@@ -54,44 +55,16 @@ FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 """A place in a traceback."""
 
 
-@dataclass(frozen=True)
-class RunProgress:
-    """The end of an attempt or, without an episode, the start of the run."""
-
-    finished: int
-    planned: int
-    failed_attempts: int
-    """Since this run began."""
-    episode: PlannedEpisode | None = None
-    row: Row | None = None
-    """The episode's row if it is finished."""
-    error: str | None = None
-    """Why the attempt has no result, if it has none."""
-
-
-OnProgress = Callable[[RunProgress], None]
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The arguments of a scheduler in addition to the plan."""
-
-    players: Mapping[str, PlayerConfig]
-    """By `player_key`."""
-    prices: Mapping[str, Price] = field(default_factory=dict)
-    caps: Caps = field(default_factory=Caps)
-    tried: Collection[str] = ()
-    """Players of which one episode is tried first, by `player_key`."""
-    repriced: Collection[str] = ()
-    """Players whose price has changed since the run was played before."""
-
-
 class Scheduler:
     """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
 
-    def __init__(self, folder: RunWriter, plan: Plan, setup: Setup, on_progress: OnProgress | None = None) -> None:
-        self._folder, self._plan, self._setup = folder, plan, setup
-        self._on_progress = on_progress or (lambda progress: None)
+    def __init__(
+        self, folder: RunWriter, roster: Roster, prices: Mapping[str, Price], how: RunOptions, repriced: Collection[str]
+    ) -> None:
+        """`repriced` are the names of players whose price has changed since the run was played before."""
+        self._folder, self._roster, self._prices, self._caps = folder, roster, prices, how.caps
+        self._plan = plan = roster.part
+        self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
         self._who = [player_key(cell) for cell in plan.cells]
         self._queue: deque[PlannedEpisode] = deque()
@@ -113,7 +86,7 @@ class Scheduler:
         """Why the run was ended early, if a model's server refuses every request."""
         folder.mend()
         # The cost of a finished episode changes if its player has a new price.
-        kept = {row["key"]: row for row in folder.rows() if row["player"] not in setup.repriced}
+        kept = {row["key"]: row for row in folder.rows() if row["player"] not in repriced}
         # A record has no row if the run ended before the row was written.
         self._rows = {
             episode.key: kept.get(episode.key) or self._row(episode)
@@ -121,8 +94,8 @@ class Scheduler:
             if folder.transcript(episode.key).exists()
         }
         folder.write_rows(self._rows.values())
-        self._spent = self._spent_before() if setup.caps else Spent()
-        self._expected = Expectations(plan, self._rows.values(), setup.prices)
+        self._spent = self._spent_before() if self._caps else Spent()
+        self._expected = Expectations(plan, self._rows.values(), prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
@@ -171,7 +144,7 @@ class Scheduler:
             player = self._who[episode.place]
             if player in self._silent or self._waits(episode):
                 continue
-            room = self._setup.players[player].concurrency
+            room = self._roster.players[player].concurrency
             if room is not None and busy[player] >= room:
                 continue
             if busy[player] and (self._is_failing(player) or not self._has_acted(player)):
@@ -211,14 +184,14 @@ class Scheduler:
         first: dict[str, PlannedEpisode] = {}
         for episode in episodes:
             player = self._who[episode.place]
-            if player in self._setup.tried and player not in self._acted:
+            if player in self._roster.tried and player not in self._acted:
                 first.setdefault(player, episode)
         keys = {episode.key for episode in first.values()}
         return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
-        if player not in self._setup.tried or player in self._acted:
+        if player not in self._roster.tried or player in self._acted:
             return True
         if any(record.steps for record in self._records_of(player)):
             self._acted.add(player)
@@ -237,7 +210,7 @@ class Scheduler:
 
     def _fits(self, episode: PlannedEpisode) -> bool:
         """Whether the expected use of an episode fits under the caps together with the running episodes."""
-        caps = self._setup.caps
+        caps = self._caps
         if not caps:
             return True
         planned = [*(task.planned for task in self._running.values()), episode]
@@ -250,7 +223,7 @@ class Scheduler:
 
     def _begin(self, episode: PlannedEpisode) -> Task:
         cell = episode.cell
-        config = self._setup.players[self._who[episode.place]]
+        config = self._roster.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
         carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
         task = Task(
@@ -258,7 +231,7 @@ class Scheduler:
             config,
             record,
             previous,
-            price=self._setup.prices.get(player_of(cell)),
+            price=self._prices.get(player_of(cell)),
             carried=carried,
             game_file=game_file(cell),
             strategy_file=strategy_file(cell),
@@ -273,12 +246,12 @@ class Scheduler:
         self._awaited.pop(task.record, None)
         try:
             with damage_named(task.record):
-                record = Record.follow(task.record, self._setup.prices)
+                record = Record.follow(task.record, self._prices)
                 spent = record.own_totals + record.open_call
                 if record.exists:
                     self._folder.archive_record(record, keep=bool(spent.replies or spent.unknown_calls))
         except SmartPlayError as error:
-            self._spent += Record.readable_totals(task.record, self._setup.prices)
+            self._spent += Record.readable_totals(task.record, self._prices)
             self._folder.set_aside(task.record)
             why = {"event": "exception", "error": f"{type(error).__name__}: {error}", "traceback": None}
             return Record([why], path=task.record)
@@ -318,7 +291,7 @@ class Scheduler:
             self._expected.finished(row)
             if row["end_reason"] == "host" and task.player.agent is None:
                 self._tell(episode, "%s ended early: %s", row["detail"] or "")
-            if row["cost"] is None and self._setup.caps.cost is not None:
+            if row["cost"] is None and self._caps.cost is not None:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
@@ -375,4 +348,4 @@ class Scheduler:
             log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
     def _row(self, episode: PlannedEpisode) -> Row:
-        return row_of(Record.follow(self._folder.transcript(episode.key), self._setup.prices), episode.trial)
+        return row_of(Record.follow(self._folder.transcript(episode.key), self._prices), episode.trial)

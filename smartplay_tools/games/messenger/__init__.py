@@ -4,6 +4,5 @@ rules.py    the rules: games, starts, movements, contacts, rewards
 text.py     the texts: observation and manual
 manuals.py  the choice of an episode's manual sentences from the texts
 texts/      our sentences, by split, in the format of the original's data set
-grammar.py  the generator of our sentences from grammar.toml
 game.py     the environment that combines them
 """

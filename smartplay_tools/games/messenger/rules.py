@@ -9,7 +9,6 @@ Level 1 has no movers and uses whole cells.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeVar
@@ -193,20 +192,6 @@ def step(state: State, action: int, chance: Generator) -> StepOutcome:
         open_to = _CHOICES[movement, (avatar_x > x) - (avatar_x < x), (avatar_y > y) - (avatar_y < y)]
         steps.append(open_to[0] if len(open_to) == 1 else pick(open_to, chance))
     return settle(state, action, steps)
-
-
-def outcomes(state: State, action: int) -> dict[StepOutcome, float]:
-    """Return every possible outcome of a tick of level 2 or 3, with its probability."""
-    if is_over(state):
-        return {StepOutcome(state, 0.0, True): 1.0}
-    assert state.avatar is not None
-    open_to = [choices(m, place, state.avatar) for m, place in zip(state.movements, state.places, strict=True)]
-    probability = 1 / math.prod(map(len, open_to))
-    table: dict[StepOutcome, float] = {}
-    for steps in itertools.product(*open_to):
-        outcome = settle(state, action, steps)
-        table[outcome] = table.get(outcome, 0.0) + probability
-    return table
 
 
 def settle(state: State, action: int, steps: Sequence[Place]) -> StepOutcome:

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
-from smartplay_tools.context.prompts import received, stable_end, with_pictures_below
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.players.attempts import (
     BrokenAnswerError,
@@ -26,7 +25,8 @@ from smartplay_tools.players.attempts import (
     plain_answer,
     unreadable,
 )
-from smartplay_tools.players.conversion import halves, kept_item, sendable, taken_back
+from smartplay_tools.players.cache_marks import stable_end
+from smartplay_tools.players.conversion import halves, kept_item, received, sendable, taken_back, with_pictures_below
 from smartplay_tools.players.usage import read_usage, with_end, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import bad, check_calls, objects, read_limit, read_tools

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, TypeVar
 
-from smartplay_tools.context.prompts import received, stable_end
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.players.attempts import (
     BrokenAnswerError,
@@ -23,7 +22,8 @@ from smartplay_tools.players.attempts import (
     plain_answer,
     unreadable,
 )
-from smartplay_tools.players.conversion import halves, sendable, shown, taken_back
+from smartplay_tools.players.cache_marks import stable_end
+from smartplay_tools.players.conversion import halves, received, sendable, shown, taken_back
 from smartplay_tools.players.usage import read_usage, with_end, with_management, written_usage
 from smartplay_tools.players.wire.interface import BREAKPOINT, Event, Interface
 from smartplay_tools.players.wire.problems import RequestError, bad, check_calls, read_limit, read_tools
@@ -31,7 +31,6 @@ from smartplay_tools.players.wire.stream_pieces import StreamedItems
 from smartplay_tools.players.wire.thinking_parts import part_of, taken_apart
 from smartplay_tools.players.wire.tool_choice import ToolChoice, read_tool_choice
 from smartplay_tools.types import Prompt, Reply, Usage
-from smartplay_tools.types.arguments import read as arguments_in
 from smartplay_tools.types.messages import Message, MessageToolCall, assistant_message, calls_of, text_of
 from smartplay_tools.types.pictures import Picture
 
@@ -193,16 +192,6 @@ def read_items(items: Iterable[Mapping[str, Any]]) -> Message:
     return assistant_message(
         {"role": "assistant", "content": _content(texts), "tool_calls": calls, "provider_items": kept}
     )
-
-
-def in_order(items: Mapping[int, Any]) -> list[Any]:
-    """Return items by their places in the output."""
-    return [items[at] for at in sorted(items)]
-
-
-def _is_whole(call: Mapping[str, Any]) -> bool:
-    """Whether a call of a stream has its name and arguments that are an object."""
-    return bool(call.get("name")) and arguments_in(call.get("arguments")).problem is None
 
 
 def _parts(output: Iterable[Any]) -> Iterator[Any]:

@@ -1,5 +1,6 @@
 """The site over run folders: which runs there are, their episodes, and what is being played now.
 
+listed        an episode in the list of a run
 site_runs     which runs there are now, and what a site shows of each, read again where the folder has changed
 site_record   the same of a single transcript
 browser_play  the episodes that a person plays in the browser, as `browser_player` answers

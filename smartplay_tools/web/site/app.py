@@ -40,9 +40,10 @@ from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
+from smartplay_tools.web.site.listed import COLUMNS
 from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, play_routes, refused
 from smartplay_tools.web.site.site_record import ServedPages
-from smartplay_tools.web.site.site_runs import COLUMNS, RunList, ViewedRun
+from smartplay_tools.web.site.site_runs import RunList, ViewedRun
 
 PERIOD = 1.0
 """Seconds between two looks at the folders."""

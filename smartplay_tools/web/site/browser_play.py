@@ -20,8 +20,8 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
+from smartplay_tools.evaluation.runs.run_progress import RunProgress
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
-from smartplay_tools.evaluation.runs.scheduler import RunProgress
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player
 from smartplay_tools.records.accounts import shown_turns

@@ -19,7 +19,8 @@ from smartplay_tools.evaluation.run_folder.follower import Result
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Budget
 from smartplay_tools.types.quantities import duration, short
-from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, figures, live_figures
+from smartplay_tools.web.site.listed import figures, listed
+from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, live_figures
 from smartplay_tools.web.site.site_threads import THREADS
 
 KEY = "0" * 16
@@ -64,24 +65,21 @@ class SiteRecord:
         }
 
     def episodes(self) -> list[list[Any]]:
-        """Return the episode as an array (`COLUMNS`), an empty list before its first event."""
+        """Return the episode as an array (`listed`), an empty list before its first event."""
         record = self._refreshed()
         if record.start is None:
             return []
         facts = record.facts
-        shown = [facts["game"], facts["player"], Budget.from_record(facts["asked"]).describe(), None, facts["seed"]]
+        about = {name: facts[name] for name in ("game", "player", "seed")}
+        about |= {"budget": Budget.from_record(facts["asked"]).describe()}
         if record.ending is None:
-            return [[PLAYING, "running", *shown, *[None] * 11]]
+            return [listed(record=PLAYING, status="running", **about)]
+        about |= {"record": FINISHED, "date": round(self.path.stat().st_mtime)}
         if record.result_data is None:
-            return [[FINISHED, record.outcome, *shown, *[None] * 8, record.error, None, self._date]]
+            return [listed(**about, status=record.outcome, end=record.error)]
         status = "failed" if record.outcome == "failed" else "finished"
         result = Result.of({**record.result_data, "cost": None, "scoring": facts["scoring"]})
-        return [[FINISHED, status, *shown, *figures(result), None, self._date]]
-
-    @property
-    def _date(self) -> int:
-        """When it was written last, in seconds since the epoch."""
-        return round(self.path.stat().st_mtime)
+        return [listed(**about, status=status, **figures(result))]
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the episode while it is played, as `SiteRun.playing` does."""

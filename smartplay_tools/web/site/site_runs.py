@@ -2,8 +2,7 @@
 
 Runs appear and vanish while the site is served. A folder is read again only where it has changed.
 
-An episode of the list is an array of plain values, in the order of `COLUMNS`: ten thousand are about a megabyte of
-JSON. Records are opened only for what is being played, and for the episode that is on screen.
+Records are opened only for what is being played, and for the episode that is on screen.
 """
 
 from __future__ import annotations
@@ -20,20 +19,12 @@ from typing import Any, Protocol
 
 from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.follower import Result, RunFollower, RunSnapshot
+from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.rows import Timing, read_row
 from smartplay_tools.records.threads import thread_files
-from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types.arguments import well_formed
+from smartplay_tools.web.site.listed import figures, listed
 from smartplay_tools.web.site.site_threads import SiteThreads
-
-COLUMNS = (
-    *("record", "status", "game", "player", "budget", "trial", "seed", "score", "normalized", "steps"),
-    *("tokens", "cost", "mistakes", "cut", "counted", "end", "time", "date"),
-)
-"""The values of an episode in the list; its date is when its record was written last, in seconds since the epoch, and
-`counted` its score as means count it."""
 
 SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
 """What the site shows of a snapshot."""
@@ -54,7 +45,7 @@ class ViewedRun(Protocol):
         ...
 
     def episodes(self) -> list[list[Any]]:
-        """Return its episodes as arrays (`COLUMNS`)."""
+        """Return its episodes as arrays (`listed`)."""
         ...
 
     def playing(self) -> list[dict[str, Any]]:
@@ -74,49 +65,19 @@ class ViewedRun(Protocol):
         ...
 
 
-class AttemptTimes:
-    """How many seconds the attempts at the episodes of a run took, as its folder says (`timings.jsonl`)."""
-
-    def __init__(self, folder: Path) -> None:
-        self._lines = GrowingLines(folder / "timings.jsonl")
-        self._seconds: dict[tuple[str, int], float] = {}
-        self._lock = threading.Lock()
-
-    def of_attempts(self) -> dict[tuple[str, int], float]:
-        """Return the seconds of every attempt that is over, by key and number."""
-        with self._lock:
-            lines, is_replaced = self._lines.read()
-            if is_replaced or not self._lines.path.exists():
-                self._seconds = {}
-            for line in lines:
-                try:
-                    row = read_row(line, Timing)
-                except DamageError as error:
-                    raise DamageError(f"A line of {self._lines.path} is damaged: {error}.") from None
-                self._seconds[row["key"], row["attempt"]] = row["seconds"]
-            return dict(self._seconds)
-
-    def of_episodes(self) -> dict[str, float]:
-        """Return the seconds of all attempts at each episode together, by key."""
-        together: dict[str, float] = defaultdict(float)
-        for (key, _), seconds in self.of_attempts().items():
-            together[key] += seconds
-        return together
-
-
 class SiteRun:
     """One run folder."""
 
     def __init__(self, path: Path, name: str) -> None:
         self.folder, self.path, self.name = RunFolder(path), path, name
-        self._follower, self._times = RunFollower(self.folder), AttemptTimes(path)
+        self._follower = RunFollower(self.folder)
         self._read: tuple[Any, list[list[Any]]] | None = None
         self._lock = threading.Lock()
 
     def summary(self) -> dict[str, Any]:
         """Return how far the run is: counts, spending, the time that is left; or what is wrong with its folder."""
         try:
-            now, seconds = self._snapshot(), sum(self._times.of_attempts().values())
+            now, seconds = self._snapshot(), sum(self._follower.seconds.values())
         except SmartPlayError as error:
             return {"name": self.name, "error": str(error)}
         finished = [cell for cell in now.cells if cell.finished]
@@ -145,7 +106,7 @@ class SiteRun:
         return snapshot
 
     def episodes(self) -> list[list[Any]]:
-        """Return every episode and attempt as an array, in the order of the plan (`COLUMNS`)."""
+        """Return every episode and attempt as an array, in the order of the plan (`listed`)."""
         with self._lock:
             version = self.version()
             if self._read is None or self._read[0] != version:
@@ -188,31 +149,32 @@ class SiteRun:
         manifest = self.folder.manifest()
         budgets = [cell.describe() for cell in manifest.cells]
         self._follower.snapshot()
-        results = self._follower.results
-        others: dict[str, list[list[Any]]] = {}
+        results, attempted, dates = self._follower.results, self._follower.seconds, self._dates()
+        others: dict[str, list[dict[str, Any]]] = {}
+        together: dict[str, float] = defaultdict(float)
+        for (key, _), seconds in attempted.items():
+            together[key] += seconds
         for lost in self.folder.failures():
-            record = f"attempts/{lost['key']}.{lost['attempt']}"
-            others.setdefault(lost["key"], []).append([record, _kind(lost["end_reason"]), lost["error"]])
+            key, attempt = lost["key"], lost["attempt"]
+            what = {"record": f"attempts/{key}.{attempt}", "status": _kind(lost["end_reason"]), "end": lost["error"]}
+            others.setdefault(key, []).append({**what, "time": attempted.get((key, attempt))})
         for running in self.folder.running():
-            others.setdefault(running.stem.partition(".")[0], []).append([f"running/{running.stem}", "running", None])
-        attempted, together, dates = self._times.of_attempts(), self._times.of_episodes(), self._dates()
-        rows = []
+            what = {"record": f"running/{running.stem}", "status": "running"}
+            others.setdefault(running.stem.partition(".")[0], []).append(what)
+        rows: list[dict[str, Any]] = []
         for planned in manifest.episodes:
             cell, key = manifest.cells[planned.cell], planned.key
-            facts = [cell.game, cell.player, budgets[planned.cell], planned.trial, planned.seed]
+            facts: dict[str, Any] = {"game": cell.game, "player": cell.player, "budget": budgets[planned.cell]}
+            facts |= {"trial": planned.trial, "seed": planned.seed}
             attempts = others.get(key, [])
             if key in results:
-                rows.append([f"episodes/{key}", "finished", *facts, *figures(results[key])])
-                attempts = [attempt for attempt in attempts if attempt[1] == "failed"]
-            for record, status, error in attempts:
-                rows.append([record, status, *facts, *[None] * 8, error])
+                done = {"record": f"episodes/{key}", "status": "finished", "time": together.get(key)}
+                rows.append({**done, **facts, **figures(results[key])})
+                attempts = [attempt for attempt in attempts if attempt["status"] == "failed"]
+            rows += [{**attempt, **facts} for attempt in attempts]
             if key not in results and not attempts:
-                rows.append([None, "waiting", *facts, *[None] * 9])
-        for row in rows:
-            key, _, attempt = (row[0] or "").rpartition("/")[2].partition(".")
-            row.append(attempted.get((key, int(attempt))) if attempt else together.get(key))
-            row.append(dates.get(f"{row[0]}.jsonl"))
-        return rows
+                rows.append({"status": "waiting", **facts})
+        return [listed(**row, date=dates.get(f"{row.get('record')}.jsonl")) for row in rows]
 
     def _dates(self) -> dict[str, int]:
         """When every record of an episode that is over was written last, by its path in the folder."""
@@ -229,12 +191,6 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     except OSError:
         return None
     return stat.st_mtime_ns, stat.st_size
-
-
-def figures(result: Result) -> list[Any]:
-    """Return the values of an episode from `score` on (`COLUMNS`)."""
-    scores, spent = [result.score, result.normalized_score, result.steps], [result.spent.tokens, result.spent.cost]
-    return [*scores, *spent, result.mistakes, result.cut_results, result.mean_score, result.end_reason]
 
 
 def live_figures(record: Record) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.manager.record import read_thread
 from smartplay_tools.records.threads import thread_files, thread_row
+from smartplay_tools.web.site.listed import listed
 
 THREADS = "threads"
 """The kind of a record in an address, and what stands in the place of a run's games."""
@@ -59,30 +60,28 @@ class SiteThreads:
         return max((_stamp(file)[0] for file in thread_files([self.path])), default=0.0)
 
     def episodes(self) -> list[list[Any]]:
-        """Return every thread as an array (`COLUMNS`)."""
+        """Return every thread as an array (`listed`)."""
         return [self._row(file, row) for file, row in self._read().items()]
 
     def _row(self, file: Path, row: dict[str, Any]) -> list[Any]:
-        record, date = f"{THREADS}/{file.stem}", round(_stamp(file)[0])
+        facts = {
+            "record": f"{THREADS}/{file.stem}",
+            "game": file.stem,
+            "player": MANAGER,
+            "date": round(_stamp(file)[0]),
+        }
         if error := row.get("error"):
-            return [
-                record,
-                "failed",
-                file.stem,
-                MANAGER,
-                "",
-                None,
-                None,
-                *[None] * 8,
-                error,
-                None,
-                date,
-            ]
-        status = "running" if self.is_playing(file) else "finished"
-        cap = "no cap" if row["cap"] is None else f"at most {row['cap']:,} tokens"
-        over = f"{row['over']} prompts over by the provider's count" if row["over"] else ""
-        figures = [None, None, row["prompts"], row["tokens"], None, row["refusals"], row["cut"], None, over]
-        return [record, status, file.stem, MANAGER, cap, None, None, *figures, None, date]
+            return listed(**facts, status="failed", budget="", end=error)
+        return listed(
+            **facts,
+            status="running" if self.is_playing(file) else "finished",
+            budget="no cap" if row["cap"] is None else f"at most {row['cap']:,} tokens",
+            steps=row["prompts"],
+            tokens=row["tokens"],
+            mistakes=row["refusals"],
+            cut=row["cut"],
+            end=f"{row['over']} prompts over by the provider's count" if row["over"] else "",
+        )
 
     def playing(self) -> list[dict[str, Any]]:
         """Return the threads that go on, with their figures."""

@@ -1,7 +1,4 @@
-"""The reading of records for a page: each is checked, drawn and packed, which is most of the work of a report.
-
-A page of thousands of episodes is read by several processes; what it says does not depend on their number.
-"""
+"""The reading of records for a page: each is checked, drawn and packed, which is most of the work of a report."""
 
 from __future__ import annotations
 
@@ -9,8 +6,6 @@ import base64
 import gzip
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from operator import itemgetter
 from typing import Any
 
 from smartplay_tools.errors import DamageError, damage_named
@@ -18,15 +13,11 @@ from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.pages.report.summary_tables import rules
-from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import current_place
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
 from smartplay_tools.types.arguments import encoder
-
-WORTH_A_PROCESS = 8_000_000
-"""Bytes of records for which another process is started: fewer are read before it has imported what it needs."""
 
 PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "pictures", "traceback", "check")
 """What is needed only when an episode is opened; it takes most of the memory of a long one."""
@@ -45,31 +36,21 @@ class ShownEpisode:
 
 
 def read_episodes(
-    sources: Sequence[Source], letter: str, *, workers: int = 1, plugins: bool = False
+    sources: Sequence[Source], letter: str, *, plugins: bool = False
 ) -> tuple[list[ShownEpisode], list[str]]:
     """Return the episodes of a run, in the order of their sources, and a sentence for each damaged record.
 
-    At most `workers` processes read them, and fewer if there is little to read. `plugins` says whether they import
-    games of installed packages; a game that only this process knows cannot be drawn elsewhere, so this process then
-    reads alone.
+    `plugins` says whether games of installed packages are imported.
     """
-    processes = worth(workers, (source.transcript for source in sources), WORTH_A_PROCESS, plugins=plugins)
-    chunks = parallel_map(partial(_read_chunk, letter=letter, plugins=plugins), sources, processes)
-    read = [each for _, part in sorted(chunks, key=itemgetter(0)) for each in part]
-    return [each for each in read if not isinstance(each, str)], [each for each in read if isinstance(each, str)]
-
-
-def _read_chunk(sources: Sequence[Source], *, letter: str, plugins: bool) -> list[ShownEpisode | str]:
+    shown, damaged = list[ShownEpisode](), list[str]()
     with importing_packages(plugins), Drawings() as drawings:
-        return [_read_or_fault(source, letter, drawings) for source in sources]
-
-
-def _read_or_fault(source: Source, letter: str, drawings: Drawings) -> ShownEpisode | str:
-    try:
-        with damage_named(source.transcript):
-            return _read(source, letter, drawings)
-    except DamageError as error:
-        return str(error)
+        for source in sources:
+            try:
+                with damage_named(source.transcript):
+                    shown.append(_read(source, letter, drawings))
+            except DamageError as error:
+                damaged.append(str(error))
+    return shown, damaged
 
 
 def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:

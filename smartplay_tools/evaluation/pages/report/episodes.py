@@ -116,7 +116,7 @@ def turns(record: Record) -> list[dict[str, Any]]:
     for usage in record.usages:
         turn = contents[usage["turn"]]
         if purpose_of(usage) == "compaction":
-            turn["questions"] = turn.get("questions", 0) + usage["prompt"] + usage["reply"]
+            turn["questions"] = turn.get("questions", 0) + usage.get("prompt", 0) + usage.get("reply", 0)
             continue
         owner = turn["summary"] if concerns_summary(usage) else turn
         owner["usage"] = {name: usage.get(name) for name in ("reply", "overrun", "provider")}

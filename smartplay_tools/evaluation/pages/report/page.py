@@ -82,18 +82,16 @@ def write_report(
     title: str | None = None,
     episodes: str | None = None,
     plugins: bool = False,
-    workers: int = 1,
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
     Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
     number (the first trials) or "all"; not given, a page of a very large run holds the first trials, with a warning. An
     existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
-    name, are imported for the drawings and figures only with `plugins`. Records are read by up to `workers` processes,
-    where there are so many that it saves time; a script that asks for several needs `if __name__ == "__main__":`.
+    name, are imported for the drawings and figures only with `plugins`.
     """
     file = _html_file(out)
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins, workers=workers)
+    page = render_report(run, title=title, episodes=episodes, plugins=plugins)
     return _write(file, page)
 
 
@@ -130,7 +128,6 @@ def render_report(
     title: str | None = None,
     episodes: str | None = None,
     plugins: bool = False,
-    workers: int = 1,
     open_first: bool = False,
 ) -> str:
     """Return the replay page; with `open_first` it begins with its first episode."""
@@ -139,7 +136,7 @@ def render_report(
     with importing_packages(plugins):
         runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
         opened: Literal["first", "run"] = "first" if open_first else "run"
-        return render_runs(runs, title, workers=workers, plugins=plugins, opened=opened)
+        return render_runs(runs, title, plugins=plugins, opened=opened)
 
 
 def render_threads(files: Sequence[Path], title: str, site: Mapping[str, Any] | None = None) -> str:
@@ -153,7 +150,6 @@ def render_runs(
     runs: Sequence[ShownRun],
     title: str | None,
     *,
-    workers: int = 1,
     plugins: bool,
     opened: Literal["run", "first", "alone", "compared"],
     site: Mapping[str, Any] | None = None,
@@ -164,7 +160,7 @@ def render_runs(
     """
     pages = [
         # Figures are drawn once, for all runs.
-        _page_of_run(run, runs if run is runs[0] else (), workers=workers, plugins=plugins)
+        _page_of_run(run, runs if run is runs[0] else (), plugins=plugins)
         for run in runs
     ]
     return _rendered(_contents(pages, title), site, opened)
@@ -274,9 +270,9 @@ class _RunPage:
     """A sentence for each record that is left out."""
 
 
-def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, workers: int, plugins: bool) -> _RunPage:
+def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, plugins: bool) -> _RunPage:
     drawn = list(figures(drawing))
-    shown, damaged = read_episodes(run.sources.episodes, run.letter, workers=workers, plugins=plugins)
+    shown, damaged = read_episodes(run.sources.episodes, run.letter, plugins=plugins)
     if damaged and not shown:
         raise DamageError(damaged[0])
     for sentence in damaged:

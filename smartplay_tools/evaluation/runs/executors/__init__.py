@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import os
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
@@ -41,19 +41,23 @@ Again = Callable[[Task], Task]
 """Keeps the record of a task whose worker was lost, and returns the task that continues it."""
 
 
-class Executor(Protocol):
+class Executor(ABC):
     """Runs attempts. Its `stop` and `limits` are accessible to the attempts, wherever they run."""
 
     stop: StopFlag
     limits: RunLimits | None
 
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+        """Make an executor whose attempts, `workers` at a time, are made in this process."""
+        self._workers, self.stop = workers, threading.Event()
+        self.limits = SharedLimits(caps, spent) if caps else None
+
+    @abstractmethod
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Run attempts while there are tasks, and yield their outcomes as they complete. May be called again."""
-        ...
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most release everything at the end of `run`
         """Release the executor's resources; it runs no more attempts."""
-        ...
 
 
 EXECUTORS = Registry(
@@ -76,15 +80,8 @@ def default_workers(name: str) -> int:
     return {"inline": 1, "async": WAITING_AT_ONCE}.get(name) or os.cpu_count() or 1
 
 
-class InlineExecutor:
+class InlineExecutor(Executor):
     """Plays on the calling thread."""
-
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
-        self.stop = threading.Event()
-        self.limits = SharedLimits(caps, spent) if caps else None
-
-    def close(self) -> None:
-        """Do nothing: all resources are released at the end of `run`."""
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks in their order."""

@@ -10,14 +10,12 @@ Players that serve many conversations (`serves_many`) are created once for each 
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AsyncExitStack
 
 from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import Task, aplay_attempt, make_player
-from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
-from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.players.opening import aenter_player
 from smartplay_tools.types import AsyncPlayer
 
@@ -25,21 +23,12 @@ GRACE_SECONDS = 10.0
 """Seconds to wait for open requests when the run stops, because their replies are paid for."""
 
 
-class AsyncExecutor:
+class AsyncExecutor(Executor):
     """Plays `workers` episodes at a time on its own event loop."""
-
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
-        self._workers = workers
-        self.stop = threading.Event()
-        self.limits = SharedLimits(caps, spent) if caps else None
-        self._shared: dict[str, AsyncPlayer | None] = {}
-
-    def close(self) -> None:
-        """Do nothing: all resources are released at the end of `run`."""
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time."""
-        self._shared = {}  # those of an earlier call are closed
+        self._shared: dict[str, AsyncPlayer | None] = {}  # those of an earlier call are closed
         with asyncio.Runner() as runner:
             loop, closing = runner.get_loop(), AsyncExitStack()
             under_way: set[asyncio.Task[EndedAttempt]] = set()

@@ -15,23 +15,20 @@ from pathlib import Path
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
-from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
 from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
 
 
-class ProcessExecutor:
+class ProcessExecutor(Executor):
     """Plays in `workers` processes."""
 
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
         _check_main_module()
-        self._workers = workers
+        super().__init__(workers, caps, spent)
         self.stop = _SharedFlag()
         self.limits = SharedLimits(caps, spent, processes=True) if caps else None
-
-    def close(self) -> None:
-        """Do nothing: all resources are released at the end of `run`."""
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
         """Play the tasks, `workers` at a time; those whose worker died come last, one at a time."""

@@ -25,7 +25,7 @@ from typing import Any
 from smartplay_tools.errors import EngineError, extra_named
 from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
-from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Take
+from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
 from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
@@ -46,16 +46,14 @@ class _RayAttempt:
     task: Task
 
 
-class RayExecutor:
+class RayExecutor(Executor):
     """Plays `workers` episodes at a time, each on a processor of the cluster."""
 
     def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
-        self._workers = workers
+        super().__init__(workers, caps, spent)
         self._own = not ray.is_initialized()
         if self._own:
             _connect(workers)
-        self.stop = threading.Event()
-        self.limits: RunLimits | None = None
         if caps:
             self.limits = _RemoteLimits(_actor(SharedLimits).remote(caps, spent))
         self._records = _actor(_Records, max_task_retries=-1).remote()
