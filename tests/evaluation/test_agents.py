@@ -147,6 +147,6 @@ async def play_it(episode):
 def test_an_agent_of_a_file_plays_on_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(AGENT)
     words = ["eval", "--games", HANOI, "--agent", f"{tmp_path / 'mine.py'}:play_it", "--trials", "2"]
-    assert "2 episodes" in shown_by(*words, "--out", tmp_path / "run", "--dry-run")
+    assert "replies are assumed to have 75 to 300" in shown_by(*words, "--out", tmp_path / "run", "--dry-run")
     shown_by(*words, "--out", tmp_path / "run", "--quiet")
     assert [row["score"] for row in RunFolder(tmp_path / "run").rows()] == [3.0, 3.0]

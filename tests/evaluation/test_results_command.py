@@ -46,7 +46,7 @@ def test_a_name_that_is_not_utf8_is_shown_and_a_damaged_run_does_not_hide_the_ot
     odd.symlink_to(folder)
     damaged.mkdir()
     (damaged / "manifest.json").write_text("{")
-    shown = run(odd, damaged, folder, "--csv", tmp_path / "c\udcff.csv", "--parquet", tmp_path / "c\udcff.parquet")
+    shown = run(odd, damaged, folder, "--csv", tmp_path / "c\udcff.csv")
     assert shown.exit_code == 1
     assert shown.stderr == f"smartplay-tools: {damaged / 'manifest.json'} is not JSON.\n"
     assert shown.stdout.count("8 of 8 episodes finished") == 2
@@ -105,12 +105,10 @@ def test_the_other_weights(folder):
 
 
 def test_files_for_notebooks(folder, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    run(folder, "--csv", tmp_path / "run.csv", "--parquet", tmp_path / "run.parquet")
+    run(folder, "--csv", tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
         keys = [line["key"] for line in csv.DictReader(file)]
     assert keys == [row["key"] for row in RunFolder(folder).rows()]
-    assert parquet.read_table(tmp_path / "run.parquet")["key"].to_pylist() == keys
 
 
 def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
