@@ -265,12 +265,21 @@ def test_repairs_can_be_refused_with_the_position():
         manager(1_000, repair=False).fit([*steps(1), step(1)[0]])
 
 
+def nested(levels: int) -> dict[str, Any]:
+    """A message whose only part holds another, and that another."""
+    part: dict[str, Any] = {"type": "note"}
+    for _ in range(levels - 1):
+        part = {"type": "note", "inner": part}
+    return {"role": "user", "content": [part]}
+
+
 @pytest.mark.parametrize(
     ("message", "sentence"),
     [
         ("words", "Message 2 is str"),
         ({"role": "critic", "content": "Bad."}, "Message 2 has the role 'critic'"),
         ({"type": "item_reference", "id": "rs_1"}, "Message 2 is a reference"),
+        (nested(3_000), "Message 2 is nested 3002 levels deep"),
         ({"role": "user", "content": {1, 2}}, "Message 2 has content of the type set"),
         ({"content": "no role"}, "Message 2 has the role None"),
         ({"role": [], "content": "a list as a role"}, r"Message 2 has the role \[\]"),
