@@ -9,34 +9,18 @@ import shlex
 import sys
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.runner import evaluate
+from tests.evaluation.command import refused, result_of
+from tests.evaluation.players import Broken
 
 GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
 
 
 def run(*words: object) -> Result:
-    result = CliRunner(env={"COLUMNS": "80"}).invoke(app, ["results", *map(str, words)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
-
-
-class Unlucky:
-    """Fails at the first prompt of every episode."""
-
-    name = "unlucky"
-
-    def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        raise RuntimeError("no luck today")
-
-
-def make_unlucky(*, seed: int) -> Unlucky:
-    return Unlucky()
+    return result_of("results", *words)
 
 
 @pytest.fixture(scope="module")
@@ -117,9 +101,7 @@ def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
 
 def test_the_other_weights(folder):
     assert "degree - 1" in run(folder, "--all", "--weights", "zero-based").output
-    refused = run(folder, "--weights", "equal")
-    assert refused.exit_code == 2
-    assert "paper, zero-based" in refused.output
+    assert "paper, zero-based" in refused("results", folder, "--weights", "equal")
 
 
 def test_files_for_notebooks(folder, tmp_path):
@@ -145,10 +127,10 @@ def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
 
 def test_failures_are_shown_apart(tmp_path):
     path = tmp_path / "run"
-    evaluate([GAMES[0]], {"unlucky": make_unlucky}, out=path, trials=1, executor="inline")
+    evaluate([GAMES[0]], {"unlucky": Broken}, out=path, trials=1, executor="inline")
     shown = run(path)
     assert "0 of 1 episodes finished, 3 failed attempts" in shown.output
-    assert "RuntimeError: no luck today" in shown.output
+    assert "RuntimeError: no more ideas" in shown.output
 
 
 def test_a_shard_is_as_long_as_its_part(tmp_path):
@@ -169,8 +151,5 @@ def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
         ("report", record, "--out", place.with_suffix(".html")),
     )
     for command in commands:
-        done = CliRunner().invoke(app, list(map(str, command)))
-        assert done.exit_code == 2, done.output
-        assert re.fullmatch(r"smartplay-tools: \S+file\S* cannot be read or written: \w+ .*\.\n", done.output), (
-            done.output
-        )
+        said = refused(*command)
+        assert re.fullmatch(r"smartplay-tools: \S+file\S* cannot be read or written: \w+ .*\.\n", said), said

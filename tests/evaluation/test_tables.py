@@ -20,9 +20,7 @@ RPS, HANOI, HANOI4 = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "Hanoi4Disk-v0
 
 
 def rock(times: int, usage: sp.Usage | None = None) -> sp.ScriptedPlayer:
-    function = {"name": "act", "arguments": '{"action": "Rock"}'}
-    call = {"id": "c", "type": "function", "function": function}
-    return sp.ScriptedPlayer([{"role": "assistant", "content": None, "tool_calls": [call]}] * times, usage)
+    return sp.ScriptedPlayer([sp.call("act", action="Rock")] * times, usage)
 
 
 @pytest.fixture(scope="module")

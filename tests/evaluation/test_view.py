@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
+from tests.evaluation.command import refused
 from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
@@ -199,8 +198,7 @@ def test_thousands_of_episodes_are_listed_again_without_reading(runs, tmp_path):
 
 
 def test_the_command_says_what_is_wrong(tmp_path):
-    done = CliRunner().invoke(app, ["view", str(tmp_path / "nowhere")])
-    assert (done.exit_code, "There is no folder" in done.output) == (2, True)
+    assert "There is no folder" in refused("view", tmp_path / "nowhere")
 
 
 def test_runs_appear_and_vanish_while_the_site_is_served(runs, tmp_path):
