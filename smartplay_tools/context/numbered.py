@@ -31,12 +31,11 @@ class NumberedMessages:
         """Every message by its number, as a prompt shows it now."""
         self.starts = [len(lead)]
         """The number of the first message of each turn, and the number that comes next."""
-        self.places = [0]
-        """The tokens of all turns before each, whole (`context.grid`), and those of all."""
         self.oldest = self.trimmed_before = self.elided = 0
         """What decides the levels of all messages, as in a `Selection`."""
-        self._sums, self._aged = [0], 0
-        """The tokens of the messages before each, as far as they are counted; how many turns age no more."""
+        self._sums, self._places, self._aged = [0], [0], 0
+        """The tokens of the messages, and of the turns, before each, as far as they are counted; how many turns age no
+        more."""
         self._results: dict[str, int] = {}
         self._read = 0
         """The numbers of results by the ids of their calls, and how many messages were looked at for them."""
@@ -48,13 +47,12 @@ class NumberedMessages:
         self.turns.append(turn)
         self.now += turn.seen(self.oldest, trimmed_before=self.trimmed_before, elided=self.elided)
         self.starts.append(len(self.now))
-        self.places.append(self.places[-1] + self._sum(turn.whole))
 
     def back_to(self, turn: int) -> None:
         """Forget the turns from one on."""
         start = self.starts[turn]
         del self.turns[turn:], self.now[start:], self._sums[start + 1 :]
-        del self.starts[turn + 1 :], self.places[turn + 1 :]
+        del self.starts[turn + 1 :], self._places[turn + 1 :]
         self._aged, self._read = min(self._aged, turn), min(self._read, start)
 
     def age(self, oldest: int, trimmed_before: int = 0, elided: int = 0) -> None:
@@ -93,6 +91,13 @@ class NumberedMessages:
             sizes = [form.tokens(self.counter) for form in self.now[len(sums) - 1 : stop]]
             sums[-1:] = accumulate(sizes, initial=sums[-1])
         return sums[stop] - sums[row.start]
+
+    @property
+    def places(self) -> Sequence[int]:
+        """The tokens of all turns before each, whole, and those of all: their places on the grid."""
+        for turn in self.turns[len(self._places) - 1 :]:
+            self._places.append(self._places[-1] + self._sum(turn.whole))
+        return self._places
 
     def turn_tokens(self, turn: int) -> int:
         """Return the tokens of a turn as a prompt shows it now."""

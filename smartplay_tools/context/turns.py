@@ -82,6 +82,11 @@ class Form:
             self._line = message_bytes(self.message, ids, self._arguments or ())
         return self._line
 
+    @property
+    def is_result(self) -> bool:
+        """Whether it is the result of a call."""
+        return self.message["role"] == "tool"
+
     def tokens(self, counter: TokenCounter) -> int:
         """Return the budget tokens of the message."""
         if self._counter is not counter:

@@ -272,8 +272,7 @@ class ContextWindow(NumberedMessages):
     @property
     def always(self) -> set[int]:
         """The turns that every prompt shows."""
-        pinned = (len(self.turns) - 1, self.newest, self.pinned)
-        return {turn for turn in pinned if turn is not None and turn >= 0}
+        return {*self._pins, len(self.turns) - 1} if self.turns else set()
 
     @property
     def always_tokens(self) -> int:

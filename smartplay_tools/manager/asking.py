@@ -6,20 +6,19 @@ import asyncio
 import inspect
 import math
 from collections.abc import Awaitable, Callable, Generator, MutableMapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.strategies.choices import Strategy
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
-from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.fitted import Draft, FittedPrompt
 from smartplay_tools.manager.memo import MemoFolder, Texts
 from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
-from smartplay_tools.types import ResolvedBudget
+from smartplay_tools.manager.units import TooLongError
 
 __all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
 
@@ -82,13 +81,7 @@ class Asking:
                 )
         check_numbers(question_tokens=question_tokens)
         self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
-        budget = ResolvedBudget(
-            history=settings.history,
-            slack=settings.slack,
-            own_words=settings.own_words,
-            prompt_tokens=settings.prompt_tokens,
-            question_tokens=question_tokens or settings.prompt_tokens,
-        )
+        budget = settings.budget.model_copy(update={"question_tokens": question_tokens or settings.prompt_tokens})
         goes_on = self._on_error == "drop"
         return StrategyRunner(make, budget, settings.counter, settings.messages, kept_in(memo), goes_on=goes_on)
 
@@ -135,31 +128,24 @@ class Asking:
             made = _next(fitting, answer)
         return made
 
-    def summary(self, draft: Draft) -> Generator[Question, str, tuple[Shown | None, str]]:
-        """Yield the questions of a summary; return it, and why there is none if nobody answered."""
-        covered = draft.covered
-        assert covered is not None
-        assert self.summaries is not None
+    def completed(self, draft: Draft) -> Generator[Question, str, Draft]:
+        """Yield the questions that a prompt needs; return it with what was answered."""
         try:
-            text = yield from self.summaries.text(covered)
+            if self.summaries is not None and draft.covered is not None:
+                text = yield from self.summaries.text(draft.covered)
+                shown = self.summaries.shown(text, draft.covered.form) if text else None
+                return replace(draft, summary=shown)
+            if self.strategy is not None and draft.asked is not None:
+                chosen = yield from self.strategy.chosen(draft.asked)
+                return draft.with_choice(chosen)
         except AskError as error:
-            if self._on_error == "raise":
+            if self._on_error == "raise" or self.summaries is None:
                 raise error.reason from None
-            return None, f"{type(error.reason).__name__}: {error.reason}"
-        return (self.summaries.shown(text, covered.form) if text else None), ""
-
-    def with_choice(self, draft: Draft) -> Generator[Question, str, tuple[Draft, str]]:
-        """Yield the questions of the strategy; return the prompt that it makes, and why nobody answered."""
-        assert draft.asked is not None
-        assert self.strategy is not None
-        try:
-            chosen = yield from self.strategy.chosen(draft.asked)
-        except AskError as error:
-            raise error.reason from None
+            return replace(draft, failed=str(error))
         except TooLongError as error:
             parts = {**draft.parts, "pinned": error.pins, "newest turn": error.newest}
             raise PromptOverflowError.of(self._settings.prompt_tokens or 0, parts) from None
-        return draft.with_choice(chosen), chosen.failed
+        return draft
 
     def _asked(self) -> Callable[..., Any]:
         """The function that asks a model."""

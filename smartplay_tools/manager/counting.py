@@ -153,7 +153,7 @@ class MessageCounter:
                     "name them with extra_tokens"
                 )
             tokens += _of(self._extra, part)
-        others = [*said.others, *content.others]
+        others = [other for other in (*said.others, *content.others) if other]
         tokens += count("".join(text for other in others for text in texts_in(dict(other))))
         return tokens + sum(self._seal(part, text) for other in others for part, text in sealed_in(other))
 
@@ -180,10 +180,9 @@ def sealed_in(value: Any) -> Iterator[tuple[Given, str]]:
         name = ENCRYPTED.get(str(value.get("type")), "encrypted_content")
         if isinstance(value.get(name), str):
             yield value, value[name]
-        for inner in value.values():
-            yield from sealed_in(inner)
-    elif isinstance(value, list | tuple):
-        for inner in value:
+    values = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    for inner in values:
+        if not isinstance(inner, str):
             yield from sealed_in(inner)
 
 

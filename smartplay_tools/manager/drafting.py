@@ -6,20 +6,22 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.asking import Asking
-from smartplay_tools.manager.choice import Choice, Shown, TooLongError, beginnings
 from smartplay_tools.manager.counting import Cost
 from smartplay_tools.manager.fitted import Conversation, Draft
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm
-from smartplay_tools.manager.reading import Part, Reading, kind_of
+from smartplay_tools.manager.reading import Reading, kind_of
 from smartplay_tools.manager.settings import Settings
 from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
 from smartplay_tools.manager.tools import specs_of
+from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
+from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 
 __all__ = ["Drafts"]
@@ -43,8 +45,8 @@ class Drafts:
         tool_tokens = self._tool_tokens(beside["tools"]) + (self._counter.text(json.dumps(schema)) if schema else 0)
         begin = self.first_reply(data, form)
         messages_of_head, left_out = self._head_of(data[:begin], form)
-        shown = [Shown(Part(n, m, self._cost(n, m, form, keys), m is data[n]), m) for n, m in messages_of_head]
-        head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(each.tokens for each in shown)
+        head = [Part(n, m, self._cost(n, m, form, keys), m is data[n]) for n, m in messages_of_head]
+        head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(part.cost.whole for part in head)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._asking.summaries is None else {**parts, "summary": self._asking.summaries.reserve}
         room = (
@@ -57,34 +59,29 @@ class Drafts:
         repaired = sorted({*left_out, *reading.repaired})
         if not self._settings.repair and (repaired or reading.made):
             self._refuse(repaired, reading)
-        newest = len(data) - 1 if len(data) > begin and len(data) - 1 not in repaired else None
         lacks_user = all(message.get("role") != "user" for _, message in messages_of_head)
+        draft = Draft([*map(Shown.whole, head)], parts, repaired, len(reading.made), lacks_user)
         if self._asking.strategy is not None:
-            leading = len(
-                [*itertools.takewhile(lambda each: each.message.get("role") in ("system", "developer"), shown)]
+            lead = []
+            if self._asking.strategy.compacts:
+                lead = [*itertools.dropwhile(lambda part: part.message.get("role") in ("system", "developer"), head)]
+            seed, tokens = self._seed(data[:begin], form, beside), None if math.isinf(room) else int(room)
+            asked = AskedStrategy(reading.copy(), seed, tokens, lead, lacks_user)
+            return replace(draft, head=draft.head[: len(head) - len(lead)], asked=asked)
+        chosen, covered = Chosen(pinned=range(0)), None
+        if reading.turns:
+            users = reading.users if lacks_user and not has_summary else ()
+            try:
+                chosen = reading.window.newest_units(room, reading.kept(len(reading.turns)), users)
+            except TooLongError as error:
+                reserved |= {"pinned": error.pins, "newest turn": error.newest}
+                raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
+        if has_summary and (first := len(chosen.pinned)):
+            ends = reading.window.beginnings(room, first)
+            covered = Covered(
+                self._seed(data[:begin], form, beside), [turn.unit for turn in reading.turns[:first]], ends, form
             )
-            lead = (
-                [(at, each.part) for at, each in enumerate(shown)][leading:] if self._asking.strategy.compacts else []
-            )
-            seed, late = self._seed(data[:begin], form, beside), reading.unit_of(newest)
-            tokens = None if math.isinf(room) else int(room)
-            asked = AskedStrategy(reading.copy(), seed, late, tokens, lead, lacks_user)
-            head = shown[: len(shown) - len(lead)]
-            return Draft(head, (), parts, repaired, len(reading.made), None, asked, lacks_user)
-        needs_user = lacks_user and not has_summary
-        try:
-            choice = Choice(reading, self._settings, newest, room, needs_user=needs_user)
-        except TooLongError as error:
-            reserved |= {"pinned": error.pins, "newest turn": error.newest}
-            raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
-        turns = [*choice.shown()]
-        parts["pinned"] = choice.pins
-        parts["turns"] = sum(each.tokens for each in turns) - choice.pins
-        covered = None
-        if has_summary and choice.first:
-            ends = beginnings(reading, self._settings, room, choice.first)
-            covered = Covered(self._seed(data[:begin], form, beside), reading.units[: choice.first], ends, form)
-        return Draft(shown, turns, parts, repaired, len(reading.made), covered, None, lacks_user)
+        return replace(draft.with_choice(chosen), covered=covered)
 
     def _seed(self, head: Sequence[Given], form: MessageForm, beside: Mapping[str, Any]) -> bytes:
         """The digest of what shapes prompts beside their units."""
@@ -142,9 +139,10 @@ class Drafts:
     def _reading(self, form: MessageForm, begin: int, most: int | None, keys: Sequence[object]) -> Reading:
         """The reading of this conversation so far; a new one if its head is not known."""
         known = form.name, begin, most, *keys[:begin]
-        reading = self._readings.pop(known, None) or Reading(
-            form, self._messages, begin, most, self._settings.pin or (lambda _: False)
-        )
+        reading = self._readings.pop(known, None)
+        if reading is None:
+            window = AgentWindow(form, self._messages, self._counter, self._settings.budget)
+            reading = Reading(window, self._messages, begin, most, self._settings.pin or (lambda _: False))
         self._readings[known] = reading
         if len(self._readings) > READINGS:
             del self._readings[next(iter(self._readings))]
@@ -156,7 +154,7 @@ class Drafts:
                 f"Message {repaired[0]} does not fit its neighbours: a result without its call, or apart from it. "
                 "Mend the list, or let repair=True do it."
             )
-        source = reading.units[reading.made[0]].parts[0].source
+        source = reading.turns[reading.made[0]].unit.parts[0].source
         raise InvalidArgumentError(
             f"A call of message {source} has no result. Mend the list, or let repair=True do it."
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import marshal
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import compress, count, repeat
@@ -12,15 +12,18 @@ from operator import ne
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.choice import Shown
 from smartplay_tools.manager.forms import Given, MessageForm
-from smartplay_tools.manager.strategy import AskedStrategy, Chosen
+from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
+from smartplay_tools.manager.units import Chosen, Shown
 
 __all__ = ["Conversation", "Draft", "FittedPrompt", "PlainMessages", "check_plain", "plain"]
 
 CONVERSATIONS = 16
 """How many conversations are known again, by how they begin."""
+
+DEEPEST = 100
+"""How many levels any message has that a program has made on purpose."""
 
 UNORDERED = (
     frozenset({"role", "content", "tool_calls", "tool_call_id"}),
@@ -92,38 +95,41 @@ class FittedPrompt:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A prompt but for its summary."""
+    """A prompt that is not finished: a model may have to be asked."""
 
     head: Sequence[Shown]
-    turns: Sequence[Shown]
     parts: Mapping[str, int]
-    """Tokens by part, without a summary's."""
+    """Tokens by part."""
     repaired: Sequence[int]
     made: int
-    covered: Covered | None
-    """What a summary has to cover; None if nothing has left, or nobody asks for summaries."""
-    asked: AskedStrategy | None
-    """What a strategy is asked about; None without one."""
     lacks_user: bool
     """Whether no words of a user stand in the head."""
+    turns: Sequence[Shown] = ()
     rewritten: Sequence[int] = ()
+    covered: Covered | None = None
+    """What a summary has to cover; None if nothing has left, or nobody asks for summaries."""
+    asked: AskedStrategy | None = None
+    """What a strategy is asked about; None without one."""
+    summary: Shown | None = None
+    failed: str = ""
 
     def with_choice(self, chosen: Chosen) -> Draft:
-        """Return the prompt with what a strategy shows."""
-        lead = 0 if self.asked is None else len(self.asked.lead)
-        turns = sum(each.tokens for each in chosen.shown[lead:]) - chosen.own - chosen.pinned
-        texts = {"summary": chosen.own} if chosen.own else {}
-        parts = {**self.parts, **texts, "pinned": chosen.pinned, "turns": turns}
-        return replace(self, turns=chosen.shown, parts=parts, rewritten=chosen.rewritten)
+        """Return the prompt with what was chosen."""
+        own = sum(each.tokens for each in chosen.shown if each.turn is None)
+        texts = {"summary": own} if own else {}
+        of_turns = [each for each in chosen.shown if each.turn is not None and each.turn >= 0]
+        pinned = sum(each.tokens for each in of_turns if each.turn in chosen.pinned)
+        parts = {**self.parts, **texts, "pinned": pinned, "turns": sum(each.tokens for each in of_turns) - pinned}
+        return replace(self, turns=chosen.shown, parts=parts, rewritten=chosen.rewritten, failed=chosen.failed)
 
-    def prompt(self, conversation: Conversation, summary: Shown | None, failed: str) -> FittedPrompt:
+    def prompt(self, conversation: Conversation) -> FittedPrompt:
         """Return the prompt, with the objects that were given where nothing was changed."""
+        summary, parts = self.summary, dict(self.parts)
         shown = [*self.head, *([] if summary is None else [summary]), *self.turns]
-        parts = dict(self.parts)
         if summary is not None:
             parts = {"tools": parts.pop("tools"), "head": parts.pop("head"), "summary": summary.tokens, **parts}
         out: list[Any] = []
-        changed: dict[str, list[int]] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
+        changed: dict[str, Any] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
         for each in shown:
             source = each.part.source
             is_given = each.part.is_given and each.message is each.part.message
@@ -136,11 +142,8 @@ class Draft:
             out,
             sum(parts.values()),
             sources,
-            dropped=[number for number in range(len(conversation.given)) if number not in kept],
-            masked=changed["masked"],
-            trimmed=changed["trimmed"],
-            elided=changed["elided"],
-            cut=changed["cut"],
+            dropped=sorted({*range(len(conversation.given))}.difference(kept)),
+            **changed,
             repaired=self.repaired,
             rewritten=self.rewritten,
             made=self.made,
@@ -148,7 +151,7 @@ class Draft:
             parts=parts,
             costs=[each.tokens for each in shown],
             summary="" if summary is None else str(summary.message["content"]),
-            failed=failed,
+            failed=self.failed,
         )
 
 
@@ -178,29 +181,46 @@ class PlainMessages:
         if same == len(messages):
             return keys[:same]
         new = [*map(marshal.dumps, messages[same:], repeat(2))]
-        copies = [
-            marshal.loads(key) if _is_words(each) else None for key, each in zip(new, messages[same:], strict=True)
-        ]
         self._known.pop(begin, None)
-        self._known[begin] = [*before[:same], *copies], [*keys[:same], *new]
+        self._known[begin] = [*before[:same], *map(_copied, messages[same:])], [*keys[:same], *new]
         if len(self._known) > CONVERSATIONS:
             del self._known[next(iter(self._known))]
         return self._known[begin][1]
 
 
-def _is_words(value: Any) -> bool:
-    """Whether data is text alone, in fields whose order says nothing."""
-    if type(value) is dict:
-        return any(value.keys() <= names for names in UNORDERED) and all(map(_is_words, value.values()))
-    if type(value) is list:
-        return all(type(each) is dict and _is_words(each) for each in value)
-    return value is None or type(value) is str
+def _copied(value: Any) -> Any:
+    """Return a copy of a message with the same texts; None if it is more than texts in fields whose order says nothing.
+
+    Texts that are one object are compared at once, whatever their length.
+    """
+    with suppress(ValueError):
+        return _copy_of_words(value)
+    return None
+
+
+def _copy_of_words(value: Any) -> Any:
+    if value is None or type(value) is str:
+        return value
+    if type(value) is dict and any(value.keys() <= names for names in UNORDERED):
+        return {name: _copy_of_words(inner) for name, inner in value.items()}
+    if type(value) is list and {*map(type, value)} <= {dict}:
+        return [*map(_copy_of_words, value)]
+    raise ValueError
 
 
 def check_plain(messages: Sequence[Any]) -> None:
-    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, such as bytes."""
+    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, or is nested too deep."""
     for number, message in enumerate(messages):
+        levels, values = 0, [message]
+        while values := [inner for value in values for inner in _inside(value)]:
+            levels += 1
+        if levels > DEEPEST:
+            raise InvalidArgumentError(f"Message {number} is nested {levels} levels deep, which cannot be read.")
         _plain(message, f"Message {number}")
+
+
+def _inside(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -230,7 +231,7 @@ class ContextManager:
     ) -> Fitting:
         try:
             return (yield from self._made(messages, beside, form, thread))
-        except TypeError:
+        except (RecursionError, TypeError):
             check_plain(messages)  # where no message is at fault, it is an error of another kind
             raise
 
@@ -247,13 +248,11 @@ class ContextManager:
                 if (record := self._record(conversation, thread)) is not None:
                     record.refusal(error.parts, cap)
                 raise
-        summary, failed = (yield from asking.summary(draft)) if draft.covered else (None, "")
-        if draft.asked is not None:
-            draft, failed = yield from asking.with_choice(draft)
+        draft = yield from asking.completed(draft)
         with self._lock:
-            if summary is None and draft.covered is not None and draft.lacks_user:
-                draft = self._drafts.of(conversation, beside, has_summary=False)
-            prompt = draft.prompt(conversation, summary, failed)
+            if draft.summary is None and draft.covered is not None and draft.lacks_user:
+                draft = replace(self._drafts.of(conversation, beside, has_summary=False), failed=draft.failed)
+            prompt = draft.prompt(conversation)
             record = self._record(conversation, thread)
             return prompt if record is None else recorded(record, prompt, conversation, beside, cap)
 

@@ -1,8 +1,7 @@
-"""Reading: a list of messages as units, in which calls and results belong together, with running sums of their tokens.
+"""Reading: a list of messages as units, in which calls and results belong together.
 
 Agents keep lists that providers refuse: results without calls, calls without results, a result far from its call. Here
-each such list becomes one that is whole, and what was repaired is named. The sums make it possible to choose among
-thousands of units by bisection.
+each such list becomes one that is whole, and what was repaired is named.
 
 A reading remembers nothing that its messages do not say. When the list has grown, what it has in common with the list
 before is not read again; read from nothing, it is the same.
@@ -11,73 +10,17 @@ before is not read again; read from nothing, it is the same.
 from __future__ import annotations
 
 import copy
-import hashlib
 import operator
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import NO_RESULT, Cost, MessageCounter
+from smartplay_tools.manager.counting import NO_RESULT, MessageCounter
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
-from smartplay_tools.transcript.hashing import canonical_json
+from smartplay_tools.manager.units import Part, Unit
+from smartplay_tools.manager.window import AgentWindow
 
-__all__ = ["Part", "Reading", "Unit"]
-
-
-@dataclass(slots=True)
-class Part:
-    """A message of a unit."""
-
-    source: int | None
-    """Its number in the list; None for one that was made here."""
-    message: Given
-    cost: Cost = field(default_factory=lambda: Cost(0))
-    is_given: bool = False
-    """Whether it is the message of the list as it is there, whichever object says it."""
-
-
-@dataclass(slots=True)
-class Unit:
-    """A reply with its results, or one other message: shown or dropped as a whole."""
-
-    kind: Kind
-    parts: list[Part]
-    open: list[str] = field(default_factory=list)
-    """The ids of its calls that have no result yet."""
-    _digest: bytes = field(default=b"", init=False, repr=False, compare=False)
-
-    @property
-    def digest(self) -> bytes:
-        """The sha256 of its messages."""
-        if not self._digest:
-            self._digest = hashlib.sha256(canonical_json([part.message for part in self.parts])).digest()
-        return self._digest
-
-
-class Sums:
-    """Running sums over the units: the tokens before each, in every way in which they can be shown."""
-
-    def __init__(self) -> None:
-        self.whole, self.results, self.masked, self.unpictured, self.trimmed, self.pictures = ([0] for _ in range(6))
-
-    def append(self, costs: Sequence[Cost]) -> None:
-        """Add a unit by the costs of its messages."""
-        results = [cost for cost in costs if cost.is_result]
-        self.whole.append(self.whole[-1] + sum(cost.whole for cost in costs))
-        self.results.append(self.results[-1] + sum(cost.whole for cost in results))
-        self.masked.append(self.masked[-1] + sum(cost.masked for cost in results))
-        self.unpictured.append(self.unpictured[-1] + sum(cost.unpictured for cost in results))
-        has_calls = bool(results)
-        self.trimmed.append(
-            self.trimmed[-1] + sum(cost.trimmed if has_calls else cost.whole for cost in costs if not cost.is_result)
-        )
-        self.pictures.append(self.pictures[-1] + sum(cost.pictures for cost in results))
-
-    def back_to(self, unit: int) -> None:
-        """Forget the units from one on."""
-        for sums in vars(self).values():
-            del sums[unit + 1 :]
+__all__ = ["Reading"]
 
 
 def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
@@ -92,21 +35,22 @@ class Reading:
     """A conversation after its head, as units."""
 
     def __init__(
-        self, form: MessageForm, counter: MessageCounter, begin: int, most: int | None, pin: Callable[[Given], bool]
+        self,
+        window: AgentWindow,
+        counter: MessageCounter,
+        begin: int,
+        most: int | None,
+        pin: Callable[[Given], bool],
     ):
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
-        self.form, self.counter, self._begin, self._most, self._pin = form, counter, begin, most, pin
+        self.window, self.form, self.turns = window, window.form, window.turns
+        """The units are the turns of the window."""
+        self._counter, self._begin, self._most, self._pin = counter, begin, most, pin
         self._objects: list[Given] = []
         """The messages of the list that was read last."""
         self._keys: list[object] = []
-        self._firsts: list[int] = []
-        """The number of each unit's first message."""
         self._clean: list[int] = []
         """Units at which reading can begin: no earlier call waits there, and none is answered later."""
-        self.units: list[Unit] = []
-        self.sums = Sums()
-        self.steps: list[int] = []
-        """For each unit, how many units with results there are up to its end."""
         self.pinned: list[int] = []
         """Units that `pin` has marked."""
         self.compactions: list[int] = []
@@ -118,6 +62,8 @@ class Reading:
         """Messages that were moved, changed or left out so that calls and results belong together."""
         self.made: list[int] = []
         """Units in which a call was answered here, once for each call."""
+        self.late: list[int] = []
+        """The unit of the last message, where others follow it."""
 
     def read(self, messages: Sequence[Given], keys: list[object]) -> None:
         """Read a list; `keys` stand for what its messages say."""
@@ -125,11 +71,11 @@ class Reading:
         if keys[:same] != known:
             pairs = enumerate(zip(keys, known, strict=False))
             same = next((number for number, (one, other) in pairs if one != other), min(len(keys), len(known)))
-        unit = next((u for u in reversed(self._clean) if u < len(self.units) and self._firsts[u] < same), None)
-        start = self._begin if unit is None else self._firsts[unit]
+        unit = next((u for u in reversed(self._clean) if self._first(u) < same), None)
+        start = self._begin if unit is None else self._first(unit)
         self._back_to(unit or 0, start)
         if any(map(operator.is_not, messages, self._objects)):
-            for part in (part for each in self.units for part in each.parts if part.is_given):
+            for part in (part for turn in self.turns for part in turn.unit.parts if part.is_given):
                 if part.source is not None:
                     part.message = messages[part.source]  # an equal one of an earlier list may have been changed since
         self._objects = [*messages]
@@ -142,19 +88,23 @@ class Reading:
         vars(copied).update({name: [*value] for name, value in vars(self).items() if isinstance(value, list)})
         return copied
 
-    def unit_of(self, message: int | None) -> int:
-        """Return the unit of a message; the newest for one that is in none."""
-        numbers = range(len(self.units) - 1, -1, -1) if message is not None else ()
-        found = (at for at in numbers if any(part.source == message for part in self.units[at].parts))
-        return next(found, len(self.units) - 1)
+    def kept(self, stop: int) -> set[int]:
+        """Return the units before one that every prompt shows, beside the newest."""
+        newest = (self.users, self.instructions, self.compactions)
+        kept = {numbers[at - 1] for numbers in newest if (at := bisect_left(numbers, stop))}
+        late = self.late if stop == len(self.turns) else ()
+        return kept.union(self.pinned[: bisect_left(self.pinned, stop)], late)
+
+    def _first(self, unit: int) -> int:
+        """The number of a unit's first message."""
+        return self.turns[unit].unit.parts[0].source or 0
 
     def _back_to(self, unit: int, start: int) -> None:
         self.repaired = [number for number in self.repaired if number < start]
-        for values in (self.units, self._firsts, self.steps):
-            del values[unit:]
-        for numbers in (self._clean, self.pinned, self.compactions, self.users, self.instructions, self.made):
+        marked = (self.pinned, self.compactions, self.users, self.instructions)
+        for numbers in (self._clean, *marked, self.made, self.late):
             del numbers[bisect_left(numbers, unit) :]
-        self.sums.back_to(unit)
+        self.window.back_to(unit)
 
     def _grouped(self, messages: Sequence[Given], start: int) -> list[Unit]:
         """Return the units from a message on: every result with its call, whatever stands between them."""
@@ -179,6 +129,8 @@ class Reading:
             for call in form.calls(message) if kind == "reply" else ():
                 last.open.append(call)
                 waiting.setdefault(call, []).append(last)
+        for unit in units[:-1]:
+            unit.is_late = unit.parts[-1].source == len(messages) - 1
         return units
 
     def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
@@ -209,9 +161,8 @@ class Reading:
     def _append(self, units: Sequence[Unit], messages: Sequence[Given], keys: list[object], start: int) -> None:
         newest, is_whole = start - 1, True
         for unit in units:
-            number, first = len(self.units), unit.parts[0].source
-            assert first is not None
-            if is_whole and newest < first:
+            number = len(self.turns)
+            if is_whole and newest < (unit.parts[0].source or 0):
                 self._clean.append(number)
             newest = max([newest, *(part.source for part in unit.parts if part.source is not None)])
             is_whole = is_whole and not unit.open
@@ -220,23 +171,22 @@ class Reading:
                 part.is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
                 try:
-                    part.cost = self.counter.cost(
+                    part.cost = self._counter.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
                     )
                 except InvalidArgumentError as error:
                     raise InvalidArgumentError(f"Message {part.source} {error}.") from None
-            self.sums.append([part.cost for part in unit.parts])
             if unit.kind == "word":
                 is_operator = unit.parts[0].message.get("role") in ("system", "developer")
                 (self.instructions if is_operator else self.users).append(number)
             if any(self._pin(part.message) for part in unit.parts):
                 self.pinned.append(number)
+            if unit.is_late:
+                self.late.append(number)
             if any(_is_compaction(part.message) for part in unit.parts):
                 self.compactions.append(number)
             has_results = any(part.cost.is_result for part in unit.parts)
-            self.steps.append((self.steps[-1] if self.steps else 0) + has_results)
-            self.units.append(unit)
-            self._firsts.append(first)
+            self.window.add_unit(unit, (self.turns[-1].step if self.turns else 0) + has_results)
 
     def _complete(self, unit: Unit, number: int) -> None:
         """Answer the calls that have no result, and give results the form that providers want."""

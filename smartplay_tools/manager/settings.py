@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import MessageCounter, Tokens
 from smartplay_tools.manager.forms import FORMS, Given
+from smartplay_tools.types import ResolvedBudget
 
 __all__ = ["FormName", "Settings", "check_choice", "check_numbers"]
 
@@ -63,6 +65,19 @@ class Settings:
     def masks(self) -> bool:
         """Whether results older than the history are masked; otherwise their units are dropped."""
         return self.beyond_history == "mask"
+
+    @cached_property
+    def budget(self) -> ResolvedBudget:
+        """What of them a window needs, all checked."""
+        return ResolvedBudget.model_construct(
+            history=self.history,
+            slack=self.slack,
+            beyond_history=self.beyond_history,
+            own_words=self.own_words,
+            first_turns=self.first_turns or None,
+            newest_pictures=self.newest_pictures,
+            prompt_tokens=self.prompt_tokens,
+        )
 
     @property
     def recorded(self) -> dict[str, Any]:

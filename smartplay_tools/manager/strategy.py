@@ -11,47 +11,45 @@ from __future__ import annotations
 import copy
 import hashlib
 import inspect
+import math
 import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools.context.choosing import choosing
-from smartplay_tools.context.rewriting import flat
-from smartplay_tools.context.strategies.custom import chooses, compacts, load_strategy, make_strategy, name_on_record
+from smartplay_tools.context.strategies.custom import (
+    FunctionCompactor,
+    chooses,
+    compacts,
+    load_strategy,
+    make_strategy,
+    name_on_record,
+)
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import TokenCounter
+from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection
 from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
-from smartplay_tools.manager.choice import Shown, TooLongError
 from smartplay_tools.manager.counting import MessageCounter
+from smartplay_tools.manager.kept import KeptCompacting
 from smartplay_tools.manager.memo import Texts
-from smartplay_tools.manager.reading import Reading, Unit
-from smartplay_tools.manager.strategy_window import AgentWindow, Entry, KeptCompacting, Lead, Restored
+from smartplay_tools.manager.reading import Reading
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
+from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
+from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.messages import Message
 
-__all__ = ["AskedStrategy", "Chosen", "StrategyMaker", "StrategyRunner"]
+__all__ = ["AskedStrategy", "StrategyMaker", "StrategyRunner"]
 
 FOLDS = 16
 """How many conversations a runner remembers the strategies of."""
 
 MOST_OF_AN_ANSWER = 4_096
 """The tokens that an answer may have where prompts have no cap."""
-
-
-class FunctionCompactor:
-    """A function of messages and room as a compactor."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-
-    def compact(self, history: Any, room: Any) -> Any:
-        """Call the function."""
-        return self._function(history, room)
 
 
 class StrategyMaker:
@@ -95,18 +93,11 @@ class AskedStrategy:
     """As it was when the prompt was asked for."""
     seed: bytes
     """A digest of what shapes prompts beside the units."""
-    late: int
-    """The unit of the last message."""
     room: int | None
     """The tokens beside tools and head; None without a cap."""
-    lead: Lead
+    lead: Sequence[Part]
     """The messages of the head that a compactor is given."""
     lacks_user: bool
-
-    @property
-    def units(self) -> Sequence[Unit]:
-        """All units."""
-        return self.reading.units
 
     @property
     def begin(self) -> int:
@@ -115,51 +106,31 @@ class AskedStrategy:
 
     def has_prompt(self, unit: int) -> bool:
         """Whether there was a prompt after a unit before the last: a reply follows it."""
-        return self.units[unit + 1].kind == "reply"
+        return self.reading.turns[unit + 1].unit.kind == "reply"
 
     def keys(self) -> list[bytes]:
         """Return the digest of the conversation up to each of its units."""
         digest, keys = hashlib.sha256(self.seed), []
-        for at, unit in enumerate(self.units):
-            is_late = at == self.late < len(self.units) - 1
-            digest.update(unit.digest + bytes([at in self.reading.pinned, is_late]))
+        for at, turn in enumerate(self.reading.turns):
+            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, turn.unit.is_late]))
             keys.append(digest.digest())
         return keys
 
-    def kept(self, stop: int) -> frozenset[int]:
-        """Return the units before one that every prompt shows, beside the newest."""
-        reading = self.reading
-        marked = [unit for unit in reading.pinned if unit < stop]
-        kinds = reading.users, reading.instructions, reading.compactions
-        newest = [unit for each in kinds for unit in [unit for unit in each if unit < stop][-1:]]
-        late = [self.late] if stop == len(self.units) else []
-        first = [self.begin] if self.lacks_user and reading.users and self.begin < stop else []
-        return frozenset(unit for unit in (*marked, *newest, *late, *first) if unit >= self.begin)
-
-
-@dataclass
-class Chosen:
-    """What a prompt shows by a strategy."""
-
-    shown: list[Shown] = field(default_factory=list)
-    rewritten: list[int] = field(default_factory=list)
-    """The messages that were changed, or in whose place others stand."""
-    own: int = 0
-    """The tokens of messages that the strategy has written."""
-    pinned: int = 0
-    """The tokens of units that every prompt shows, but for the newest."""
-    failed: str = ""
+    def kept(self, stop: int) -> set[int]:
+        """Return the turns before one that every prompt shows, beside the newest."""
+        first = {self.begin} if self.lacks_user and self.reading.users else set[int]()
+        return {unit - self.begin for unit in self.reading.kept(stop) | first if self.begin <= unit < stop}
 
 
 class _Fold:
     """A strategy that has been called for every prompt of a conversation so far."""
 
-    def __init__(self, window: AgentWindow, restored: Restored, strategy: Any, lead: Lead) -> None:
-        self.window, self.restored, self.lead = window, restored, lead
-        self.compacting = KeptCompacting(window, strategy, restored) if compacts(strategy) else None
+    def __init__(self, window: AgentWindow, strategy: Any) -> None:
+        self.window = window
+        self.compacting = KeptCompacting(window, strategy) if compacts(strategy) else None
         self.rule = choosing(window, strategy) if self.compacting is None else self.compacting.make
-        window.follow(self.rule)
-        self.entries: list[Entry] = []
+        self.forms: Sequence[Form] = ()
+        """What the latest prompt shows."""
         self.failed = ""
 
 
@@ -189,18 +160,19 @@ class StrategyRunner:
 
     def chosen(self, asked: AskedStrategy) -> Generator[Question, str, Chosen]:
         """Yield the questions of the strategy, be sent the answers, and return what the prompt shows."""
-        if len(asked.units) <= asked.begin:
-            return Chosen([Shown(part, part.message) for _, part in asked.lead])
-        keys, last = asked.keys(), len(asked.units) - 1
+        turns, begin = asked.reading.turns, asked.begin
+        if len(turns) <= begin:
+            return Chosen([*map(Shown.whole, asked.lead)])
+        keys, last = asked.keys(), len(turns) - 1
         with self._lock:
-            ends = (at for at in range(last, asked.begin - 1, -1) if at == last or asked.has_prompt(at))
+            ends = (at for at in range(last, begin - 1, -1) if at == last or asked.has_prompt(at))
             known = next((at for at in ends if keys[at] in self._folds), None)
             fold = None if known is None else self._folds.pop(keys[known])
         fold = fold or self._begun(asked)
-        fold.restored.units = asked.units[asked.begin :]
-        for at in range(asked.begin if known is None else known + 1, last + 1):
-            is_late = at == asked.late < last
-            fold.window.add_unit(asked.units[at], asked.reading.steps[at], ages=not is_late)
+        for turn, given in zip(fold.window.turns, turns[begin:], strict=False):
+            turn.unit = given.unit  # an equal one of the list as it is now
+        for at in range(begin if known is None else known + 1, last + 1):
+            fold.window.add_unit(turns[at].unit, turns[at].step)
             if at == last:
                 yield from self._played(fold, asked, keys[at], at)
             elif self._make.remembers and asked.has_prompt(at):
@@ -215,34 +187,20 @@ class StrategyRunner:
         return chosen
 
     def _begun(self, asked: AskedStrategy) -> _Fold:
-        lead = asked.lead if self.compacts else ()
-        cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for _, part in lead)
+        cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for part in asked.lead)
         budget = self._budget.model_copy(update={"prompt_tokens": cap})
-        window = AgentWindow(budget, self._counter, self._messages, asked.reading.form, lead)
-        window.shows_thoughts = self._make.reads_thoughts
-        restored = Restored(window, asked.units[asked.begin :], lead)
-        return _Fold(window, restored, self._make(), lead)
+        window = AgentWindow(asked.reading.form, self._messages, self._counter, budget, asked.lead)
+        window.is_read, window.shows_thoughts = True, self._make.reads_thoughts
+        return _Fold(window, self._make())
 
     def _played(self, fold: _Fold, asked: AskedStrategy, key: bytes, at: int) -> Generator[Question, str, None]:
         """Have the strategy make the prompt after a unit."""
-        window, unit, begin = fold.window, asked.units[at], asked.begin
-        kept = frozenset(number - begin for number in asked.kept(at + 1))
-        window.kept = kept
-        cap, needs = window.budget.prompt_tokens, window.always_tokens
-        fold.restored.squeezed = {}
-        if cap is not None and needs > cap:
-            newest = window.tokens(window.row(at - begin, at - begin + 1))
-            fold.restored.squeezed = window.squeeze(unit, cap - needs + newest)
-            if not fold.restored.squeezed:
-                lead = sum(part.cost.whole for _, part in fold.lead)
-                raise TooLongError(needs - newest - window.head_tokens - lead, newest)
-        try:
+        window = fold.window
+        window.keep(asked.kept(at + 1))
+        cap = window.budget.prompt_tokens
+        with window.fitting(math.inf if cap is None else cap):
             selection = yield from self._selected(fold, key)
-            forms = window.forms(selection)
-            fold.entries = [Entry(*pair) for pair in zip(flat(selection.pieces), forms, strict=True)]
-        finally:
-            if fold.restored.squeezed:
-                window.whole_again()
+            fold.forms = window.forms(selection)
 
     def _selected(self, fold: _Fold, key: bytes) -> Generator[Question, str, Selection]:
         """Call the strategy, and have its questions answered."""
@@ -260,7 +218,7 @@ class StrategyRunner:
         except AskError as error:
             if not self._goes_on or fold.compacting is None:
                 raise
-            fold.failed = f"{type(error.reason).__name__}: {error.reason}"
+            fold.failed = str(error)
             return fold.compacting.untouched()
         finally:
             making.close()
@@ -283,17 +241,10 @@ class StrategyRunner:
 
     def _restored(self, fold: _Fold, asked: AskedStrategy) -> Chosen:
         """What the latest prompt shows, in the form of the agent."""
-        fold.restored.rewritten = set()
-        pairs = [*fold.restored.all(fold.entries)]
-        chosen = Chosen([shown for shown, _ in pairs], failed=fold.failed)
-        chosen.rewritten = sorted(fold.restored.rewritten)
-        chosen.own = sum(s.tokens for s, turn in pairs if turn is None and s.part.source is None)
-        always = fold.window.kept - {len(fold.window.turns) - 1}
-        chosen.pinned = sum(shown.tokens for shown, turn in pairs if turn in always)
-        if not self.compacts:
-            chosen.shown = [*(Shown(part, part.message) for _, part in asked.lead), *chosen.shown]
-        lead = sum(part.cost.whole for _, part in asked.lead)
-        total = sum(shown.tokens for shown in chosen.shown) - lead
+        window = fold.window
+        window.rewritten = set()
+        shown = [*window.shown(fold.forms)]
+        total = sum(each.tokens for each in shown) - sum(part.cost.whole for part in asked.lead)
         if asked.room is not None and total > asked.room:
             raise StrategyError(f"The choice takes {total} tokens, and there is room for {asked.room}.")
-        return chosen
+        return Chosen(shown, window.always - {len(window.turns) - 1}, sorted(window.rewritten), fold.failed)

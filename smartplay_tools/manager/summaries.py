@@ -19,11 +19,10 @@ from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import cut_end
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.choice import Shown, as_first_shown
 from smartplay_tools.manager.counting import SENTENCES, Cost, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
 from smartplay_tools.manager.memo import Texts
-from smartplay_tools.manager.reading import Part, Unit
+from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown
 
 __all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain", "read_answer"]
 
@@ -75,7 +74,7 @@ class AskError(Exception):
     """A question was not answered, for a reason."""
 
     def __init__(self, reason: Exception) -> None:
-        super().__init__(reason)
+        super().__init__(f"{type(reason).__name__}: {reason}")
         self.reason = reason
 
 
@@ -103,7 +102,7 @@ class SummaryChain:
         message = {"role": "user", "content": f"{self._frame}{text}"}
         if form.name == "responses":
             message["type"] = "message"
-        return Shown(Part(None, message, Cost(self._size(message["content"]))), message)
+        return Shown.whole(Part(None, message, Cost(self._size(message["content"]))))
 
     def text(self, covered: Covered) -> Generator[Question, str, str]:
         """Yield the questions of a summary, be sent the answers, and return it; empty if no answer had a word."""

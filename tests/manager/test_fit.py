@@ -40,6 +40,13 @@ def manager(prompt_tokens: int | None, **options: Any) -> sp.ContextManager:
     return sp.ContextManager(prompt_tokens, **{"tokenizer": Letters(), "slack": 0, **options})
 
 
+class Fewest:
+    """Chooses nothing but what every prompt shows."""
+
+    def choose(self, past: sp.Past, room: int | None) -> sp.Choice:
+        return sp.Choice()
+
+
 def cost(messages: Messages) -> int:
     return total("chat", messages)
 
@@ -243,6 +250,18 @@ def test_words_between_a_call_and_its_result_come_after_it():
     assert prompt.repaired == [4]
 
 
+@pytest.mark.parametrize("own", [{}, {"strategy": "clear_tool_uses_20250919"}, {"strategy": Fewest}])
+@pytest.mark.parametrize("form", [list, responses, anthropic])
+def test_a_late_result_that_the_model_is_asked_about_is_shown(form: Any, own: dict[str, Any]):
+    call, late = step(0, "The slow page.")
+    messages = [*form([*HEAD, call, {"role": "user", "content": "Go on."}, *steps(9)[4:]]), *form([late])]
+    window = manager(200, history=2, **own)
+    assert "The slow page." in json.dumps(window.fit(messages).messages)
+    later = window.fit([*messages, *form(step(9))])
+    assert "The slow page." not in json.dumps(later.messages)
+    assert later == manager(200, history=2, **own).fit([*messages, *form(step(9))])
+
+
 def test_ids_that_come_again_belong_to_the_latest_open_call():
     messages = json.loads(json.dumps(steps(3)).replace("c1.0", "c0.0").replace("c2.0", "c0.0"))
     prompt = manager(1_000).fit(messages)
@@ -265,12 +284,21 @@ def test_repairs_can_be_refused_with_the_position():
         manager(1_000, repair=False).fit([*steps(1), step(1)[0]])
 
 
+def nested(levels: int) -> dict[str, Any]:
+    """A message whose only part holds another, and that another."""
+    part: dict[str, Any] = {"type": "note"}
+    for _ in range(levels - 1):
+        part = {"type": "note", "inner": part}
+    return {"role": "user", "content": [part]}
+
+
 @pytest.mark.parametrize(
     ("message", "sentence"),
     [
         ("words", "Message 2 is str"),
         ({"role": "critic", "content": "Bad."}, "Message 2 has the role 'critic'"),
         ({"type": "item_reference", "id": "rs_1"}, "Message 2 is a reference"),
+        (nested(3_000), "Message 2 is nested 3002 levels deep"),
         ({"role": "user", "content": {1, 2}}, "Message 2 has content of the type set"),
         ({"content": "no role"}, "Message 2 has the role None"),
         ({"role": [], "content": "a list as a role"}, r"Message 2 has the role \[\]"),

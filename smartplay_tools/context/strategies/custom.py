@@ -160,7 +160,9 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
     _, options = parted(name)
     try:
         made: Strategy | Compactor
-        made = _Function(partial(loaded.make, **options)) if _is_function(loaded.make) else loaded.make(**options)
+        made = (
+            FunctionCompactor(partial(loaded.make, **options)) if _is_function(loaded.make) else loaded.make(**options)
+        )
     except SmartPlayError:
         raise
     except Exception as error:  # whatever the user's class does
@@ -174,7 +176,7 @@ def make_strategy(name: str, loaded: Loaded) -> Strategy | Compactor:
 
 
 @dataclass(frozen=True)
-class _Function:
+class FunctionCompactor:
     """The compactor that a function is: it is called with the history and the room."""
 
     compact: Callable[..., Any]
