@@ -161,8 +161,9 @@ class TestHttp:
 
 
 def close(episodes: EpisodeStore, *handles: str) -> None:
-    """Close the files. If other episodes have taken over, nothing is read from these any more."""
+    """Close the games; nothing is written any more, as other episodes may have taken over the records."""
     for handle in handles:
+        episodes.find(handle).episode.ledger.writer.close()
         episodes.close(handle)
 
 
