@@ -16,7 +16,7 @@ from scores import DEGREES
 
 SCRIPTS = (
     "arena", "arena_curves", "arena_claims", "cap_audit", "caps", "carry", "compaction", "entry", "learned_tables",
-    "models", "ruler", "scores", "window_for_a_budget", "wordings",
+    "models", "ruler", "scores", "summaries", "window_for_a_budget", "wordings",
 )  # fmt: skip
 
 
