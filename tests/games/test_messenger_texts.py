@@ -158,8 +158,8 @@ def test_the_originals_sentences_are_no_deviation(tmp_path: Path, monkeypatch: p
     assert sp.GAMES["MessengerL2-v0"].make(texts=tmp_path).deviations() == {}
 
 
-def play_one(**options: Any) -> list[sp.Event]:
-    record: list[sp.Event] = []
+def play_one(**options: Any) -> list[dict[str, Any]]:
+    record: list[dict[str, Any]] = []
     with sp.Episode("MessengerL1-v0", seed=3, transcript=record, **options) as episode:
         sp.play(episode, sp.get_player("rule"))
     return record
