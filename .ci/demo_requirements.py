@@ -21,7 +21,6 @@ NOT_IN_THE_DEMO = {
     "crafter": "pictures and the reference engine of Crafter",
     "genai-prices": "prices of models",
     "matplotlib": "figures",
-    "pyarrow": "tables as Parquet",
 }
 """What is left out, and what needs it."""
 

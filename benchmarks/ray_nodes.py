@@ -25,7 +25,7 @@ from ray.cluster_utils import Cluster
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.run_progress import RunProgress
+from smartplay_tools.evaluation.runs.run_options import RunProgress
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.players.rule import RulePlayer
 

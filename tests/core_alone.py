@@ -25,7 +25,7 @@ COMMANDS = (
     ("manual", GAME),
     ("schema", GAME),
     ("play", GAME, "--player", "rule", "--transcript", "hanoi.jsonl"),
-    ("play", GAME, "--watch", "--no-open"),
+    ("play", GAME, "--quiet"),
     ("replay", "hanoi.jsonl"),
     ("demo", "--out", "demo"),
     ("doctor", "--only", "core"),

@@ -11,7 +11,6 @@ import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.window import ContextWindow
-from smartplay_tools.players import call
 from smartplay_tools.records import Record
 from smartplay_tools.records.accounts import PARTS, Accounts, Departure, shown_turns
 from smartplay_tools.transcript.events import concerns_summary
@@ -55,10 +54,10 @@ class Talker:
             return sp.Reply({"role": "assistant", "content": "Both machines were pulled."})
         self.turn += 1
         if self.turn == 2:
-            return sp.Reply(call("read_manual"))
+            return sp.Reply(sp.call("read_manual"))
         if self.turn % 7 == 4 and any(tool.name == "take_notes" for tool in prompt.tools):
-            return sp.Reply(call("take_notes", text=f"Noted in turn {self.turn}."))
-        message = call("act", action="fly" if self.turn == 5 else str(1 + self.turn % 2))
+            return sp.Reply(sp.call("take_notes", text=f"Noted in turn {self.turn}."))
+        message = sp.call("act", action="fly" if self.turn == 5 else str(1 + self.turn % 2))
         return sp.Reply({**message, "content": "Let me see." if self.turn % 3 else None})
 
 

@@ -7,19 +7,12 @@ import re
 from importlib.util import find_spec
 
 import pytest
-from typer.testing import CliRunner, Result
 
 import smartplay_tools as sp
-from smartplay_tools.cli import PANELS, app
+from smartplay_tools.cli import PANELS
+from tests.evaluation.command import result_of as run
 
 HANOI, RPS = "Hanoi3Disk-v0", "RockPaperScissorBasic-v0"
-
-
-def run(*words: str) -> Result:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 def test_games_lists_every_setting():

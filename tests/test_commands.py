@@ -60,7 +60,7 @@ NOT_RUN = {
     r"smartplay-tools (eval|sweep) .*(--suite|--trials (60|100)|:MODEL|Mined|MessengerL3)": "it plays for minutes",
     r"smartplay-tools (eval|check) run.toml": "its servers are examples",
     r"smartplay-tools (eval .*--track|agent |.*my_players)": "it needs a package or a program of the reader",
-    r"smartplay-tools (doctor$|play .*--watch)": "tests/test_doctor.py runs it; it takes as long as somebody watches",
+    r"smartplay-tools doctor$": "tests/test_doctor.py runs it",
     r"smartplay-tools (play|eval) .*(popgym|minigrid)-": "`.ci/framework` has the packs, and plays them there",
 }
 """How commands begin that are not run, and why."""

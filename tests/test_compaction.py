@@ -45,8 +45,11 @@ def named(compact: Any, *, persistent: bool = True) -> str:
 def begin(compact: Any, *, persistent: bool = True, session: bool = False, **options: Any) -> Any:
     given = {name: options.pop(name) for name in [*options] if name in sp.Budget.model_fields}
     given = {"history": None, "stalled_turns": None, "strategy": named(compact, persistent=persistent), **given}
-    episode = sp.Episode(RPS, seed=1, budget=sp.Budget(**given), **{"transcript": [], **options})
-    return sp.AgentSession(episode, summaries=True) if session else sp.Conversation(episode)
+    record = options.pop("transcript", [])
+    episode = sp.Episode(RPS, seed=1, budget=sp.Budget(**given), transcript=record, **options)
+    conversation = sp.AgentSession(episode, summaries=True) if session else sp.Conversation(episode)
+    conversation.record = record
+    return conversation
 
 
 def play(conversation: Any, turns: int, reply: sp.Message = ROCK) -> list[sp.Prompt]:
@@ -59,7 +62,7 @@ def play(conversation: Any, turns: int, reply: sp.Message = ROCK) -> list[sp.Pro
 
 
 def events_of(conversation: Any) -> list[Any]:
-    return json.loads(json.dumps(conversation.episode.ledger.writer._events))
+    return json.loads(json.dumps(conversation.record))
 
 
 def error_of(compact: Any, **options: Any) -> str:

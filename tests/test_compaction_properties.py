@@ -12,7 +12,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.episode.budgets import refused_strategy
-from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import replay, resume, sent_prompts
 from smartplay_tools.testing import check_strategy
 from tests.counting import message_tokens, tools_tokens
@@ -53,9 +52,9 @@ def setting(chance: random.Random, number: int, *, pictures: bool) -> dict[str, 
 def reply(chance: random.Random, prompt: sp.Prompt) -> sp.Message:
     names = [tool.name for tool in prompt.tools] or ["act"]
     texts = {"query": "step 1", "text": "Rock wins", "page": "r1.2", "action": "1", "command": "view"}
-    message = call(chance.choice([*["act"] * 4, *names]), say=chance.choice(WORDS), **texts)
+    message = sp.call(chance.choice([*["act"] * 4, *names]), say=chance.choice(WORDS), **texts)
     if chance.random() < 0.5:
-        message = call("act", say=chance.choice(WORDS), action="1")
+        message = sp.call("act", say=chance.choice(WORDS), action="1")
     return message if chance.random() < 0.9 else {"role": "assistant", "content": chance.choice(WORDS)}
 
 

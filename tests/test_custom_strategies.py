@@ -12,11 +12,9 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
 from smartplay_tools import registry
-from smartplay_tools.cli import app
 from smartplay_tools.context.strategies import custom
 from smartplay_tools.episode import cell_config
 from smartplay_tools.evaluation.analysis.summary import summarize
@@ -27,6 +25,7 @@ from smartplay_tools.players.rule import RulePlayer
 from smartplay_tools.records import Record, replay, resume, sent_prompts
 from smartplay_tools.records.accounts import Accounts
 from tests import fuzz, scripts
+from tests.evaluation.command import refused
 from tests.test_edges import calling
 
 RPS = "RockPaperScissorDifferentScore-v0"
@@ -115,9 +114,8 @@ def test_a_record_imports_no_file_by_itself(file):
     forget()
     Path("record.jsonl").write_text("".join(f"{json.dumps(event)}\n" for event in events), encoding="utf-8")
     Path("first_and_newest.py").write_text('open("mark", "w")', encoding="utf-8")
-    refused = CliRunner().invoke(app, ["replay", "record.jsonl", "--strategy", file])
-    assert refused.exit_code == 2
-    assert "is not the file of the record, or has changed since, so it is not imported" in refused.stderr
+    said = refused("replay", "record.jsonl", "--strategy", file)
+    assert "is not the file of the record, or has changed since, so it is not imported" in said
     assert not Path("mark").exists()
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app, doctor as checkup
+from smartplay_tools.cli import doctor as checkup
 from smartplay_tools.cli.doctor import PartCheck, check_modules
 from smartplay_tools.errors import install_command
+from tests.evaluation.command import refused
 
 ROOT = Path(sp.__file__).parents[1]
 
@@ -167,6 +167,4 @@ def test_a_model_that_is_not_here_has_a_remedy(tmp_path, monkeypatch):
 
 
 def test_what_cannot_be_looked_at_is_refused():
-    result = CliRunner().invoke(app, ["doctor", "--only", "house"])
-    assert result.exit_code == 2
-    assert "--only house: known are core, engine, extra, model." in result.output
+    assert "--only house: known are core, engine, extra, model." in refused("doctor", "--only", "house")

@@ -13,7 +13,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.games import TextGame
 from smartplay_tools.records import sent_prompts
 from smartplay_tools.transcript.lines import AppendedFile
 
@@ -192,13 +191,7 @@ class TestInterruptions:
         path = tmp_path / "closed.jsonl"
         episode = sp.Episode(RPS, seed=1, transcript=path, tokenizer="approximate")
         conversation = sp.Conversation(episode)
-        entered = threading.Event()
-
-        def slowly(game: TextGame) -> None:
-            entered.set()
-            time.sleep(0.05)
-
-        episode.on_step(slowly)
+        entered = slowed(episode)
         calls = [(f"{at}", "act", '{"action": "1"}') for at in range(4)]
         worker = threading.Thread(target=conversation.receive, args=(calling(*calls),))
         worker.start()
@@ -207,20 +200,6 @@ class TestInterruptions:
         worker.join()
         assert episode.result.steps == 4
         assert sp.replay(path).identical
-
-    @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-    def test_an_exception_in_on_step_leaves_a_whole_step(self, error, tmp_path):
-        def fail(game: TextGame) -> None:
-            raise error
-
-        path = tmp_path / "step.jsonl"
-        episode = sp.Episode(RPS, seed=1, transcript=path)
-        episode.on_step(fail)
-        with pytest.raises(error), episode:
-            sp.play(episode, sp.get_player("rule"))
-        assert episode.result.steps == 1
-        replayed = sp.replay(path)
-        assert replayed.identical, replayed.differences
 
     def test_an_interruption_inside_a_step_leaves_a_record_without_an_end(self, tmp_path):
         path = tmp_path / "inside.jsonl"
@@ -245,7 +224,7 @@ class TestInterruptions:
 
     def test_a_full_disk_ends_the_record_and_closes_the_game(self, tmp_path):
         episode = sp.Episode(RPS, seed=1, transcript=tmp_path / "full.jsonl")
-        episode.ledger.writer._file = AppendedFile(Path("/dev/full"))
+        episode.ledger.writer._sink = AppendedFile(Path("/dev/full"))
         closed = []
         episode.game.close = lambda: closed.append(True)
         with pytest.raises(TranscriptError, match=r"full\.jsonl can no longer be written: No space left"), episode:

@@ -139,10 +139,9 @@ def test_an_episode_of_a_compactor_whose_prompt_could_not_be_paid_replays(limits
     events: list[Any] = []
     budget = sp.Budget(history=None, strategy="compact_20260112:trigger=450", **limits)  # type: ignore[arg-type]
     conversation = sp.Conversation(sp.Episode("Hanoi3Disk-v0", seed=1, budget=budget, transcript=events))
-    look = {"id": "1", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
     while (prompt := conversation.prompt()) is not None:
-        calls = {"tool_calls": [look]} if prompt.purpose == "play" else {}
-        conversation.receive({"role": "assistant", "content": "<summary>Nothing yet.</summary>", **calls})
+        answer = {"role": "assistant", "content": "<summary>Nothing yet.</summary>"}
+        conversation.receive(sp.call("observe") if prompt.purpose == "play" else answer)
     assert conversation.episode.result.end_reason == next(iter(limits))
     assert replay(events).identical
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -33,12 +32,7 @@ class Words:
 
 
 def reply(words: str | None = "one", name: str = "act", /, **arguments: Any) -> sp.Message:
-    function = {"name": name, "arguments": json.dumps(arguments or {"action": "Rock"})}
-    return {
-        "role": "assistant",
-        "content": words,
-        "tool_calls": [{"id": "c", "type": "function", "function": function}],
-    }
+    return sp.call(name, say=words, **(arguments or {"action": "Rock"}))
 
 
 def begin(game: str = RPS, **budget: Any) -> sp.Conversation:

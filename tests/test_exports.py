@@ -6,13 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record, recorded_pictures, sent_prompts
 from smartplay_tools.types import ToolCall
+from tests.evaluation.command import shown_by
 
 BUDGET = sp.Budget(prompt_tokens=700)
 
@@ -147,17 +146,15 @@ def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):
 
 def test_the_command_says_what_it_wrote(run, tmp_path):
     out = tmp_path / "data"
-    shown = CliRunner().invoke(app, ["export", str(run), "--completed", "--out", str(out)])
-    assert shown.exit_code == 0
-    assert "3 episodes" in shown.output
-    assert "left out: 9 (not completed)" in shown.output
+    shown = shown_by("export", run, "--completed", "--out", out)
+    assert "3 episodes" in shown
+    assert "left out: 9 (not completed)" in shown
 
 
 def test_a_prompt_for_a_summary_is_no_row(tmp_path):
     record = tmp_path / "one.jsonl"
     budget = sp.Budget(prompt_tokens=1100, summary_tokens=60, slack=0.5, tool_calls=25, stalled_turns=None)
-    call = {"id": "", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
-    reply = {"role": "assistant", "content": "I have looked.", "tool_calls": [call]}
+    reply = sp.call("observe", say="I have looked.")
     with sp.Episode("Hanoi3Disk-v0", seed=7, budget=budget, transcript=record) as episode:
         result = sp.play(episode, sp.ScriptedPlayer([reply] * 60))
     assert any(event["event"] == "summary" for event in sp.read_transcript(record))

@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 import tokenizers
 from hypothesis import given, strategies as st
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.context.tokens import TokenCounter, get_tokenizer, tokenizers as named
 from smartplay_tools.records import Record
+from tests.evaluation.command import refused, result_of, shown_by
 
 TEXT = "The player chose Rock, and the opponent chose Paper. You lost and received score -1. "
 
@@ -98,21 +97,14 @@ def test_a_record_does_not_open_it_and_its_reader_does(folder, tmp_path, monkeyp
             read(record)
     there.rename(here)
 
-    def command(*words):
-        done = CliRunner().invoke(app, list(map(str, words)))
-        return done.exit_code, done.output
-
-    code, output = command("replay", tmp_path / "run")
-    assert (code, "2 of 2 episodes were not replayed" in output, "differ" in output) == (3, True, False)
-    assert command("replay", record)[0] == 3
-    code, output = command("cost", tmp_path / "run", "--cache", "anthropic-512")
-    assert code == 2
-    assert "name it with --tokenizer" in output
-    code, output = command("replay", record, "--tokenizer", "approximate")
-    assert code == 2
-    assert "not with 'approximate'" in output
-    assert command("replay", tmp_path / "run", "--tokenizer", f"hf:{here}")[0] == 0
-    assert command("cost", tmp_path / "run", "--cache", "anthropic-512", "--tokenizer", f"hf:{here}")[0] == 0
+    replayed = result_of("replay", run.folder.path)
+    said = replayed.output
+    assert (replayed.exit_code, "2 of 2 episodes were not replayed" in said, "differ" in said) == (3, True, False)
+    assert result_of("replay", record).exit_code == 3
+    assert "name it with --tokenizer" in refused("cost", run.folder.path, "--cache", "anthropic-512")
+    assert "not with 'approximate'" in refused("replay", record, "--tokenizer", "approximate")
+    shown_by("replay", run.folder.path, "--tokenizer", f"hf:{here}")
+    shown_by("cost", run.folder.path, "--cache", "anthropic-512", "--tokenizer", f"hf:{here}")
 
 
 def test_a_run_that_was_interrupted_is_continued_with_it(folder, tmp_path, monkeypatch):

@@ -26,10 +26,9 @@ from smartplay_local.model_files import (
     read_model,
     sha256_of_file,
 )
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
+from tests.evaluation.command import refused, shown_by
 
 WORDS = ["a", "b", "c", "ab", "Ġ", "Ġab"]
 MERGES = ["a b", "Ġ ab"]
@@ -189,13 +188,9 @@ def test_an_environment_without_pip_is_told_how_to_get_it(tmp_path, monkeypatch)
 
 
 def test_the_commands_list_and_get(index):
-    runner = CliRunner()
-    listed = json.loads(runner.invoke(app, ["model", "list", "--json"]).stdout)
-    assert listed[0]["name"] == "smollm2-135m"
-    got = runner.invoke(app, ["model", "get"])
-    assert got.exit_code == 0
-    assert got.stdout.strip().endswith("SmolLM2-135M-Instruct.Q4_1.gguf")
-    assert runner.invoke(app, ["model", "get", "gpt-9"]).exit_code != 0
-    shown = runner.invoke(app, ["model", "list"]).output
+    assert json.loads(shown_by("model", "list", "--json"))[0]["name"] == "smollm2-135m"
+    assert shown_by("model", "get").strip().endswith("SmolLM2-135M-Instruct.Q4_1.gguf")
+    refused("model", "get", "gpt-9")
+    shown = shown_by("model", "list")
     assert " MB yes SmolLM2-135M-Instruct" in " ".join(shown.split())
     assert "--player local:FILE.gguf" in shown

@@ -200,6 +200,16 @@ def test_a_record_that_names_another_picture_is_found_out():
         recorded_pictures(events)
 
 
+def test_prompts_are_rebuilt_with_their_pictures():
+    events = played(6, observation="both", budget={"history": 2})
+    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
+        assert sent.sha256 == sent.recorded_sha256
+        named = [part["sha256"] for message in sent.prompt.messages for part in pictures_of(message)]
+        assert set(sent.prompt.pictures) == set(named)
+    assert len(named) == 3  # the current one, and two of the past
+    assert not any(sent.prompt.pictures for sent in sent_prompts(events))
+
+
 def test_a_prompts_sha256_depends_on_its_pictures():
     shas = []
     for seed in (1, 2):  # two worlds, whose words here are the same

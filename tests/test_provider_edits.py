@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.records import replay
 from tests import provider_edits_judge
 
@@ -52,7 +51,7 @@ class Thinking:
     def reply(self, prompt: sp.Prompt) -> sp.Reply:
         self.count += 1
         self.thoughtful = ["reasoning_content" in each for each in prompt.messages if each["role"] == "assistant"]
-        message = call("act", action="1") if self.count % 3 else {"role": "assistant", "content": "Rock, I think."}
+        message = sp.call("act", action="1") if self.count % 3 else {"role": "assistant", "content": "Rock, I think."}
         return sp.Reply({**message, "reasoning_content": f"He has played Paper {self.count} times."})
 
 

@@ -156,10 +156,8 @@ sys.path.insert(0, "adapters")
 import smartplay_toy
 import smartplay_tools as sp
 
-CALL = {"name": "act", "arguments": '{"action": "Rock"}'}
-call = {"role": "assistant", "content": None, "tool_calls": [{"id": "1", "type": "function", "function": CALL}]}
 with sp.Episode(GAME, seed=1, budget=sp.Budget(prompt_tokens=700), transcript="toy.jsonl") as episode:
-    assert smartplay_toy.run(lambda messages, tools: call, episode).steps == 50
+    assert smartplay_toy.run(lambda messages, tools: sp.call("act", action="Rock"), episode).steps == 50
 assert sp.replay("toy.jsonl").identical
 """
 

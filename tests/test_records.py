@@ -173,7 +173,7 @@ def test_whatever_is_done_to_a_record_replay_finds_differences(recorded, full, c
         replay_or_sentence(events)
 
 
-def replay_or_sentence(events: list[dict[str, Any]]) -> sp.Replay | str:
+def replay_or_sentence(events: list[dict[str, Any]]) -> Any:
     """A replay, or the sentence with which a record is refused."""
     try:
         return sp.replay(events)

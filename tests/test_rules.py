@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import fields
 
@@ -183,8 +182,7 @@ def test_a_call_without_a_prompt_is_told_its_steps_and_recall_finds_results_with
         talk = sp.Conversation(episode)
         for name, given in [("act", {"action": "Rock"})] * 5 + [("recall", {"query": "1"})]:
             talk.prompt()
-            call = {"id": "1", "type": "function", "function": {"name": name, "arguments": json.dumps(given)}}
-            [answer] = talk.receive({"role": "assistant", "content": None, "tool_calls": [call]})
+            [answer] = talk.receive(sp.call(name, **given))
     assert answer.text.startswith('Step 1, after act("Rock"):\nYou chose Rock')
     assert answer.text.count("steps left") == 1
     with pytest.raises(sp.InvalidArgumentError, match="the paper's protocol has none"):

@@ -169,7 +169,6 @@ class TestCommands:
                 needs[" ".join(end["command"][:2])] = extra = hint.partition("[")[2].partition("]")[0]
                 assert hint.strip() == install_command(extra)
         assert needs == {
-            "play Hanoi3Disk-v0": "view",
             "agent Hanoi3Disk-v0": "serve",
             "report run": "evaluation",
             "view --play": "view",

@@ -261,14 +261,16 @@ class TestSummaries:
         {"beyond_result": "offload", "result_tokens": 20},
     ],
 )
-@pytest.mark.parametrize("where", [{"context": "host"}, {"protocol": "paper"}])
-def test_a_strategy_needs_a_window_and_tools(strategy, where):
-    budget, context = sp.Budget(slack=0.5, **strategy), where.get("context", "window")
-
+@pytest.mark.parametrize(
+    ("context", "protocol", "why"),
+    [("host", "tools", 'context="host" leaves the past'), ("window", "paper", "the paper's protocol has none")],
+)
+def test_a_strategy_needs_a_window_and_tools(strategy, context, protocol, why):
     def begin_there() -> None:
-        sp.play(sp.Episode(RPS, seed=1, budget=budget, context=context), sp.get_player("rule"), protocol="paper")
+        episode = sp.Episode(RPS, seed=1, budget=sp.Budget(slack=0.5, **strategy), context=context)
+        sp.play(episode, sp.get_player("rule"), protocol=protocol)
 
-    with pytest.raises(sp.InvalidArgumentError, match="needs a window over tool calls"):
+    with pytest.raises(sp.InvalidArgumentError, match=f"needs a window over tool calls, and {why}"):
         begin_there()
 
 
@@ -308,8 +310,8 @@ def test_where_nothing_leaves_what_would_keep_something_is_refused(budget, sente
 def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch):
     budget = sp.Budget(history=8, prompt_tokens=900, slack=0.5, summary_tokens=30)
     episode = sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=budget)
-    sums, most, tokens = [], 0, ContextWindow._prompt_tokens
-    monkeypatch.setattr(ContextWindow, "_prompt_tokens", lambda *given: sums.append(1) or tokens(*given))
+    sums, most, tokens = [], 0, ContextWindow.prompt_tokens
+    monkeypatch.setattr(ContextWindow, "prompt_tokens", lambda *given: sums.append(1) or tokens(*given))
     window = ContextWindow(episode.head, episode.tools, episode.budget, TokenCounter(WORDS))
     for number in range(1_000):
         sums.clear()

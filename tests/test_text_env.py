@@ -55,8 +55,7 @@ def test_what_is_out_of_order_is_said():
     with pytest.raises(sp.InvalidArgumentError, match="not been reset"):
         env.step("Hello.")
     env.reset(seed=1)
-    call = {"id": "1", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
-    assert env.step({"role": "assistant", "content": None, "tool_calls": [call]})[2]
+    assert env.step(sp.call("observe"))[2]
     with pytest.raises(sp.InvalidArgumentError, match="is over; reset"):
         env.step("Hello.")
     assert env.reset(seed=2), "it can be used again"

@@ -29,7 +29,7 @@ from smartplay_tools.terminal import say
 
 if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.agents import Held
-    from smartplay_tools.evaluation.runs.run_progress import RunProgress
+    from smartplay_tools.evaluation.runs.run_options import RunProgress
 
 LAST_WORDS = 300
 """Characters of a failed program's output that its error shows."""

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from functools import reduce
 from operator import add, attrgetter
 from typing import Any
 
 from smartplay_tools.cli.show import print_json, print_table, table_console
 from smartplay_tools.episode.config import RULES, CellConfig
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns, sections
-from smartplay_tools.evaluation.runs.estimate import (
-    Estimate,
-    Range,
-    estimate,
-)
+from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
+from smartplay_tools.evaluation.runs.estimate import Estimate, Range, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
 from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, prices_in_tables
 from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.terminal import say
-from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
 CUT_SHARE = 0.05
@@ -50,29 +45,25 @@ def print_estimate(
         say(line)
 
 
+FIGURES: Sequence[ShownColumn[Estimate]] = (
+    ("episodes", lambda each: f"{each.episodes:,}"),
+    ("calls", lambda each: _span(each.calls, _short)),
+    ("prompts", lambda each: _span(each.prompt_tokens, _short)),
+    ("replies", lambda each: _span(each.reply_tokens, _short)),
+    ("USD", lambda each: "unknown" if each.cost is None else _span(each.cost, "{:,.2f}".format)),
+)
+
+
 def _table(estimates: Sequence[Estimate]) -> TextTable:
     differing = [fact for fact in FACTS if len({fact(each.cell) for each in estimates}) > 1] or [player_of]
-
-    def rows(members: Sequence[Estimate]) -> Iterator[tuple[str, ...]]:
-        for each in members:
-            name = ", ".join(str(fact(each.cell)) for fact in differing)
-            used = _figures(each.episodes, each.calls, each.prompt_tokens, each.reply_tokens, each.cost)
-            yield f"  {name}", *used
-
-    games = grouped(estimates, lambda each: each.cell.game)
-    shown = sections((game, rows(members)) for game, members in games.items())
-    if len(estimates) > 1:
-        calls, prompts, replies = (
-            _sum([getattr(each, name) for each in estimates]) for name in ("calls", "prompt_tokens", "reply_tokens")
-        )
-        episodes = sum(each.episodes for each in estimates)
-        shown += (("all", *_figures(episodes, calls, prompts, replies, _total_cost(estimates))),)
-    return TextTable("", columns("game and player", "episodes", "calls", "prompts", "replies", "USD"), shown)
-
-
-def _figures(episodes: int, calls: Range, prompts: Range, replies: Range, cost: Range | None) -> list[str]:
-    tokens = [_span(figure, _short) for figure in (calls, prompts, replies)]
-    return [f"{episodes:,}", *tokens, "unknown" if cost is None else _span(cost, "{:,.2f}".format)]
+    games: dict[str, list[tuple[str, Estimate]]] = {}
+    for each in estimates:
+        games.setdefault(each.cell.game, []).append((", ".join(str(fact(each.cell)) for fact in differing), each))
+    table = figures_table("", "game and player", games, lambda _: FIGURES)
+    if len(estimates) < 2:
+        return table
+    total = reduce(add, estimates)
+    return replace(table, rows=(*table.rows, ("all", *(show(total) for _, show in FIGURES))))
 
 
 def _span(figure: Range, show: Callable[[float], str]) -> str:
@@ -84,16 +75,9 @@ def _short(value: float) -> str:
     return short(round(value))
 
 
-def _sum(ranges: Sequence[Range]) -> Range:
-    return reduce(add, ranges, Range(0, 0, 0))
-
-
-def _total_cost(estimates: Sequence[Estimate]) -> Range | None:
-    costs = [each.cost for each in estimates if each.cost is not None]
-    return _sum(costs) if len(costs) == len(estimates) else None
-
-
 def _sentences(estimates: Sequence[Estimate], caps: Caps) -> list[str]:
+    if not estimates:
+        return ["This part of the run has no episode."]
     sentences = ["Tokens: from the shortest of the sampled episodes to the longest that the game allows."]
     lengths = sorted({each.reply_length for each in estimates if each.reply_length is not None})
     if lengths:
@@ -102,10 +86,10 @@ def _sentences(estimates: Sequence[Estimate], caps: Caps) -> list[str]:
             f"A model's replies are assumed to have {span} tokens; --assume-reply-tokens changes this, "
             "--reply-tokens makes it a cap."
         )
-    tokens = _sum([each.prompt_tokens + each.reply_tokens for each in estimates])
-    sentences += _against_cap("--run-tokens", caps.tokens, tokens, _short)
-    cost = _total_cost(estimates)
-    sentences += _against_cap("--run-cost", caps.cost, cost, "${:,.2f}".format) if cost is not None else []
+    total = reduce(add, estimates)
+    sentences += _against_cap("--run-tokens", caps.tokens, total.prompt_tokens + total.reply_tokens, _short)
+    if total.cost is not None:
+        sentences += _against_cap("--run-cost", caps.cost, total.cost, "${:,.2f}".format)
     for each in estimates:
         if each.cut_share > CUT_SHARE:
             sentences.append(

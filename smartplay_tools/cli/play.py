@@ -1,21 +1,12 @@
-"""The command `play`: one episode, shown as it happens.
-
-The page of `--watch` is the site over the episode's record, served by the same process.
-"""
+"""The command `play`: one episode, shown as it happens."""
 
 from __future__ import annotations
 
 import json
-import tempfile
-import threading
-import time
-import webbrowser
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import Annotated, Any
-from urllib.parse import quote
 
 import typer
 
@@ -23,7 +14,6 @@ from smartplay_tools.cli import INTERRUPTED, options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
 from smartplay_tools.cli.show import FAILED, print_result, print_turn
 from smartplay_tools.conversation import loop
-from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import check_no_credentials
@@ -38,7 +28,6 @@ from smartplay_tools.streams import own_output
 from smartplay_tools.terminal import Console, say
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.types import EpisodeResult
-from smartplay_tools.types.messages import text_of
 
 
 @with_episode_options()
@@ -53,11 +42,6 @@ def play(
     seed: options.Seed = 0,
     steps: Annotated[int | None, typer.Option(min=1, help="Stop after N steps.")] = None,
     transcript: options.TranscriptFile = None,
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Show the episode live in a browser; Ctrl-C ends that.")
-    ] = False,
-    pace: Annotated[float, typer.Option(min=0, help="Seconds to wait after every turn, for those who watch.")] = 0.0,
-    open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open the page of --watch.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print the result only.")] = False,
     as_json: options.Json = False,
     *,
@@ -79,14 +63,12 @@ def play(
     # A person has a screen, and would see here what has left the window.
     silent = quiet or as_json or getattr(who, "interactive", False)
     console = None if silent else Console()
-    first: list[str] = []
+    events: list[Event] = []
     with ExitStack() as stack:
-        path, page = stack.enter_context(_live_page(transcript)) if watch else (transcript, None)
-        events: list[Event] = []
         new_episode = Episode(
             spec if steps is None else replace(spec, rollout=steps),
             seed=seed,
-            transcript=path or events,
+            transcript=transcript or events,
             player_options={name: value for name, value in given.items() if name != "base_url"},
             **settings,
         )
@@ -94,19 +76,14 @@ def play(
             if each is not None:  # a player may have connections to close
                 enter_player(stack, each)
         with new_episode as played:
-            if page is not None:
-                played.begin(player=who.name, protocol=protocol)  # a record without an event is not a page yet
-                say(f"The episode is shown at {page}", err=True)
-                if open_browser:
-                    webbrowser.open(page)
-            interrupted = _run(played, who, protocol, second, console, pace, first)
-        assert played.result is not None
-        priced = {name: found for name, found in prices.items() if found}
-        record = Record.read(path, priced) if path else Record(events, prices=priced)
-        _print(played.result, record, as_json=as_json)
+            interrupted = _run(played, who, protocol, second, console)
+    assert played.result is not None
+    priced = {name: found for name, found in prices.items() if found}
+    record = Record.read(transcript, priced) if transcript else Record(events, prices=priced)
+    _print(played.result, record, as_json=as_json)
     has_failed = played.result.end_reason in FAILED  # the result says why
     if not has_failed:
-        for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: "".join(first)):
+        for warning in warnings(played.result.model_dump() | {"player": player}, lambda row: record.first_reply):
             say(warning, err=True)
     if interrupted or has_failed:
         raise typer.Exit(INTERRUPTED if interrupted else 1)
@@ -128,47 +105,11 @@ def _print(result: EpisodeResult, record: Record, *, as_json: bool) -> None:
         print_result(Console(), result, record.cost, record.question_cost)
 
 
-def _run(
-    episode: Episode,
-    player: Any,
-    protocol: Any,
-    second: Any,
-    console: Console | None,
-    pace: float,
-    first: list[str],
-) -> bool:
-    """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts.
-
-    The text of the first reply is put into `first`.
-    """
-
-    def after_a_turn(conversation: BaseConversation) -> None:
-        if not first and conversation.latest_turn is not None:
-            first.append(text_of(conversation.latest_turn.assistant))
-        if console is not None:
-            print_turn(console, conversation)
-        time.sleep(pace)
-
+def _run(episode: Episode, player: Any, protocol: Any, second: Any, console: Console | None) -> bool:
+    """Play; return whether Ctrl-C stopped the episode, which its `with` then closes: what was played counts."""
+    shown = {} if console is None else {"on_turn": partial(print_turn, console)}
     try:
-        loop.play(episode, player, protocol=protocol, compactor_player=second, on_turn=after_a_turn)
+        loop.play(episode, player, protocol=protocol, compactor_player=second, **shown)
     except KeyboardInterrupt:
         return True
     return False
-
-
-@contextmanager
-def _live_page(transcript: Path | None) -> Iterator[tuple[Path, str]]:
-    """Serve the page of a record that is being written, and yield the record and the page's address.
-
-    Without a `transcript` the record is a temporary file. Afterwards the page is served on until Ctrl-C.
-    """
-    from smartplay_tools.web.site import RunList, ViewServer
-    from smartplay_tools.web.site.site_record import PLAYING, SiteRecord
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = transcript or Path(folder) / "episode.jsonl"
-        with ViewServer(RunList(always=[SiteRecord(path)])) as server:
-            yield path, f"{server.url}episode/{quote(path.name)}/{PLAYING}"
-            say("The page stays until Ctrl-C.", err=True)
-            with suppress(KeyboardInterrupt):
-                threading.Event().wait()

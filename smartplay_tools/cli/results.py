@@ -22,7 +22,7 @@ from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated, repeats_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
-from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv
 from smartplay_tools.evaluation.analysis.window_tables import points_tables
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
@@ -54,7 +54,6 @@ def results(
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(help="Write a CSV file with a row for each episode.")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="Write the same as Parquet, with column types.")] = None,
     weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
@@ -68,7 +67,9 @@ def results(
         print_threads(files, form)
         return
     shown = read_each(folders, lambda folder: _read(folder, weights))
-    _write_files(shown, csv, parquet)
+    if csv is not None:
+        several = len(shown) > 1
+        write_csv([{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows], csv)
     if form is Format.TEXT:
         console = table_console()
         for run in shown:
@@ -127,14 +128,6 @@ def _read(folder: Path, weights: str) -> _Shown:
     rows, failures = run.rows(), run.failures()
     summary = summarize(rows, failures, weights=cast(Any, weights))
     return _Shown(run, list(rows), run_snapshot(run), summary)
-
-
-def _write_files(shown: Sequence[_Shown], csv: Path | None, parquet: Path | None) -> None:
-    several = len(shown) > 1
-    rows = [{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows]
-    for path, write in ((csv, write_csv), (parquet, write_parquet)):
-        if path is not None:
-            write(rows, path)
 
 
 def _facts(run: _Shown) -> dict[str, Any]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from smartplay_tools.evaluation.runs.agents import Held
     from smartplay_tools.evaluation.runs.plan import Plan
     from smartplay_tools.evaluation.runs.players import PlayerConfig
-    from smartplay_tools.evaluation.runs.run_progress import RunProgress
+    from smartplay_tools.evaluation.runs.run_options import RunProgress
 
 GATEWAY = "smartplay_gateway"
 """The adapter that serves windows and budgets; imported at first use."""

@@ -69,8 +69,8 @@ def _print_files(folder: Path, written: Sequence[Path]) -> None:
     for path in sorted(written):
         names.setdefault(str(path.relative_to(folder).with_suffix("")), []).append(path.suffix)
     say(f"In {folder}: {', '.join(name + ', '.join(endings) for name, endings in names.items())}.")
-    if not any(path.suffix == ".parquet" for path in written):
-        say(f"For Parquet and figures: {install_command('evaluation')}")
+    if not any(path.parent.name == "figures" for path in written):
+        say(f"For figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
 
 

@@ -7,6 +7,7 @@ unit, since no request shares it. `docs/context-cost.md` is the definition.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
@@ -160,20 +161,45 @@ class Prefixes:
         return [each * ratio.numerator // ratio.denominator for each in self._tokens]
 
 
-class MarkedPrefixes:
-    """The prefixes that requests have stored at their marks, where a cache stores nothing else."""
+class Cache:
+    """What a provider with this rule has stored of requests, which are looked up in their order."""
 
-    def __init__(self, prefixes: Prefixes, rule: CacheRule, life: float = inf) -> None:
-        self._prefixes, self._life, self._with_replies = prefixes, life, rule.replies
+    def __init__(self, prefixes: Prefixes, rule: CacheRule, places: Sequence[Place], life: float = inf) -> None:
+        """`places` say where the player marks its prompts, for rules that store only up to marks."""
+        self._prefixes, self._rule, self._places, self._life = prefixes, rule, places, life
         self._lookback = inf if rule.lookback is None else rule.lookback
         self._used: dict[int, float] = {}
         """The stored prefixes by their numbers, with the time of their last use."""
 
-    def find(self, at: int, marks: Sequence[int], now: float = 0.0) -> int:
-        """Return the length in units of the longest that a request finds, and store it up to its marks.
+    def look_up(self, at: int, units: Sequence[Unit], stable: int, prompt: int, now: float = 0.0) -> tuple[int, int]:
+        """Return how many tokens of a request are found stored, and how many are stored after it.
 
-        A stored prefix is looked for at each mark, from the last one on, and at most `lookback` blocks before it.
+        `prompt` are its tokens, of which the last one is always computed.
         """
+        path, tokens = self._prefixes.paths[at], self._prefixes.tokens
+        if self._rule.marks == "auto":
+            length, stored = self._find_whole(at, now), prompt
+        else:
+            marks = marked(units, stable, self._rule.marks, self._places)
+            length, stored = self._find_marked(at, marks, now), tokens[path[marks[-1]]] if marks else 0
+        return min(tokens[path[length]], prompt - 1), stored
+
+    def _find_whole(self, at: int, now: float) -> int:
+        """The length in units of the longest stored prefix, where requests are stored whole.
+
+        Where a prefix is stored, all that it begins with are, and were used no earlier, so that the longest is found by
+        bisection.
+        """
+        prefixes, used = self._prefixes, self._used
+        if self._life == inf:
+            return (prefixes.shared_with_reply if self._rule.replies else prefixes.shared)[at]
+        path = prefixes.paths[at]
+        length = bisect_left(path, True, lo=1, key=lambda prefix: now - used.get(prefix, -inf) > self._life) - 1
+        used.update(dict.fromkeys(path, now))
+        return length
+
+    def _find_marked(self, at: int, marks: Sequence[int], now: float) -> int:
+        """The same where a request is stored up to its marks, and looked for at most `lookback` blocks before them."""
         path, shared = self._prefixes.paths[at], self._prefixes.shared_with_reply[at]
         blocks, used, longest = self._prefixes.blocks, self._used, 0
         for mark in reversed(marks):
@@ -191,8 +217,16 @@ class MarkedPrefixes:
 
     def store_reply(self, at: int, now: float = 0.0) -> None:
         """Store a request with its reply, if the rule does so."""
-        if self._with_replies:
+        if self._rule.replies:
             self._used[self._prefixes.answers[at]] = now
+
+
+def hit_and_written(found: int, stored: int, rule: CacheRule) -> tuple[int, int]:
+    """Return the tokens that are charged as read and as written, in whole blocks; fewer than the minimum are none."""
+    hit, kept = (length - length % rule.block for length in (found, stored))
+    hit = hit if hit >= rule.minimum else 0
+    kept = kept if kept >= rule.minimum and rule.write is not None else 0
+    return hit, max(0, kept - hit)
 
 
 def marked(units: Sequence[Unit], stable: int, most: int, places: Sequence[Place]) -> Sequence[int]:
@@ -202,12 +236,6 @@ def marked(units: Sequence[Unit], stable: int, most: int, places: Sequence[Place
     if "end" in places or ("stable" in places and stable == end):
         wanted.append(end)
     return wanted[-most:] if most else []
-
-
-def whole_blocks(length: int, rule: CacheRule) -> int:
-    """Return a length rounded down to blocks; one below the minimum is 0."""
-    whole = length - length % rule.block
-    return whole if whole >= rule.minimum else 0
 
 
 def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:

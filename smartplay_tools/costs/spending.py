@@ -12,16 +12,7 @@ from fractions import Fraction
 
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.view import View
-from smartplay_tools.costs.cached import (
-    MarkedPrefixes,
-    Place,
-    Prefixes,
-    Unit,
-    Units,
-    marked,
-    same_and_stable,
-    whole_blocks,
-)
+from smartplay_tools.costs.cached import Cache, Place, Prefixes, Unit, Units, hit_and_written, same_and_stable
 from smartplay_tools.providers.cost_rules import CostRule
 from smartplay_tools.types import Purpose
 from smartplay_tools.types.messages import Message
@@ -33,9 +24,9 @@ class Spending:
     def __init__(self, cap: float, rule: CostRule, counter: TokenCounter, marks: Sequence[Place]) -> None:
         """`marks` says where the player marks its prompts for a cache."""
         self.spent = Fraction()
-        self._cap, self._rule, self._marks = Fraction(repr(cap)), rule, marks
+        self._cap, self._rule = Fraction(repr(cap)), rule
         self._units, self._prefixes = Units(counter), Prefixes(by_purpose=rule.tool_choice)
-        self._entries = MarkedPrefixes(self._prefixes, rule)
+        self._cache = Cache(self._prefixes, rule, marks)
         self._before: list[Unit] = []
         self._asked = Fraction()
         """What the latest prompt costs without its reply."""
@@ -44,17 +35,10 @@ class Spending:
         """Take a prompt that is about to be sent; return the most tokens that its reply may have."""
         units = [self._units.tools(view.tools), *self._of(view)]
         same, stable = same_and_stable(units, self._before)
-        self._before, prefixes, rule = units, self._prefixes, self._rule
-        prefixes.add(units, same, view.purpose)
-        path = prefixes.paths[-1]
-        if rule.marks == "auto":
-            found, stored = (prefixes.shared_with_reply if rule.replies else prefixes.shared)[-1], view.tokens
-        else:
-            ends = marked(units, stable, rule.marks, self._marks)
-            found = self._entries.find(-1, ends)
-            stored = prefixes.tokens[path[ends[-1]]] if ends else 0
-        hit = whole_blocks(min(prefixes.tokens[path[found]], view.tokens - 1), rule)
-        written = 0 if rule.write is None else max(0, whole_blocks(stored, rule) - hit)
+        self._before, rule = units, self._rule
+        self._prefixes.add(units, same, view.purpose)
+        found, stored = self._cache.look_up(-1, units, stable, view.tokens)
+        hit, written = hit_and_written(found, stored, rule)
         fresh, read, write, price = rule.rates
         self._asked = (view.tokens - hit - written) * fresh + hit * read + written * write
         left = self._cap - self.spent - self._asked
@@ -65,7 +49,7 @@ class Spending:
     def charge(self, message: Message, tokens: int, purpose: Purpose) -> float:
         """Charge the latest prompt and its reply, as it is shown in later prompts; return what is spent."""
         self._prefixes.add_reply(self._units.of(message), purpose)
-        self._entries.store_reply(-1)
+        self._cache.store_reply(-1)
         del self._prefixes.paths[:-1]
         self.spent += self._asked + tokens * self._rule.rates[-1]
         self._asked = Fraction()

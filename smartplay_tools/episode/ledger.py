@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from smartplay_tools.context.strategies.custom import versions_of
 from smartplay_tools.episode.carried import Carried
@@ -24,9 +24,6 @@ from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult
 from smartplay_tools.types.arguments import Arguments, meaning
-
-if TYPE_CHECKING:
-    pass
 
 Listener = Callable[[Event], None]
 """Called with each event of one episode, in the thread that records it; it can change nothing."""

@@ -30,9 +30,8 @@ class SerialQueue:
     """
 
     def __init__(self) -> None:
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._turn: asyncio.Lock
-        """Held, in the latest event loop, by the function whose turn it is."""
+        self._line: tuple[asyncio.AbstractEventLoop, asyncio.Lock] | None = None
+        """The latest event loop, and the lock that the function holds there whose turn it is."""
 
     async def run(self, function: Callable[[], T], *, to_end: bool = False) -> T:
         """Return the result of a function; it is not run if the waiting task is cancelled before it has begun.
@@ -42,9 +41,10 @@ class SerialQueue:
         """
         import asyncio  # loaded with the first call that needs it
 
-        if (loop := asyncio.get_running_loop()) is not self._loop:
-            self._loop, self._turn = loop, asyncio.Lock()
-        async with self._turn:
+        loop, line = asyncio.get_running_loop(), self._line
+        if line is None or line[0] is not loop:
+            self._line = line = loop, asyncio.Lock()
+        async with line[1]:
             job = _threads().submit(_result_of, function)
             waiter = asyncio.wrap_future(job)
             try:

@@ -20,6 +20,7 @@ from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import SENSELESS, GameValueError, InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.providers.prices import Price
+from smartplay_tools.records.growing_lines import GrowingLines, ends_of
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
@@ -47,10 +48,9 @@ from smartplay_tools.transcript.events import (
     concerns_summary,
 )
 from smartplay_tools.transcript.file import kind_of, read_line, read_written
-from smartplay_tools.transcript.lines import GrowingLines, ends_of
 from smartplay_tools.transcript.times import read_times
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
-from smartplay_tools.types.messages import Message
+from smartplay_tools.types.messages import Message, text_of
 
 FAILURES = ("player_error", "game_error")
 """Ends of an episode that failed."""
@@ -506,6 +506,11 @@ class Record:
     def sent_replies(self) -> dict[int, Message]:
         """The replies by the number of their turn, as they were sent."""
         return {event["turn"]: event["message"] for event in self.messages if event["by"] == "player"}
+
+    @property
+    def first_reply(self) -> str:
+        """The text of the first reply; empty if there is none."""
+        return next(map(text_of, self.sent_replies.values()), "")
 
     @cached_property
     def sampled(self) -> dict[tuple[int, Purpose, int], SampledTokens]:

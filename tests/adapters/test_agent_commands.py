@@ -11,12 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from tests.evaluation.command import result_of
 from tests.processes import heed_interrupts, needs_unix
 
 pytest.importorskip("openai")
@@ -105,7 +105,7 @@ def test_its_folder_is_a_run_that_the_same_command_continues_under_the_same_hand
 def agent(out: Path, *command: str, options: tuple[str, ...] = ()) -> Result:
     """Run the command with a program."""
     with_budget = ("agent", GAME, "--episodes", "2", "--prompt-tokens", "700", "--out", str(out), "--name", "mine")
-    return CliRunner().invoke(app, [*with_budget, *options, "--", *command])
+    return result_of(*with_budget, *options, "--", *command)
 
 
 PLAYS = (sys.executable, str(Path(window_host.__file__)))

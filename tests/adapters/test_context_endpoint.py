@@ -298,13 +298,6 @@ def test_tools_and_schemas_count(endpoint: ContextEndpoint):
         send(endpoint, "chat", steps(3), tools=[{"type": "function", "function": function}])
 
 
-@pytest.mark.parametrize("headers", [{"host": "example.org"}, {"origin": "https://example.org"}])
-def test_pages_of_other_sites_are_refused(endpoint: ContextEndpoint, upstream: Upstream, headers: dict[str, str]):
-    answer = httpx2.post(f"{endpoint.base_url}/chat/completions", json={"messages": []}, headers=headers)
-    assert answer.status_code in (403, 421)
-    assert not upstream.requests
-
-
 def test_a_body_that_is_no_prompt_is_the_upstream_s_to_refuse(endpoint: ContextEndpoint, upstream: Upstream):
     for content in (b"no json", b'{"messages": 3}', b"[]"):
         httpx2.post(f"{endpoint.base_url}/chat/completions", content=content)

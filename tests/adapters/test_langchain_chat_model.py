@@ -49,12 +49,9 @@ def test_a_choice_restricts_what_the_player_is_shown():
     tools = [{"name": name, "description": "d", "parameters": {"type": "object", "properties": {}}} for name in "ab"]
 
     def shown(choice: Any) -> list[str]:
-        player = sp.ScriptedPlayer([{"role": "assistant", "content": "", "tool_calls": [CALL]}])
+        player = sp.ScriptedPlayer([sp.call("b")])
         PlayerChatModel(player=player).bind_tools(tools, tool_choice=choice).invoke("Go!")
         return [tool.name for tool in player.prompts[0].tools]
 
     assert [shown(choice) for choice in ("auto", "any", "b", "none")] == [["a", "b"], ["a", "b"], ["b"], []]
     assert shown({"type": "function", "function": {"name": "b"}}) == ["b"]
-
-
-CALL: Any = {"id": "c0", "type": "function", "function": {"name": "b", "arguments": "{}"}}

@@ -205,12 +205,11 @@ def test_a_file_that_the_engine_cannot_load_is_refused(damaged, tmp_path):
 def test_messages_become_text_that_any_template_can_write():
     with sp.Episode(GAME, seed=1) as episode:
         tools = episode.tools
-    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": '{"action": "Rock"}'}}
     messages = [
         {"role": "system", "content": "S"},
         {"role": "user", "content": "U"},
-        {"role": "assistant", "content": None, "tool_calls": [call]},
-        {"role": "tool", "content": "R", "tool_call_id": "1"},
+        sp.call("act", action="Rock"),
+        {"role": "tool", "content": "R", "tool_call_id": "call_0"},
         {"role": "user", "content": "Go on."},
     ]
     written = as_text(messages, tools)
@@ -259,9 +258,8 @@ def test_a_call_is_read_in_every_format_and_a_reply_that_was_cut_is_none(form, t
 def test_tools_and_earlier_calls_are_written_in_the_format(form, told, said):
     with sp.Episode(GAME, seed=1) as episode:
         tools = episode.tools
-    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": '{"action": "Paper"}'}}
     words = "It is time." if form == "words" else None
-    written = as_text([MESSAGES[0], {"role": "assistant", "content": words, "tool_calls": [call]}], tools, form)
+    written = as_text([MESSAGES[0], sp.call("act", say=words, action="Paper")], tools, form)
     assert told in written[0]["content"]
     assert ("observe" in written[0]["content"]) == (form not in ("bare", "legal")), "actions are played alone"
     assert written[1]["content"] == said

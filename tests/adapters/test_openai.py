@@ -104,8 +104,7 @@ def test_with_or_without_types_the_same_is_sent(name):
 
 def thinking(number):
     reasoning = {"type": "reasoning", "id": f"rs_{number}", "summary": [], "encrypted_content": "x" * 40}
-    call = {"id": "", "type": "function", "function": {"name": "observe", "arguments": "{}"}}
-    return {"role": "assistant", "content": None, "tool_calls": [call], "provider_items": [reasoning]}
+    return {**sp.call("observe"), "provider_items": [reasoning]}
 
 
 def test_reasoning_goes_back_with_its_turn_and_leaves_with_it(tmp_path):
@@ -255,8 +254,7 @@ def third_prompt() -> sp.Prompt:
     conversation = sp.Conversation(sp.Episode("Hanoi3Disk-v0", seed=7))
     for _ in range(2):
         conversation.prompt()
-        function = {"name": "act", "arguments": '{"action": "A->C"}'}
-        conversation.receive({"role": "assistant", "content": None, "tool_calls": [{"id": "c", "function": function}]})
+        conversation.receive(sp.call("act", action="A->C"))
     prompt = conversation.prompt()
     assert prompt is not None
     assert (len(prompt.messages), prompt.prefix_messages) == (6, 4)

@@ -10,10 +10,9 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
+from tests.evaluation.command import refused, result_of
 from tests.processes import heed_interrupts, needs_unix
 
 pytestmark = pytest.mark.slow
@@ -44,7 +43,7 @@ def served():
 
 
 def play(*words):
-    result = CliRunner().invoke(app, ["play", "Hanoi3Disk-v0", "--json", *words])
+    result = result_of("play", "Hanoi3Disk-v0", "--json", *words)
     return result, (json.loads(result.stdout) if result.exit_code == 0 else None)
 
 
@@ -71,11 +70,9 @@ def test_what_cannot_be_is_one_sentence(served):
     result, _ = play("--player", "openai:rule", "--base-url", served, "--protocol", "free")
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
     port = served.split(":")[2].removesuffix("/v1")
-    result = CliRunner().invoke(app, ["serve", "openai", "--port", port])
-    assert (result.exit_code, result.stderr) == (
-        2,
+    assert refused("serve", "openai", "--port", port) == (
         f"smartplay-tools: Nothing can listen on 127.0.0.1:{port}: Address already in use; "
-        "name another --port, or 0 for a free one.\n",
+        "name another --port, or 0 for a free one.\n"
     )
 
 
@@ -103,5 +100,5 @@ def test_a_player_of_a_file_is_served_with_its_options_under_a_name(tmp_path):
 
 
 def test_one_name_is_not_for_two_players():
-    shown = CliRunner().invoke(app, ["serve", "openai", "--player", "rule", "--player", "random", "--name", "a"])
-    assert (shown.exit_code, "--name is for one player, and these are 2" in shown.stderr) == (2, True)
+    said = refused("serve", "openai", "--player", "rule", "--player", "random", "--name", "a")
+    assert "--name is for one player, and these are 2" in said

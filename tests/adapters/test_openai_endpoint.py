@@ -44,16 +44,9 @@ class Cut:
         return sp.Reply({"role": "assistant", "content": "I am"}, sp.Usage(prompt=9, reply=2, cut=1))
 
 
-class Broken:
-    name = "broken"
-
-    def reply(self, prompt):
-        raise StopIteration
-
-
 @pytest.fixture(scope="module")
 def endpoint():
-    with sg.LocalEndpoint(Echo(), Broken(), sp.get_player("rule")) as endpoint:
+    with sg.LocalEndpoint(Echo(), sp.ScriptedPlayer([]), sp.get_player("rule")) as endpoint:
         yield endpoint
 
 
@@ -156,7 +149,7 @@ def test_usage_is_our_count_where_no_provider_has_counted(reported):
 
 def test_the_models_are_the_players(endpoint):
     listed = json.loads(ask(endpoint, "/v1/models", method="GET")[1])
-    assert [model["id"] for model in listed["data"]] == ["echo", "broken", "rule"]
+    assert [model["id"] for model in listed["data"]] == ["echo", "scripted", "rule"]
     assert json.loads(ask(endpoint, "/v1/models/rule", method="GET")[1])["id"] == "rule"
 
 
@@ -228,7 +221,7 @@ def test_what_the_interfaces_refuse(endpoint, body, words):
 def test_unknown_models_paths_and_methods(endpoint):
     assert refusal(endpoint, "/v1/chat/completions", {**chat(USER), "model": "gpt"}) == (
         404,
-        "There is no model 'gpt' here; known: echo, broken, rule.",
+        "There is no model 'gpt' here; known: echo, scripted, rule.",
     )
     assert refusal(endpoint, "/v1/models/gpt", None, method="GET")[0] == 404
     assert refusal(endpoint, "/v1/embeddings", {})[0] == 404
@@ -237,7 +230,7 @@ def test_unknown_models_paths_and_methods(endpoint):
 
 @pytest.mark.parametrize("stream", [False, True])
 def test_a_player_that_fails_is_an_error_of_the_server(endpoint, stream):
-    body = {**chat(USER, stream=stream), "model": "broken"}
+    body = {**chat(USER, stream=stream), "model": "scripted"}  # it has no reply
     assert refusal(endpoint, "/v1/chat/completions", body) == (500, "The player failed: StopIteration: ")
 
 

@@ -8,10 +8,8 @@ from typing import Any
 
 import gymnasium
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.exports import export
@@ -25,6 +23,7 @@ from smartplay_tools.testing.game_checks import is_the_same_in_another_process a
 from smartplay_tools.transcript import read_transcript
 from tests.adapters import conformance
 from tests.adapters.rows import FRAMEWORKS, QUICK, rows
+from tests.evaluation.command import shown_by
 
 POPGYM = [game for game in GAMES if game.startswith("popgym-")]
 MINIGRID = [game for game in GAMES if game.startswith("minigrid-")]
@@ -136,7 +135,7 @@ def test_the_reader_says_which_games_it_cannot_play():
 
 @needs_popgym
 def test_the_games_are_listed_and_are_environments_of_gymnasium():
-    listed = CliRunner().invoke(app, ["games", "--json"]).output
+    listed = shown_by("games", "--json")
     assert all(f'"{game}"' in listed for game in PACKED)
     made = gymnasium.make(f"smartplay/{K4}")
     assert isinstance(made.unwrapped, TextGame)

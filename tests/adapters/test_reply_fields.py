@@ -277,8 +277,7 @@ def test_a_stream_with_values_of_another_kind_is_read_or_broken():
 
 def back(fields: dict[str, Any]) -> dict[str, Any]:
     """A message as it goes back to the server that said it."""
-    call = {"id": "c", "type": "function", "function": {"name": "act", "arguments": json.dumps(ROCK)}}
-    message = {"role": "assistant", "content": None, "tool_calls": [call], **fields}
+    message = {**sp.call("act", **ROCK), **fields}
     reply = CHAT.reply({"choices": [{"message": message, "finish_reason": "tool_calls"}]})
     with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
         conversation = sp.Conversation(episode)

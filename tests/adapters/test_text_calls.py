@@ -63,8 +63,7 @@ def test_what_cannot_be_read_stays_text(parser, text):
 
 
 def test_calls_of_the_server_are_left_alone():
-    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": "{}"}}
-    message = {"role": "assistant", "content": f"<tool_call>{ACT}</tool_call>", "tool_calls": [call]}
+    message = sp.call("act", say=f"<tool_call>{ACT}</tool_call>")
     for parser in PARSERS:
         assert with_calls(message, parser) is message
 

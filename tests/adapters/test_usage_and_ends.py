@@ -10,15 +10,13 @@ import pytest
 import smartplay_openai as so
 from smartplay_anthropic.codec import reply as anthropic_reply
 from smartplay_gateway import LocalEndpoint
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.conversation.base import checked_usage
 from smartplay_tools.players import asks_management
-from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
+from tests.evaluation.command import refused, shown_by
 from tests.evaluation.runs import play_row
 
 
@@ -209,7 +207,7 @@ def test_a_compaction_in_a_reply_is_told_whoever_has_sent_it(kind: str):
     with sp.Episode("RockPaperScissorBasic-v0", seed=1) as episode:
         conversation = sp.Conversation(episode)
         assert conversation.prompt() is not None
-        conversation.receive({**call("act", action="Rock"), "provider_items": [item]})
+        conversation.receive({**sp.call("act", action="Rock"), "provider_items": [item]})
     assert episode.result.tokens.provider is not None
     assert (episode.result.tokens.provider.managed, episode.result.tokens.provider.edits) == (1, 1)
 
@@ -231,12 +229,10 @@ def test_an_episode_whose_provider_was_asked_to_manage_it_says_so(
         told = f"parameters={json.dumps(parameters)}"
         command = ["eval", "--games", "RockPaperScissorBasic-v0", "--players", player, "--trials", "1"]
         command += ["--base-url", served.base_url, "--player-option", told, "--out", tmp_path / "a"]
-        done = CliRunner().invoke(app, [*map(str, command), "--executor", "inline"])
-        assert done.exit_code == 0, done.output
+        shown_by(*command, "--executor", "inline")
     assert row["tokens"]["provider"]["managed"] == row["turns"] > 0
     assert any("left to the provider's context management, which reports 0 edits" in each for each in warnings(row))
-    shown = CliRunner().invoke(app, ["results", str(tmp_path / "a")]).output
+    shown = shown_by("results", tmp_path / "a")
     assert f"{player}~" in shown
     assert "no count is exact" in " ".join(shown.split())
-    refused = CliRunner().invoke(app, ["cost", str(tmp_path / "a"), "--cache", "anthropic-512"])
-    assert refused.exit_code != 0
+    refused("cost", tmp_path / "a", "--cache", "anthropic-512")

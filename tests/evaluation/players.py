@@ -11,8 +11,7 @@ import smartplay_tools as sp
 
 
 def act(action: str, say: str | None = None) -> sp.Message:
-    call = {"id": "1", "type": "function", "function": {"name": "act", "arguments": f'{{"action": "{action}"}}'}}
-    return {"role": "assistant", "content": say, "tool_calls": [call]}
+    return sp.call("act", say=say, action=action)
 
 
 class FirstMoves:

@@ -9,12 +9,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.runs.merge import audit as audited
 from smartplay_tools.evaluation.runs.runner import Run
+from tests.evaluation.command import result_of
 from tests.evaluation.report_runs import known_for_now
 
 GAMES = ["BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"]
@@ -39,7 +38,7 @@ def run(played, tmp_path):
 
 
 def audit(run: Run, *arguments: str) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["replay", str(run.folder.path), "--workers", "1", *arguments])
+    done = result_of("replay", run.folder.path, "--workers", 1, *arguments)
     return done.exit_code, done.output
 
 

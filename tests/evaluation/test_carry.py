@@ -6,10 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.merge import audit, merge
@@ -17,6 +15,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
+from tests.evaluation.command import result_of
 from tests.evaluation.players import BrokenOnce
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
@@ -112,7 +111,7 @@ def test_a_failed_trial_is_played_again_before_its_successors(tmp_path):
 def test_what_waits_for_a_trial_without_a_result_is_named(tmp_path):
     what = f"eval --games {BANDIT} --players tests/evaluation/players.py:Broken --trials 3 --executor inline --quiet"
     carrying = ["--carry", "notes", "--notes-tokens", "50", "--out", str(tmp_path / "run")]
-    broken = CliRunner().invoke(app, [*what.split(), *carrying])
+    broken = result_of(*what.split(), *carrying)
     assert broken.exit_code == 1
     assert "2 of them wait for the trial before them in their chain" in broken.stderr
     assert {failure["seed"] for failure in RunFolder(tmp_path / "run").failures()} == {

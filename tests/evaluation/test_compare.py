@@ -6,14 +6,13 @@ import csv
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.formats import rows_to_csv
+from tests.evaluation.command import refused
 from tests.evaluation.window_rows import row
 
 RPS = "RockPaperScissorBasic-v0"
@@ -135,6 +134,4 @@ def test_what_cannot_be_compared_is_one_sentence(tmp_path):
         ([published, published / ".." / published.name], "The same folder is named twice"),
         ([tmp_path], "is not the folder of a run"),
     ):
-        refused = CliRunner().invoke(app, ["compare", *map(str, words)])
-        assert refused.exit_code == 2
-        assert sentence in refused.output
+        assert sentence in refused("compare", *words)

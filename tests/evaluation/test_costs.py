@@ -7,10 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation.analysis.money import cell_costs, rules_table
 from smartplay_tools.evaluation.analysis.summary import summarize
@@ -20,6 +18,7 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record
+from tests.evaluation.command import refused, shown_by
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 
@@ -31,14 +30,8 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(out)
 
 
-def command(*words: str) -> str:
-    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "80"})
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
 def test_the_cheapest_window_depends_on_the_rule(swept: str) -> None:
-    shown = json.loads(command("cost", swept, "--json"))
+    shown = json.loads(shown_by("cost", swept, "--json"))
     tokens = [row["tokens"]["prompt"] + row["tokens"]["reply"] for row in RunFolder(swept).rows()]
     assert (shown[0]["window"], shown[0]["tokens"]) == ("history all", max(tokens))
     cheapest = {
@@ -58,7 +51,7 @@ def test_the_cheapest_window_depends_on_the_rule(swept: str) -> None:
 
 def test_where_prompts_are_marked_is_a_part_of_the_question(swept: str) -> None:
     costs = {
-        marks: json.loads(command("cost", swept, "--cache", "anthropic-512", "--marks", marks, "--json"))[2]["cost"]
+        marks: json.loads(shown_by("cost", swept, "--cache", "anthropic-512", "--marks", marks, "--json"))[2]["cost"]
         for marks in ("stable,end", "end", "stable", "none")
     }
     assert (
@@ -85,9 +78,7 @@ def test_more_processes_find_the_same(swept: str, monkeypatch: pytest.MonkeyPatc
     ],
 )
 def test_a_mistake_is_one_sentence(swept: str, words: list[str], error: str) -> None:
-    result = CliRunner().invoke(app, ["cost", swept, *words])
-    assert result.exit_code == 2
-    assert error in result.output
+    assert error in refused("cost", swept, *words)
 
 
 def test_a_run_without_prompts_has_no_cost(tmp_path: Any) -> None:
@@ -96,9 +87,7 @@ def test_a_run_without_prompts_has_no_cost(tmp_path: Any) -> None:
     for record in (out / "episodes").glob("*.jsonl"):
         lines = record.read_text(encoding="utf-8").splitlines(keepends=True)
         record.write_text("".join(line for line in lines if '"event": "usage"' not in line), encoding="utf-8")
-    result = CliRunner().invoke(app, ["cost", str(out)])
-    assert result.exit_code == 2
-    assert "has no finished episode with prompts and usage on record" in result.output
+    assert "has no finished episode with prompts and usage on record" in refused("cost", out)
 
 
 CHARGE = Charge(50, 80_000, 0, 0, 2_000, 0.4, 0.0)
@@ -129,7 +118,7 @@ def test_the_score_beside_a_cost_is_that_of_every_other_table(swept: str) -> Non
 
 
 def test_the_area_is_the_mean_score_while_money_is_spent(swept: str) -> None:
-    shown = [row for row in json.loads(command("cost", swept, "--json")) if row["rule"] == "none"]
+    shown = [row for row in json.loads(shown_by("cost", swept, "--json")) if row["rule"] == "none"]
     dearest = max(row["cost"] for row in shown)
     run = RunFolder(swept)
     for row, result in zip(shown, run.rows(), strict=True):

@@ -8,13 +8,12 @@ import subprocess
 from collections import Counter
 
 import pytest
-from typer.testing import CliRunner
 
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_latex
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
+from tests.evaluation.command import shown_by
 from tests.evaluation.runs import failed_row, play_rows
 
 HANOI = "Hanoi3Disk-v0"
@@ -66,15 +65,14 @@ def test_every_table_of_every_command_compiles(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     pages = []
     for command in (REPEATS, *TABLES):
-        done = CliRunner().invoke(app, command.split())
-        assert done.exit_code == 0, done.output
+        shown = shown_by(*command.split())
         if command in TABLES:
-            pages.append(done.stdout)
-            check_form(done.stdout)
-            labels = Counter(re.findall(r"\\label{(.*)}", done.stdout))
+            pages.append(shown)
+            check_form(shown)
+            labels = Counter(re.findall(r"\\label{(.*)}", shown))
             assert set(labels.values()) == {1}
             for title in TABLES[command]:
-                assert f"\\caption{{{title[0].upper()}{title[1:]}" in done.stdout, title
+                assert f"\\caption{{{title[0].upper()}{title[1:]}" in shown, title
     assert compiled("\n".join(pages), tmp_path)
 
 

@@ -12,16 +12,15 @@ from functools import partial
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import _screen, live_table, showing
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
+from tests.evaluation.command import shown_by
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -62,8 +61,7 @@ def test_a_run_is_being_played_while_a_record_grows(tmp_path, seconds, is_live):
     (record,) = folder.running()
     os.utime(record, times=(time.time() - seconds,) * 2)
     assert run_snapshot(folder).is_live is is_live
-    shown = CliRunner().invoke(app, ["results", str(tmp_path)], env={"COLUMNS": "200"}).output
-    assert ("Now: 1/2 episodes, 1 running" in shown) is is_live
+    assert ("Now: 1/2 episodes, 1 running" in shown_by("results", tmp_path, columns=200)) is is_live
 
 
 def test_one_look_knows_the_newest_failure(tmp_path):

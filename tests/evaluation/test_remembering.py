@@ -13,7 +13,6 @@ from smartplay_tools.evaluation.analysis.remembering import ANSWERS, MONEY, WORK
 from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.games import with_action_list
-from smartplay_tools.players.prompt_reading import call
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record, replay
 from smartplay_tools.records.contents import PLACES, stands_in
@@ -65,12 +64,12 @@ def played(game, *replies, **budget):
         for reply in replies:
             while conversation.prompt().purpose != "play":
                 conversation.receive({"role": "assistant", "content": "Nothing."})
-            conversation.receive(call("act", action=reply) if isinstance(reply, str) else reply)
+            conversation.receive(sp.call("act", action=reply) if isinstance(reply, str) else reply)
     return events
 
 
 RIGHT = ("0", "1", "0", "1", "0", "1", "0", "1")
-LOOK = call("observe")
+LOOK = sp.call("observe")
 
 
 def test_an_answer_is_in_view_where_the_prompt_shows_what_it_needs(echo):
@@ -86,13 +85,13 @@ def test_what_was_never_shown_has_survived_nothing(echo):
 
 
 def test_who_asks_a_tool_before_an_answer_has_looked(echo):
-    recall = call("recall", query="Digit")
+    recall = sp.call("recall", query="Digit")
     shares = remembered(Record(played(echo, LOOK, *RIGHT[:4], recall, *RIGHT[4:], history=1, recall_tokens=100)))
     assert shares["looked"] == [1, 6]
 
 
 def test_rules_are_kept_or_broken_once_the_manual_was_read(echo):
-    manual = call("read_manual")
+    manual = sp.call("read_manual")
     shares = remembered(Record(played(echo, "Skip", manual, "Skip", "Skip", *RIGHT[3:], history=2)))
     assert shares["rules"] == [5, 7]
 
@@ -115,7 +114,7 @@ SAID = "Step 0: 0. Step 1: 1. In step 2 there was a 0, then step 3 (1), step 4 =
 
 
 def saying(text, action):
-    return {**call("act", action=action), "content": text}
+    return {**sp.call("act", action=action), "content": text}
 
 
 def test_words_of_the_model_keep_what_has_left_the_view(told):
@@ -124,7 +123,7 @@ def test_words_of_the_model_keep_what_has_left_the_view(told):
     assert remembered(Record(events))["in view"] == [6, 6]
     once = played(told, LOOK, saying(SAID, "0"), *RIGHT[1:], history=0, beyond_history="mask")
     assert {answer.place for answer in answers(Record(once)) if answer.places} == {"own words"}
-    noted = played(told, LOOK, call("take_notes", text=SAID), *RIGHT, history=0, notes_tokens=200)
+    noted = played(told, LOOK, sp.call("take_notes", text=SAID), *RIGHT, history=0, notes_tokens=200)
     assert {answer.place for answer in answers(Record(noted)) if answer.places} == {"memory"}
     assert replay(events).identical
 
@@ -134,7 +133,7 @@ def test_a_budget_closes_the_channel_of_the_models_own_words(told):
     events = played(told, LOOK, *(saying(SAID, action) for action in RIGHT), history=0, own_words="never")
     assert {answer.place for answer in answers(Record(events)) if answer.places} == {"nowhere"}
     assert replay(events).identical
-    arguments = [{**saying(SAID, action), **call("act", action=action, why=SAID)} for action in RIGHT]
+    arguments = [{**saying(SAID, action), **sp.call("act", action=action, why=SAID)} for action in RIGHT]
     refused = played(told, LOOK, *arguments, history=0, own_words="never")
     assert Record(refused).result.steps == 0
 
@@ -152,7 +151,7 @@ def test_a_summary_and_a_memory_are_told_apart(told, tmp_path):
                     conversation.receive({"role": "assistant", "content": SAID})
                     continue
                 reply = replies.pop(0)
-                conversation.receive(reply if reply is LOOK else call("act", action=reply))
+                conversation.receive(reply if reply is LOOK else sp.call("act", action=reply))
         assert {answer.place for answer in answers(Record(events)) if answer.places} == {place}
 
 
@@ -300,7 +299,7 @@ def test_a_compactor_loses_the_manual_and_what_it_asks_and_writes_is_counted(ech
     events = played(
         echo,
         LOOK,
-        call("read_manual"),
+        sp.call("read_manual"),
         *RIGHT[:2],
         "Skip",
         *RIGHT[3:],

@@ -6,10 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis import pairs
 from smartplay_tools.evaluation.analysis.repeats import (
     as_json,
@@ -23,6 +21,7 @@ from smartplay_tools.evaluation.analysis.repeats import (
     variances,
 )
 from smartplay_tools.evaluation.analysis.summary import summarize
+from tests.evaluation.command import shown_by
 
 GAME = "MessengerL1-v0"
 
@@ -86,12 +85,10 @@ def test_figures_of_a_worked_example():
 
 
 def test_the_commands(run, tmp_path):
-    runner = CliRunner(env={"COLUMNS": "80"})
-    given = ["results", str(run.folder.path)]
-    shown = runner.invoke(app, given).output
+    shown = shown_by("results", run.folder.path)
     assert "pass^k" in shown
     assert "6 x 3" in shown
-    printed = json.loads(runner.invoke(app, [*given, "--json"]).output)["repeats"]
+    printed = json.loads(shown_by("results", run.folder.path, "--json"))["repeats"]
     assert [each["repeats"] for each in printed] == [3, 3]
     assert len(printed[1]["pass^3"]) == 3
     with pytest.raises(sp.InvalidArgumentError, match="plays each world 3 times"):

@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation import pages
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episode_reading import columns
@@ -27,6 +25,7 @@ from smartplay_tools.evaluation.pages.report.sources import find_runs
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.hanoi import Hanoi
 from smartplay_tools.records import Record, recorded_pictures
+from tests.evaluation.command import shown_by
 from tests.evaluation.players import Broken, FirstMoves
 from tests.evaluation.report_runs import (
     BANDIT,
@@ -453,11 +452,8 @@ def test_crafter_s_picture_shows_what_the_text_tells(tmp_path):
 
 def test_the_command_writes_the_page_and_says_where(tmp_path):
     record(tmp_path / "hanoi.jsonl", HANOI)
-    result = CliRunner().invoke(
-        app, ["report", str(tmp_path / "hanoi.jsonl"), "--out", str(tmp_path / "new" / "p.html")]
-    )
-    assert result.exit_code == 0, result.output
-    assert re.search(r"p\.html \(0\.\d MB\)", result.output.replace("\n", ""))
+    shown = shown_by("report", tmp_path / "hanoi.jsonl", "--out", tmp_path / "new" / "p.html")
+    assert re.search(r"p\.html \(0\.\d MB\)", shown.replace("\n", ""))
     assert (tmp_path / "new" / "p.html").exists()
 
 

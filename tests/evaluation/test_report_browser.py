@@ -26,6 +26,7 @@ from smartplay_tools.transcript.hashing import chained_lines
 from smartplay_tools.types.messages import pictures_of
 from tests import fuzz, scripts
 from tests.evaluation.conftest import note_request
+from tests.evaluation.players import Broken
 from tests.evaluation.report_runs import (
     BANDIT,
     HANOI,
@@ -464,7 +465,7 @@ def test_failed_and_unfinished_episodes_can_be_opened(show, tmp_path):
     (tmp_path / "run" / "start.jsonl").write_text(whole[0])
     (tmp_path / "run" / "prompt.jsonl").write_text("".join(whole[:3]))
     with sp.Episode(HANOI, seed=1, transcript=tmp_path / "run" / "failed.jsonl") as episode:
-        _fail(episode)
+        sp.play(episode, Broken(seed=1))
     page = show(tmp_path / "run", "#episode=start&turn=0")
     assert "unfinished" in page.locator("#chips").text_content()
     for key, words in (("prompt", "No reply came to this prompt."), ("failed", "No reply came to this prompt.")):
@@ -472,18 +473,8 @@ def test_failed_and_unfinished_episodes_can_be_opened(show, tmp_path):
         page.wait_for_function("(key) => shown.episode?.key === key", arg=key)
         assert words in page.locator("#said").text_content()
     page.get_by_text("Rules, budget and versions").click()
-    assert "RuntimeError: gone" in page.locator("#rules").text_content()
+    assert "RuntimeError: no more ideas" in page.locator("#rules").text_content()
     assert "Traceback" in page.locator("#rules pre").text_content()
-
-
-def _fail(episode: sp.Episode) -> None:
-    class Gone:
-        name = "gone"
-
-        def reply(self, prompt: sp.Prompt) -> sp.Reply:
-            raise RuntimeError("gone")
-
-    sp.play(episode, Gone())
 
 
 def test_light_and_dark_follow_the_reader_and_the_button(show, tmp_path):

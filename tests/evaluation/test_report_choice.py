@@ -6,12 +6,11 @@ import re
 import shutil
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.errors import DamageWarning, SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from tests.evaluation.command import shown_by
 from tests.evaluation.test_view import unpacked
 
 pytest.importorskip("jinja2")
@@ -40,9 +39,8 @@ def held(runs, asked: str | None) -> list[str]:
 
 
 def test_a_page_of_too_many_episodes_holds_the_first_trials_and_says_so(run, tmp_path):
-    done = CliRunner().invoke(app, ["report", str(run), "--out", str(tmp_path / "page.html")])
-    assert done.exit_code == 0
-    assert "holds 5 of 6 episodes, the first trials" in done.output
+    shown = shown_by("report", run, "--out", tmp_path / "page.html")
+    assert "holds 5 of 6 episodes, the first trials" in shown
     assert "This page holds 5 of 6 episodes" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert len(held([run], "all")) == 6
 

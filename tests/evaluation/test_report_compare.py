@@ -6,11 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.pages.report.page import write_report
+from tests.evaluation.command import refused, shown_by
 from tests.evaluation.report_runs import BANDIT, HANOI, RPS, record
 from tests.evaluation.test_report import Page
 
@@ -82,12 +81,9 @@ def test_runs_without_a_game_in_common_are_one_page_without_a_comparison(runs, t
 
 def test_the_command_takes_several_runs(runs, tmp_path):
     out = tmp_path / "both.html"
-    result = CliRunner().invoke(app, ["report", *map(str, runs), "--out", str(out)])
-    assert result.exit_code == 0, result.output
+    shown_by("report", *runs, "--out", out)
     assert "W/T/L" in Page(out).words
-    twice = CliRunner().invoke(app, ["report", str(runs[0]), str(runs[0]), "--out", str(out)])
-    assert twice.exit_code == 2
-    assert "named twice" in twice.stderr
+    assert "named twice" in refused("report", runs[0], runs[0], "--out", out)
 
 
 def test_several_runs_share_their_figures(page):

@@ -9,10 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
@@ -21,6 +19,7 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.providers.prices import Price
+from tests.evaluation.command import shown_by
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered, Waiting
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
@@ -92,7 +91,7 @@ def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_
     older = planned.model_copy(update={"until": {"margin": "0.1h", "clip": None, "by": "score"}})
     (tmp_path / "manifest.json").write_text(json.dumps(older.to_json()))
     for command in ("replay", "results"):
-        assert CliRunner().invoke(app, [command, str(tmp_path)]).exit_code == 0
+        shown_by(command, tmp_path)
     assert sp.evaluate(**plan, trials=3).complete
     assert "it has all episodes that are asked for" in caplog.text
     assert RunFolder(tmp_path).manifest().until is None

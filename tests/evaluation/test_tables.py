@@ -12,7 +12,7 @@ from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable, to_html, to_markdown
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.summary import summarize
-from smartplay_tools.evaluation.analysis.tables import COLUMNS, LATER, flat, summary_json, write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.tables import COLUMNS, LATER, flat, summary_json, write_csv
 from smartplay_tools.providers.prices import Price
 from tests.evaluation.runs import failed_row, play_row, play_rows
 
@@ -20,9 +20,7 @@ RPS, HANOI, HANOI4 = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0", "Hanoi4Disk-v0
 
 
 def rock(times: int, usage: sp.Usage | None = None) -> sp.ScriptedPlayer:
-    function = {"name": "act", "arguments": '{"action": "Rock"}'}
-    call = {"id": "c", "type": "function", "function": function}
-    return sp.ScriptedPlayer([{"role": "assistant", "content": None, "tool_calls": [call]}] * times, usage)
+    return sp.ScriptedPlayer([sp.call("act", action="Rock")] * times, usage)
 
 
 @pytest.fixture(scope="module")
@@ -78,20 +76,6 @@ def test_csv_has_a_line_for_every_episode(rows, tmp_path):
     assert read[-1]["provider_cached_tokens"] == "3000"
     assert float(read[-1]["cost"]) == rows[-1]["cost"] == pytest.approx(1)
     assert json.loads(read[-1]["versions"]) == rows[-1]["versions"]
-
-
-@pytest.mark.slow
-def test_parquet_has_the_same_in_types(rows, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path = tmp_path / "run.parquet"
-    write_parquet(rows, path)
-    table = parquet.read_table(path)
-    assert table.column_names == list(COLUMNS)
-    assert table.to_pylist() == [flat(row) for row in rows]
-    assert str(table.schema.field("completed").type) == "bool"
-    assert str(table.schema.field("provider_prompt_tokens").type) == "int64"
-    write_parquet([], path)
-    assert parquet.read_table(path).schema.equals(table.schema)
 
 
 def test_the_summary_is_json(rows):

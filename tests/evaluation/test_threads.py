@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.evaluation.pages.report.threads import thread_data
 from smartplay_tools.manager.record import read_thread
 from smartplay_tools.records.threads import thread_requests, thread_row
 from smartplay_tools.transcript.hashing import chained_lines
+from tests.evaluation.command import result_of
 from tests.evaluation.report_runs import HOSTILE
 from tests.manager.histories import FORMS
 from tests.manager.test_fit import steps
@@ -42,8 +41,7 @@ def written(folder: Path, form: str, name: str = "reader") -> Path:
 
 
 def run(*words: Any) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [*map(str, words)])
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    result = result_of(*words)
     return result.exit_code, result.output
 
 

@@ -8,28 +8,22 @@ import html
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
+from tests.evaluation.command import refused
 from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
 view = pytest.importorskip("smartplay_tools.web.site")
 COLUMNS = pytest.importorskip("smartplay_tools.web.site.listed").COLUMNS
 site_runs = pytest.importorskip("smartplay_tools.web.site.site_runs")
-site_record = pytest.importorskip("smartplay_tools.web.site.site_record")
 
 HANOI, BANDIT = "Hanoi3Disk-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -204,57 +198,7 @@ def test_thousands_of_episodes_are_listed_again_without_reading(runs, tmp_path):
 
 
 def test_the_command_says_what_is_wrong(tmp_path):
-    done = CliRunner().invoke(app, ["view", str(tmp_path / "nowhere")])
-    assert (done.exit_code, "There is no folder" in done.output) == (2, True)
-
-
-def test_a_single_record_is_shown_before_during_and_after_its_episode(tmp_path):
-    path = tmp_path / "game.jsonl"
-    shown = site_record.SiteRecord(path)
-    assert (shown.episodes(), shown.playing(), shown.summary()["finished"]) == ([], [], 0)
-    with sp.Episode(HANOI, seed=3, transcript=path, budget=sp.Budget(prompt_tokens=900)) as episode:
-        conversation = sp.Conversation(episode, player="rule")
-        conversation.receive(sp.get_player("rule").reply(conversation.prompt()).message)
-        (one,) = shown.playing()
-        assert (one["game"], one["player"], one["calls"]) == (HANOI, "rule", 1)
-        assert shown.record(one["record"]) == path
-        assert shown.episodes()[0][:5] == [one["record"], "running", HANOI, "rule", "prompts <= 900"]
-    assert (shown.playing(), shown.summary()["finished"]) == ([], 1)
-    (row,) = shown.episodes()
-    assert dict(zip(COLUMNS, row, strict=True))["end"] == "closed"
-    with pytest.raises(sp.InvalidArgumentError):
-        shown.record("episodes/0123456789abcdef")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT to one process")
-def test_play_watch_serves_the_live_page_until_it_is_interrupted(tmp_path):
-    record = tmp_path / "game.jsonl"
-    command = ["play", HANOI, "--seed", "7", "--watch", "--no-open", "--quiet", "--transcript", str(record)]
-    playing = subprocess.Popen(
-        [sys.executable, "-m", "smartplay_tools", *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        # A test that runs in the background of a shell has inherited that Ctrl-C is ignored.
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
-    )
-    with playing:
-        try:
-            assert playing.stderr is not None
-            page = playing.stderr.readline().split()[-1]
-            assert page.startswith("http://127.0.0.1:")
-            assert get(page)[0] == 200
-            assert playing.stderr.readline() == "The page stays until Ctrl-C.\n"
-            (run,) = json.loads(get(f"{page.partition('/episode/')[0]}/api/runs")[2])
-            assert (run["name"], run["finished"]) == ("game.jsonl", 1)
-            assert list(unpacked(get(page)[2], "pack-0")) == ["0000000000000000.1"]
-            playing.send_signal(signal.SIGINT)
-            out, _ = playing.communicate(timeout=60)
-            assert (playing.returncode, "terminated" in out) == (0, True)
-        finally:
-            playing.kill()
+    assert "There is no folder" in refused("view", tmp_path / "nowhere")
 
 
 def test_runs_appear_and_vanish_while_the_site_is_served(runs, tmp_path):

@@ -35,8 +35,7 @@ class Hostile:
     def __init__(self, *, seed: int) -> None: ...
 
     def reply(self, prompt: sp.Prompt) -> sp.Reply:
-        call: Any = {"id": "1", "type": "function", "function": {"name": "act", "arguments": '{"action": "1"}'}}
-        return sp.Reply({"role": "assistant", "content": SCRIPT, "tool_calls": [call]})
+        return sp.Reply(sp.call("act", say=SCRIPT, action="1"))
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,14 @@ import time
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.merge import audit
 from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames
 from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell
+from tests.evaluation.command import refused
 from tests.loopback import ask
 
 pytest.importorskip("uvicorn")
@@ -209,10 +208,8 @@ def test_pictures_are_on_the_record(playing):
 
 
 def test_options_of_a_play_need_one(tmp_path):
-    done = CliRunner().invoke(app, ["view", str(tmp_path), "--prompt-tokens", "500"])
-    assert (done.exit_code, "--prompt-tokens is for --play GAME" in done.output) == (2, True)
-    done = CliRunner().invoke(app, ["view", "--play", "Chess-v0", "--out", str(tmp_path / "human")])
-    assert (done.exit_code, "There is no game 'Chess-v0'" in done.output) == (2, True)
+    assert "--prompt-tokens is for --play GAME" in refused("view", tmp_path, "--prompt-tokens", 500)
+    assert "There is no game 'Chess-v0'" in refused("view", "--play", "Chess-v0", "--out", tmp_path / "human")
 
 
 def test_the_end_has_the_scores_of_others(playing):

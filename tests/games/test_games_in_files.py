@@ -7,14 +7,13 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.runs.plan import make_cells
 from smartplay_tools.games import GAMES, get_spec, specs
 from smartplay_tools.records import Record, replay, resume
+from tests.evaluation.command import result_of as command
 
 CODE = (Path(__file__).parents[1] / "data" / "nim.py").read_text(encoding="utf-8")
 NIM = "nim.py:SPEC"
@@ -40,10 +39,6 @@ def played(game=NIM):
     with sp.Episode(game, seed=2, transcript=events) as episode:
         sp.play(episode, sp.get_player("random"))
     return events
-
-
-def command(*given):
-    return CliRunner().invoke(app, list(map(str, given)))
 
 
 def test_a_record_names_the_file_without_its_folders_and_has_its_digest(folder):

@@ -6,12 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import smartplay_tools as sp
-from smartplay_tools.cli import app
 from smartplay_tools.games.minecraft.engines import ENGINES, check_engines
 from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
+from tests.evaluation.command import shown_by
 
 BIOMES = """
 0 Ocean, 1 Plains, 2 Desert, 3 Extreme Hills, 4 Forest, 5 Taiga, 6 Swampland, 7 River, 8 Hell, 9 The End,
@@ -137,8 +136,7 @@ def test_the_same_world_is_played_whatever_the_goal():
 def test_a_start_is_on_the_record_and_is_replayed(tmp_path):
     path = tmp_path / "run.jsonl"
     command = f"play MinedojoCreative9-v0 --player random --option start=anywhere --tool-calls 3 --transcript {path}"
-    run = CliRunner().invoke(app, command.split())
-    assert run.exit_code == 0, run.output
+    shown_by(*command.split())
     config, *_, result = sp.read_transcript(path)
     assert config["config"]["options"] == {"start": "anywhere"}
     assert "start" not in result["result"]["deviations"]

@@ -70,9 +70,7 @@ def test_it_looks_at_the_border_as_the_words_do():
         conversation = sp.Conversation(episode)
         for _ in range(60):
             prompt = conversation.prompt()
-            call = {"name": "act", "arguments": '{"action": "Move West"}'}
-            calls = [{"id": "a", "type": "function", "function": call}]
-            conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
+            conversation.receive(sp.call("act", action="Move West"))
         prompt = conversation.prompt()
         assert ("out of the map" in words_of(prompt)) == ("out of the map" in episode.game.observation)
 

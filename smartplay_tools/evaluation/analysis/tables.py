@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.errors import extra_named
 from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from smartplay_tools.evaluation.analysis.grouping import Condition
 from smartplay_tools.evaluation.analysis.summary import COUNTS, CellSummary, Drift, RunSummary, TokenSummary
@@ -93,18 +92,6 @@ def flat(row: Row) -> dict[str, Any]:
 def write_csv(rows: Iterable[Row], path: str | Path) -> None:
     """Write rows as CSV; None is an empty field."""
     Path(path).write_text(rows_to_csv(list(map(flat, rows)), COLUMNS), encoding="utf-8", newline="")
-
-
-def write_parquet(rows: Iterable[Row], path: str | Path) -> None:
-    """Write rows as Parquet, with the types of `COLUMNS`; without pyarrow, a `MissingExtraError`."""
-    with extra_named("Parquet", "evaluation"):
-        import pyarrow
-        from pyarrow import parquet
-    types = {"string": pyarrow.string(), "json": pyarrow.string(), "bool": pyarrow.bool_()}
-    types |= {"int64": pyarrow.int64(), "float64": pyarrow.float64()}
-    schema = pyarrow.schema([(name, types[kind]) for name, (_, kind) in COLUMNS.items()])
-    with Path(path).open("wb") as file:
-        parquet.write_table(pyarrow.Table.from_pylist([flat(row) for row in rows], schema=schema), file)
 
 
 def cell_rows(summary: RunSummary) -> list[dict[str, Any]]:

@@ -6,18 +6,17 @@ attempts at a reply, and evictions before an entry's life is over. The first mak
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import fsum, inf
 from operator import mul
 from typing import NamedTuple
 
-from smartplay_tools.costs.cached import PLACES, MarkedPrefixes, Place, Prefixes, marked, whole_blocks
+from smartplay_tools.costs.cached import PLACES, Cache, Place, hit_and_written
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.providers.caches import CacheRule
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.records.requests import Request, RequestLog
+from smartplay_tools.records.requests import RequestLog
 
 __all__ = ["Charge", "calls_under", "charge"]
 
@@ -68,16 +67,11 @@ def _cached(log: RequestLog, rule: CacheRule, places: Sequence[Place]) -> tuple[
     """The hits and the written tokens of each request."""
     if unknown := set(places) - set(PLACES):
         raise InvalidArgumentError(f"A mark is at one of {', '.join(PLACES)}, not {', '.join(sorted(unknown))}.")
-    matched, stored = _matched_and_stored(log, rule, tuple(places))
-    hits = [whole_blocks(length, rule) for length in matched]
-    if rule.write is None:
-        return hits, [0] * len(hits)
-    return hits, [max(0, whole_blocks(end, rule) - hit) for end, hit in zip(stored, hits, strict=True)]
+    pairs = [hit_and_written(*found, rule) for found in _found_and_stored(log, rule, tuple(places))]
+    return [hit for hit, _ in pairs], [written for _, written in pairs]
 
 
-def _matched_and_stored(
-    log: RequestLog, rule: CacheRule, places: tuple[Place, ...]
-) -> tuple[Sequence[int], Sequence[int]]:
+def _found_and_stored(log: RequestLog, rule: CacheRule, places: tuple[Place, ...]) -> Sequence[tuple[int, int]]:
     """The tokens of each request that are found stored, and those that are stored after it.
 
     They are the same under all rules that differ in minimum, blocks and rates alone: a prefix below the minimum is no
@@ -87,37 +81,10 @@ def _matched_and_stored(
     life = inf if rule.life is None or log.seconds is None or log.seconds <= rule.life else rule.life
     key = prefixes is log.prefixes, rule.marks, rule.lookback, rule.replies, life, places
     if key not in log.remembered:
-        prompts, tokens = log.columns[0], prefixes.tokens
-        if rule.marks == "auto":
-            lengths, stored = _stored_whole(log.requests, prefixes, rule, life), prompts
-        else:
-            marks = [marked(request.units, request.stable, rule.marks, places) for request in log.requests]
-            entries, lengths = MarkedPrefixes(prefixes, rule, life), []
-            for at, (request, ends) in enumerate(zip(log.requests, marks, strict=True)):
-                lengths.append(entries.find(at, ends, request.at or 0.0))
-                entries.store_reply(at, request.at or 0.0)
-            stored = [tokens[path[ends[-1]]] if ends else 0 for path, ends in zip(prefixes.paths, marks, strict=True)]
-        matched = zip(prefixes.paths, lengths, prompts, strict=True)
-        # The last token of a prompt is always computed.
-        log.remembered[key] = [min(tokens[path[length]], prompt - 1) for path, length, prompt in matched], stored
-    of_each: tuple[Sequence[int], Sequence[int]] = log.remembered[key]
+        cache, found = Cache(prefixes, rule, places, life), list[tuple[int, int]]()
+        for at, request in enumerate(log.requests):
+            found.append(cache.look_up(at, request.units, request.stable, request.prompt, request.at or 0.0))
+            cache.store_reply(at, request.at or 0.0)
+        log.remembered[key] = found
+    of_each: Sequence[tuple[int, int]] = log.remembered[key]
     return of_each
-
-
-def _stored_whole(requests: Sequence[Request], prefixes: Prefixes, rule: CacheRule, life: float) -> Sequence[int]:
-    """The length in units of the longest stored prefix of each request, where requests are stored whole.
-
-    Where a prefix is stored, all that it begins with are, and were used no earlier, so that the longest is found by
-    bisection.
-    """
-    if life == inf:
-        return prefixes.shared_with_reply if rule.replies else prefixes.shared
-    used: dict[int, float] = {}
-    lengths = []
-    for request, path, answer in zip(requests, prefixes.paths, prefixes.answers, strict=True):
-        now = request.at or 0.0
-        lengths.append(bisect_left(path, True, lo=1, key=lambda prefix: now - used.get(prefix, -inf) > life) - 1)
-        used.update(dict.fromkeys(path, now))
-        if rule.replies:
-            used[answer] = now
-    return lengths

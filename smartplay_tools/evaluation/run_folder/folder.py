@@ -47,7 +47,6 @@ from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, Timing, read_rows
 from smartplay_tools.transcript.lines import parse_json
-from smartplay_tools.types.messages import text_of
 
 __all__ = ["RunFolder"]
 
@@ -199,8 +198,7 @@ class RunFolder:
         """Return the text of the first reply in a finished episode, "" if its record is not here."""
         path = self.transcript(row["key"])
         with damage_left_out(path):
-            replies = Record.read(path).sent_replies.values() if path.exists() else ()
-            return next(map(text_of, replies), "")
+            return Record.read(path).first_reply if path.exists() else ""
         return ""
 
     def attempts(self) -> list[Path]:

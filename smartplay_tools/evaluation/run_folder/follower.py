@@ -26,10 +26,10 @@ from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
 from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.providers.prices import Price
+from smartplay_tools.records.growing_lines import GrowingLines
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row, Timing, mean_score, read_row
 from smartplay_tools.records.spent import Spent
-from smartplay_tools.transcript.lines import GrowingLines
 from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.quantities import duration, short
 

@@ -79,6 +79,10 @@ class Range:
         return Range(self.low * factor, self.expected * factor, self.high * factor)
 
 
+ADDED = ("episodes", "calls", "prompt_tokens", "reply_tokens")
+"""The figures of estimates that add up whatever their prices are."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """The expected use of a cell's episodes."""
@@ -96,6 +100,12 @@ class Estimate:
     """The share of tool results that were cut to `result_tokens` in the samples."""
     reply_length: tuple[int, int] | None = None
     """The assumed tokens of a reply; None if the player itself has played."""
+
+    def __add__(self, other: Estimate) -> Estimate:
+        """Return what both take together, as an estimate of the first one's cell."""
+        sums: dict[str, Any] = {name: getattr(self, name) + getattr(other, name) for name in ADDED}
+        cost = None if self.cost is None or other.cost is None else self.cost + other.cost
+        return replace(self, **sums, cost=cost)
 
 
 @dataclass(frozen=True)

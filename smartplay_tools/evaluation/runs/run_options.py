@@ -29,7 +29,7 @@ Its text is kept in the run's manifest.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Self, TypedDict
@@ -48,10 +48,29 @@ from smartplay_tools.episode.config import (
 )
 from smartplay_tools.errors import InvalidArgumentError, similar
 from smartplay_tools.evaluation.runs.limits import Caps
+from smartplay_tools.evaluation.runs.plan import PlannedEpisode
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials
-from smartplay_tools.evaluation.runs.run_progress import OnProgress
 from smartplay_tools.providers.prices import Price, check_given
+from smartplay_tools.records.rows import Row
 from smartplay_tools.types import Budget, CarriedStore, ObservationForm
+
+
+@dataclass(frozen=True)
+class RunProgress:
+    """The end of an attempt or, without an episode, the start of the run."""
+
+    finished: int
+    planned: int
+    failed_attempts: int
+    """Since this run began."""
+    episode: PlannedEpisode | None = None
+    row: Row | None = None
+    """The episode's row if it is finished."""
+    error: str | None = None
+    """Why the attempt has no result, if it has none."""
+
+
+OnProgress = Callable[[RunProgress], None]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A run while it is played: what it tells of its attempts, its display, and the signals that stop it.
+"""A run while it is played: its display, and the signals that stop it.
 
 One thread takes a snapshot every second (of hundreds of episodes at once, every five) and shows it.
 
@@ -12,34 +12,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Protocol, Self, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
-from smartplay_tools.evaluation.runs.plan import PlannedEpisode
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.records.rows import Row
-
-
-@dataclass(frozen=True)
-class RunProgress:
-    """The end of an attempt or, without an episode, the start of the run."""
-
-    finished: int
-    planned: int
-    failed_attempts: int
-    """Since this run began."""
-    episode: PlannedEpisode | None = None
-    row: Row | None = None
-    """The episode's row if it is finished."""
-    error: str | None = None
-    """Why the attempt has no result, if it has none."""
-
-
-OnProgress = Callable[[RunProgress], None]
-
 
 PERIOD = 1.0
 """The least seconds between two snapshots."""

@@ -22,9 +22,9 @@ from filelock import FileLock, Timeout
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, replace_file
+from smartplay_tools.records.growing_lines import ends_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.transcript.lines import ends_of
 from smartplay_tools.transcript.times import delete_record, move_record
 from smartplay_tools.visible import logger
 

@@ -25,8 +25,8 @@ from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
-from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, RunProgress, Signals, following, not_shown
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, RunProgress
+from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games

@@ -27,8 +27,7 @@ from smartplay_tools.evaluation.runs.estimate import Expectations
 from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, game_file, player_key, player_of, strategy_file
 from smartplay_tools.evaluation.runs.roster import Roster
-from smartplay_tools.evaluation.runs.run_options import RunOptions
-from smartplay_tools.evaluation.runs.run_progress import RunProgress
+from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import Price, check_known

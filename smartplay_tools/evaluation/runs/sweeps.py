@@ -5,9 +5,9 @@ seeds, because the seed of a trial depends only on the run's seed, the game and 
 pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs
 in parallel. In addition to the run's files its folder has
 
-    table.csv, table.parquet   a row for each episode (`analysis.tables`)
-    summary.csv                a row for each cell (`analysis.windows.as_row`)
-    figures/                   the figures, as PNG, SVG and PDF (`figures`)
+    table.csv    a row for each episode (`analysis.tables`)
+    summary.csv  a row for each cell (`analysis.windows.as_row`)
+    figures/     the figures, as PNG, SVG and PDF (`figures`)
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from smartplay_tools.episode.budgets import refused_strategy
 from smartplay_tools.episode.config import CellConfig, Rules
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.evaluation.analysis.formats import rows_to_csv, to_html
-from smartplay_tools.evaluation.analysis.tables import write_csv, write_parquet
+from smartplay_tools.evaluation.analysis.tables import write_csv
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import WindowComparison, as_row, compare_windows
 from smartplay_tools.evaluation.runs.plan import cell_name, check_playable, make_cells, plan_episodes, player_of
@@ -75,15 +75,13 @@ class Sweep(Run):
     def write(self) -> list[Path]:
         """Write tables and figures into the run's folder and return their paths.
 
-        Parquet and figures need the extra `evaluation`; without it they are left out.
+        Figures need the extra `evaluation`; without it they are left out.
         """
         folder = self.folder.path
         written = [folder / "table.csv", folder / SUMMARY]
         write_csv(self.rows, written[0])
         written[1].write_text(rows_to_csv(self.summary), encoding="utf-8", newline="")
         try:
-            write_parquet(self.rows, folder / "table.parquet")
-            written.append(folder / "table.parquet")
             from smartplay_tools.evaluation.analysis.figures.run import write_figures
 
             written += write_figures(self.rows, folder / "figures")

@@ -42,7 +42,7 @@ from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
 from smartplay_tools.web.site.listed import COLUMNS
 from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, play_routes, refused
-from smartplay_tools.web.site.site_record import ServedPages
+from smartplay_tools.web.site.served_pages import ServedPages
 from smartplay_tools.web.site.site_runs import RunList, ViewedRun
 
 PERIOD = 1.0

@@ -19,8 +19,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
-from smartplay_tools.evaluation.runs.run_options import RunOptions
-from smartplay_tools.evaluation.runs.run_progress import RunProgress
+from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players import get_player

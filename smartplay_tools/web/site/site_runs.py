@@ -34,11 +34,11 @@ RECORD = re.compile(r"(episodes/[0-9a-f]{16}|(attempts|running)/[0-9a-f]{16}\.[0
 
 
 class ViewedRun(Protocol):
-    """What the site can show as a run: a run folder, or a single record."""
+    """What the site can show as a run: a run folder, or a folder of threads."""
 
     name: str
     path: Path
-    """Its folder, or its record."""
+    """Its folder."""
 
     def summary(self) -> dict[str, Any]:
         """Return how far it is."""
@@ -212,19 +212,14 @@ PERIOD = 1.0
 
 
 class RunList:
-    """The runs in folders, each a run or one that holds some, and others that are always shown first.
+    """The runs in folders, each a run or one that holds some.
 
     A run is known by its name, which is the path of its folder below the one that was named. `own` are folders that may
     not exist yet, those of the games that are played in the site.
     """
 
-    def __init__(
-        self,
-        folders: Sequence[str | Path] = (),
-        always: Sequence[ViewedRun] = (),
-        own: Sequence[str | Path] = (),
-    ) -> None:
-        self._folders, self._always = [*map(Path, own), *map(Path, folders)], list(always)
+    def __init__(self, folders: Sequence[str | Path] = (), own: Sequence[str | Path] = ()) -> None:
+        self._folders = [*map(Path, own), *map(Path, folders)]
         for folder in map(Path, folders):
             if not folder.is_dir():
                 raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
@@ -237,7 +232,7 @@ class RunList:
         """Return the runs that there are now."""
         with self._lock:
             if time.monotonic() - self._looked >= PERIOD:
-                self._listed = [*self._always, *self._look()]
+                self._listed = [*self._look()]
                 self._looked = time.monotonic()
             return self._listed
 
@@ -251,15 +246,13 @@ class RunList:
         return None
 
     def _look(self) -> list[SiteRun | SiteThreads]:
-        hidden = {run.path.resolve() for run in self._always}
         names: dict[Path, str] = {}
         for folder in self._folders:
             for path in _runs_in(folder, DEEPEST):
                 where = path.resolve()
-                if where not in hidden and where not in names:
+                if where not in names:
                     name = well_formed(where.name if path == folder else path.relative_to(folder).as_posix())
-                    taken = name in names.values() or any(run.name == name for run in self._always)
-                    names[where] = path.as_posix().lstrip("/") if taken else name
+                    names[where] = path.as_posix().lstrip("/") if name in names.values() else name
         kept = {where: self._shown.get(where) for where in names}
         self._shown = {
             where: run if run is not None and run.name == names[where] else _run(where, names[where])

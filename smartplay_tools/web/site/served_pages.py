@@ -1,6 +1,6 @@
-"""What the site shows of a single record, finished or growing, and the pages that it serves of records and runs.
+"""The pages that the site serves: the replay of a record, several side by side, and the report of runs.
 
-The pages are the replay, the comparison and the report, which is kept until the folder of its run has changed.
+A report is kept until the folder of its run has changed.
 """
 
 from __future__ import annotations
@@ -8,100 +8,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.pages.report.page import render_report
 from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode, render_side_by_side
-from smartplay_tools.evaluation.run_folder.follower import Result
-from smartplay_tools.records.record import Record
-from smartplay_tools.types import Budget
 from smartplay_tools.types.quantities import duration, short
-from smartplay_tools.web.site.listed import figures, listed
-from smartplay_tools.web.site.site_runs import RECORD, ViewedRun, live_figures
+from smartplay_tools.web.site.site_runs import ViewedRun
 from smartplay_tools.web.site.site_threads import THREADS
-
-KEY = "0" * 16
-"""The key in addresses: a record by itself has no plan that gives it another."""
-
-PLAYING = f"running/{KEY}.1"
-FINISHED = f"episodes/{KEY}"
-
-
-class SiteRecord:
-    """One transcript, from before its first event on."""
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self.name = self.path.name
-        self._record = Record.follow(self.path)
-        self._lock = threading.Lock()
-
-    def _refreshed(self) -> Record:
-        with self._lock:
-            return self._record.refresh()
-
-    def summary(self) -> dict[str, Any]:
-        """Return the counts of a run that has this episode only."""
-        record = self._refreshed()
-        has_failed = record.outcome == "failed"
-        return {
-            "name": self.name,
-            "planned": 1,
-            "finished": int(record.is_complete and not has_failed),
-            "running": len(self.playing()),
-            "paused": 0,
-            "failed": int(has_failed),
-            "tokens": record.totals.tokens,
-            "cost": record.totals.cost,
-            "seconds_left": None,
-            "caps": {},
-            "players": [record.player] if record.start else [],
-            "games": [record.game] if record.start else [],
-            "score": None if record.result_data is None else record.result_data["score"],
-            "written_at": self.path.stat().st_mtime if self.path.is_file() else 0.0,
-        }
-
-    def episodes(self) -> list[list[Any]]:
-        """Return the episode as an array (`listed`), an empty list before its first event."""
-        record = self._refreshed()
-        if record.start is None:
-            return []
-        facts = record.facts
-        about = {name: facts[name] for name in ("game", "player", "seed")}
-        about |= {"budget": Budget.from_record(facts["asked"]).describe()}
-        if record.ending is None:
-            return [listed(record=PLAYING, status="running", **about)]
-        about |= {"record": FINISHED, "date": round(self.path.stat().st_mtime)}
-        if record.result_data is None:
-            return [listed(**about, status=record.outcome, end=record.error)]
-        status = "failed" if record.outcome == "failed" else "finished"
-        result = Result.of({**record.result_data, "cost": None, "scoring": facts["scoring"]})
-        return [listed(**about, status=status, **figures(result))]
-
-    def playing(self) -> list[dict[str, Any]]:
-        """Return the episode while it is played, as `SiteRun.playing` does."""
-        record = self._refreshed()
-        if record.start is None or record.ending is not None:
-            return []
-        return [{"key": KEY, **live_figures(record), "record": PLAYING}]
-
-    def is_playing(self, record: Path) -> bool:
-        """Return whether the episode is being played."""
-        return self._refreshed().ending is None
-
-    def version(self) -> Any:
-        """Return something that changes when its report does."""
-        return self.path.stat().st_size if self.path.is_file() else 0
-
-    def record(self, name: str) -> Path:
-        """Return the file, under any of its names."""
-        if not RECORD.fullmatch(name) or name not in (PLAYING, FINISHED) or not self.path.is_file():
-            raise InvalidArgumentError("There is no such record.")
-        return self.path
-
 
 EPISODES = 50
 """The episodes of a run that a report page holds; the site opens the others."""
