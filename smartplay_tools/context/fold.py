@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
 from fractions import Fraction
 
-from smartplay_tools.context.newest import NewestTurns, Stretches, Tokens, Turns, longest_run, step_of
+from smartplay_tools.context.newest import NewestTurns, Places, Stretches, Tokens, Turns, longest_run, step_of
 from smartplay_tools.types import ResolvedBudget
 
 
@@ -37,15 +36,7 @@ class FoldedTurns(NewestTurns):
         self._shorter = Stretches(None if follow is None else _kept(follow, budget.slack))
 
     def append(
-        self,
-        turns: Turns,
-        tokens: Tokens,
-        places: Sequence[int],
-        *,
-        oldest: int,
-        pinned: int | None,
-        head: int,
-        summary: int,
+        self, turns: Turns, tokens: Tokens, places: Places, *, oldest: int, pinned: int | None, head: int, summary: int
     ) -> None:
         """Move on after the newest of the turns; the arguments are those of the grid."""
         self._stretches.append(turns)

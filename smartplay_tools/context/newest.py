@@ -22,6 +22,7 @@ from smartplay_tools.types import ResolvedBudget
 
 Turns: TypeAlias = Sequence[Turn]
 Tokens: TypeAlias = Callable[[int], int]
+Places: TypeAlias = Sequence[int]
 
 step_of: Callable[[Turn], int] = attrgetter("step")
 
@@ -61,15 +62,7 @@ class NewestTurns:
         return self._budget.history if self._drops and self._budget.stalled_turns is not None else None
 
     def append(
-        self,
-        turns: Turns,
-        tokens: Tokens,
-        places: Sequence[int],
-        *,
-        oldest: int,
-        pinned: int | None,
-        head: int,
-        summary: int,
+        self, turns: Turns, tokens: Tokens, places: Places, *, oldest: int, pinned: int | None, head: int, summary: int
     ) -> None:
         """Find the first turn after the newest of the turns.
 
@@ -99,9 +92,7 @@ def first_young(turns: Turns, oldest: int) -> int:
     return bisect_left(turns, oldest, hi=len(turns) - 1, key=step_of)
 
 
-def newest_run(
-    tokens: Tokens, most: float, places: Sequence[int], block: int, low: int, pinned: int | None = None
-) -> int:
+def newest_run(tokens: Tokens, most: float, places: Places, block: int, low: int, pinned: int | None = None) -> int:
     """Return the first turn of the run that a prompt shows, of a game's turns as of an agent's.
 
     It is the longest that fits of those that may begin on the grid, whose `places` these are, or at `low`; the newest

@@ -83,7 +83,7 @@ class Asking:
         self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
         budget = settings.budget.model_copy(update={"question_tokens": question_tokens or settings.prompt_tokens})
         goes_on = self._on_error == "drop"
-        return StrategyRunner(make, budget, settings.counter, settings.messages, kept_in(memo), goes_on=goes_on)
+        return StrategyRunner(make, budget, settings.messages, kept_in(memo), goes_on=goes_on)
 
     def _chain(self, strategy: Summaries, memo: Memo | None) -> SummaryChain:
         """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
@@ -97,7 +97,7 @@ class Asking:
         if settings.slack == 0 or (drops and math.floor(settings.slack * (settings.history or 0)) < 1):
             raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
         self.recorded = {f"summary_{name}": number for name, number in asdict(strategy).items()}
-        return SummaryChain(strategy, cap, settings.counter, kept_in(memo))
+        return SummaryChain(strategy, cap, settings.messages.counter, kept_in(memo))
 
     def answered(self, fitting: Fitting) -> FittedPrompt:
         """Ask what a prompt needs, and return it."""

@@ -74,8 +74,8 @@ class MessageCounter:
         sealed: Tokens | None,
         extra: Tokens | None,
     ) -> None:
-        self._counter, self._cut = counter, CUTS[cut]
-        self._pictures, self._sealed, self._extra = pictures, sealed, extra
+        self.counter, self.extra, self._cut = counter, extra, CUTS[cut]
+        self._pictures, self._sealed = pictures, sealed
         self._known: dict[Any, Cost] = {}
 
     def cost(
@@ -106,11 +106,11 @@ class MessageCounter:
 
     def text(self, text: str) -> int:
         """Count a text."""
-        return self._counter.text(text)
+        return self.counter.text(text)
 
     def cut(self, text: str, cap: int) -> str:
         """Return the text of a result, cut to a cap."""
-        return self._cut(text, cap, self._counter.text, notice_of_cut)
+        return self._cut(text, cap, self.counter.text, notice_of_cut)
 
     def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool, opens_calls: bool) -> Cost:
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
@@ -141,18 +141,18 @@ class MessageCounter:
         )
 
     def _said(self, said: Said) -> int:
-        count, content = self._counter.text, said.content
+        count, content = self.counter.text, said.content
         tokens = 3 + count(said.role) if said.opens else 0
         tokens += count(content.text) + (1 + count(said.name) if said.name else 0) + (8 if said.role == "tool" else 0)
-        tokens += sum(self._counter.call(*call) for call in said.calls)
+        tokens += sum(self.counter.call(*call) for call in said.calls)
         tokens += sum(map(self._picture, content.pictures))
         for part in content.closed:
-            if self._extra is None:
+            if self.extra is None:
                 raise InvalidArgumentError(
                     f"has a part of the type {part.get('type')!r}, whose tokens only its provider can count; "
                     "name them with extra_tokens"
                 )
-            tokens += _of(self._extra, part)
+            tokens += _of(self.extra, part)
         others = [other for other in (*said.others, *content.others) if other]
         tokens += count("".join(text for other in others for text in texts_in(dict(other))))
         return tokens + sum(self._seal(part, text) for other in others for part, text in sealed_in(other))
@@ -163,7 +163,7 @@ class MessageCounter:
     def _picture(self, part: Given) -> int:
         if self._pictures is not None:
             return _of(self._pictures, part)
-        if not self._counter.counts_pictures:
+        if not self.counter.counts_pictures:
             raise InvalidArgumentError(
                 "has a picture, which the tokenizer does not count; name a rule for pictures with the tokenizer, "
                 "as in o200k_base+claude-28, or their tokens with picture_tokens"
@@ -171,7 +171,7 @@ class MessageCounter:
         size = size_of(part)
         if size is None:
             raise InvalidArgumentError("has a picture that is not in the message; name its tokens with picture_tokens")
-        return self._counter.image(*size)
+        return self.counter.image(*size)
 
 
 def sealed_in(value: Any) -> Iterator[tuple[Given, str]]:

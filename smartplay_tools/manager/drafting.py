@@ -35,7 +35,7 @@ class Drafts:
 
     def __init__(self, settings: Settings, asking: Asking) -> None:
         self._settings, self._asking = settings, asking
-        self._counter, self._messages = settings.counter, settings.messages
+        self._counter, self._messages = settings.messages.counter, settings.messages
         self._readings: dict[object, Reading] = {}
 
     def of(self, conversation: Conversation, beside: Mapping[str, Any], *, has_summary: bool) -> Draft:
@@ -127,7 +127,7 @@ class Drafts:
         return self._messages.tokens({"role": "system", "content": system}, FORMS["chat"])
 
     def _tool_tokens(self, tools: Iterable[Any]) -> int:
-        specs, extra = specs_of(tools, self._settings.extra_tokens)
+        specs, extra = specs_of(tools, self._messages.extra)
         return self._counter.tools(specs) + extra
 
     def _most(self, room: float) -> int | None:
@@ -141,8 +141,8 @@ class Drafts:
         known = form.name, begin, most, *keys[:begin]
         reading = self._readings.pop(known, None)
         if reading is None:
-            window = AgentWindow(form, self._messages, self._counter, self._settings.budget)
-            reading = Reading(window, self._messages, begin, most, self._settings.pin or (lambda _: False))
+            window = AgentWindow(form, self._messages, self._settings.budget)
+            reading = Reading(window, begin, most, self._settings.pin or (lambda _: False))
         self._readings[known] = reading
         if len(self._readings) > READINGS:
             del self._readings[next(iter(self._readings))]

@@ -111,12 +111,10 @@ class ContextManager:
         memo: Memo | None = None,
         on_error: Literal["raise", "drop"] = "raise",
     ) -> None:
-        counter = shared_counter(tokenizer)
         check_choice("cut", cut, CUTS)
         self._settings = Settings(
             prompt_tokens,
-            counter,
-            MessageCounter(counter, cut, picture_tokens, sealed_tokens, extra_tokens),
+            MessageCounter(shared_counter(tokenizer), cut, picture_tokens, sealed_tokens, extra_tokens),
             history=history,
             slack=slack,
             result_tokens=result_tokens,
@@ -128,7 +126,6 @@ class ContextManager:
             pin=pin,
             cut=cut,
             repair=repair,
-            extra_tokens=extra_tokens,
             form=form,
         )
         self._asking = Asking(
@@ -171,15 +168,7 @@ class ContextManager:
     def count(self, messages: Sequence[Any], **beside: Any) -> int:
         """Return the tokens of a prompt that shows everything, whole; `beside` are the other arguments of `fit`."""
         whole, own = copy.copy(self), self._settings
-        settings = Settings(
-            None,
-            own.counter,
-            own.messages,
-            head=own.head,
-            repair=own.repair,
-            extra_tokens=own.extra_tokens,
-            form=own.form,
-        )
+        settings = Settings(None, own.messages, head=own.head, repair=own.repair, form=own.form)
         whole._settings, whole._asking, whole._threads = settings, Asking(settings), None
         whole._drafts = Drafts(settings, whole._asking)
         return whole.fit(messages, **beside).tokens

@@ -15,7 +15,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import NO_RESULT, MessageCounter
+from smartplay_tools.manager.counting import NO_RESULT
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
 from smartplay_tools.manager.units import Part, Unit
 from smartplay_tools.manager.window import AgentWindow
@@ -34,18 +34,11 @@ def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
 class Reading:
     """A conversation after its head, as units."""
 
-    def __init__(
-        self,
-        window: AgentWindow,
-        counter: MessageCounter,
-        begin: int,
-        most: int | None,
-        pin: Callable[[Given], bool],
-    ):
+    def __init__(self, window: AgentWindow, begin: int, most: int | None, pin: Callable[[Given], bool]) -> None:
         """`begin` is the number of the first message after the head, `most` the cap on a result."""
         self.window, self.form, self.turns = window, window.form, window.turns
         """The units are the turns of the window."""
-        self._counter, self._begin, self._most, self._pin = counter, begin, most, pin
+        self._begin, self._most, self._pin = begin, most, pin
         self._objects: list[Given] = []
         """The messages of the list that was read last."""
         self._keys: list[object] = []
@@ -171,7 +164,7 @@ class Reading:
                 part.is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
                 try:
-                    part.cost = self._counter.cost(
+                    part.cost = self.window.messages.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
                     )
                 except InvalidArgumentError as error:

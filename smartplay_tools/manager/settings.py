@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import MessageCounter, Tokens
+from smartplay_tools.manager.counting import MessageCounter
 from smartplay_tools.manager.forms import FORMS, Given
 from smartplay_tools.types import ResolvedBudget
 
@@ -30,9 +29,8 @@ class Settings:
     """The arguments of a `ContextManager` that shape a prompt; one that has no meaning is an `InvalidArgumentError`."""
 
     prompt_tokens: int | None
-    counter: TokenCounter
     messages: MessageCounter
-    """Counts messages, by that counter."""
+    """Counts messages."""
     history: int | None = None
     slack: float = 0
     result_tokens: int | Literal["auto"] | None = None
@@ -44,7 +42,6 @@ class Settings:
     pin: Callable[[Given], bool] | None = None
     cut: Literal["end", "middle"] = "end"
     repair: bool = True
-    extra_tokens: Tokens | None = None
     form: FormName | None = None
 
     def __post_init__(self) -> None:
@@ -82,7 +79,7 @@ class Settings:
     @property
     def recorded(self) -> dict[str, Any]:
         """What a record has of them."""
-        return {"tokenizer": self.counter.tokenizer.name, **{name: getattr(self, name) for name in RECORDED}}
+        return {"tokenizer": self.messages.counter.tokenizer.name, **{name: getattr(self, name) for name in RECORDED}}
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:

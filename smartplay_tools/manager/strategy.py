@@ -28,7 +28,6 @@ from smartplay_tools.context.strategies.custom import (
     name_on_record,
 )
 from smartplay_tools.context.tokens import PRIMING
-from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection
 from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
@@ -138,17 +137,10 @@ class StrategyRunner:
     """Calls the strategies of a manager's conversations."""
 
     def __init__(
-        self,
-        make: StrategyMaker,
-        budget: ResolvedBudget,
-        counter: TokenCounter,
-        messages: MessageCounter,
-        memo: Texts,
-        *,
-        goes_on: bool,
+        self, make: StrategyMaker, budget: ResolvedBudget, messages: MessageCounter, memo: Texts, *, goes_on: bool
     ) -> None:
         """`goes_on` says that a prompt whose question nobody answers is made without the compactor."""
-        self._make, self._budget, self._counter, self._messages = make, budget, counter, messages
+        self._make, self._budget, self._messages = make, budget, messages
         self._memo, self._goes_on = memo, goes_on
         self._folds: dict[bytes, _Fold] = {}
         self._lock = threading.Lock()
@@ -189,7 +181,7 @@ class StrategyRunner:
     def _begun(self, asked: AskedStrategy) -> _Fold:
         cap = None if asked.room is None else asked.room + PRIMING + sum(part.cost.whole for part in asked.lead)
         budget = self._budget.model_copy(update={"prompt_tokens": cap})
-        window = AgentWindow(asked.reading.form, self._messages, self._counter, budget, asked.lead)
+        window = AgentWindow(asked.reading.form, self._messages, budget, asked.lead)
         window.is_read, window.shows_thoughts = True, self._make.reads_thoughts
         return _Fold(window, self._make())
 

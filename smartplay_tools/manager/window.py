@@ -19,7 +19,6 @@ from smartplay_tools.context.grid import block_of, jump_of
 from smartplay_tools.context.newest import first_young, newest_run, step_of
 from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, Cost, MessageCounter
@@ -153,15 +152,10 @@ class AgentWindow(ContextWindow):
     turns: list[AgentTurn]  # type: ignore[assignment]  # every turn is made by `add_unit`
 
     def __init__(
-        self,
-        form: MessageForm,
-        messages: MessageCounter,
-        counter: TokenCounter,
-        budget: ResolvedBudget,
-        lead: Sequence[Part] = (),
+        self, form: MessageForm, messages: MessageCounter, budget: ResolvedBudget, lead: Sequence[Part] = ()
     ) -> None:
         """`lead` are messages before the first unit."""
-        self.form, self._messages, self.ids = form, messages, CallIds()
+        self.form, self.messages, self.ids = form, messages, CallIds()
         self.is_read = self.shows_thoughts = False
         """Whether a strategy decides, and whether it is given thoughts."""
         self.rewritten: set[int] = set()
@@ -172,7 +166,7 @@ class AgentWindow(ContextWindow):
         """The ids that the model has sent, by these."""
         self._thoughtless: dict[int, Turn] = {}
         """The turns by the identity of their replies as they are without thoughts."""
-        super().__init__([], (), budget, counter, Strategies(budget, counter, WORDING))
+        super().__init__([], (), budget, messages.counter, Strategies(budget, messages.counter, WORDING))
         self.now = [AgentTurn(self, -1, Unit("word", [part]), 0, 0).whole[0] for part in lead]
         self.starts = [len(lead)]
 
@@ -201,7 +195,7 @@ class AgentWindow(ContextWindow):
             yield
             return
         newest, last = self.turn_tokens(turn.number), turn.number
-        shorter = squeezed(turn.unit, most - needs + newest, self.form, self._messages)
+        shorter = squeezed(turn.unit, most - needs + newest, self.form, self.messages)
         if shorter is None:
             pins = needs - newest - self.head_tokens - self.tokens(range(self.starts[0]))
             raise TooLongError(pins, newest)
@@ -355,7 +349,7 @@ class AgentWindow(ContextWindow):
             edited = self.form.edited(part.message, arguments, thoughts=thoughts)
             if edited is None:
                 continue
-            tokens, opens = self._messages.tokens(edited, self.form, opens=opens), False
+            tokens, opens = self.messages.tokens(edited, self.form, opens=opens), False
             if edited == part.message:
                 yield Shown(part, part.message, tokens, turn=turn.number)
                 continue
@@ -407,7 +401,7 @@ class AgentWindow(ContextWindow):
         assert message is not None
         if change == "rewritten":
             self.rewritten.update([] if part.source is None else [part.source])
-            return Shown(part, message, self._messages.tokens(message, self.form), change, turn.number)
+            return Shown(part, message, self.messages.tokens(message, self.form), change, turn.number)
         return Shown(part, message, sum(form.tokens(self.counter) for form in shown.values()), change, turn.number)
 
     def _written(self, message: Message) -> Sequence[Given]:
@@ -423,7 +417,7 @@ class AgentWindow(ContextWindow):
         return self.form.written(role, text, calls)
 
     def _own(self, message: Given) -> Shown:
-        tokens = self._messages.tokens(message, self.form)
+        tokens = self.messages.tokens(message, self.form)
         return Shown(Part(None, message, Cost(tokens)), message, tokens)
 
 
