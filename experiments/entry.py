@@ -153,7 +153,8 @@ def enters(rows: Sequence[Row]) -> bool:
 
 def formats_table(rows: Sequence[Row]) -> str:
     """For each model and format: the steps, the illegal actions, and the right answers, all of which are in view."""
-    headings = ("model", "format", "worlds", "steps", "illegal", "right of asked", "bandit: worlds", "steps", "illegal")
+    counts = ("worlds", "steps", "illegal")
+    headings = ("model", "format", *counts, "right of asked", *(f"bandit: {count}" for count in counts))
     lines, own = [], (row for row in rows if row["worlds"] not in ASKED)
     cells = grouped(own, lambda row: (row["player"], row["game"], row["way"]))
     for model, form in product(MODELS, FORMATS):

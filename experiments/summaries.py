@@ -23,7 +23,7 @@ from compaction import FILES, acts
 from entry import EIGHT, IN_VIEW, Cells, play_cell, player_of
 from in_view import rank_correlation
 from models import QWEN, rows_of, write_records
-from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score, verdict
+from page_tables import HERE, Experiment, arguments, interval, markdown_table, mean_score
 
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.evaluation.analysis.pairs import paired_difference, score
@@ -71,7 +71,7 @@ def play(out: Path, file: str) -> None:
 
 
 def ways_table(cells: Cells) -> str:
-    """The score of both players in every way, and the difference to dropping in the same worlds."""
+    """The score of both players in every way, each with its difference to dropping in the same worlds."""
     lines = []
     for way in WAYS:
         both = [cells.get((player, way), []) for player in (QWEN, READER)]
@@ -79,16 +79,16 @@ def ways_table(cells: Cells) -> str:
             continue
         asked = fmean(row.get("questions") or row.get("summaries") or 0 for row in both[0])
         early = sum(row["end_reason"] not in ("terminated", "rollout") for row in both[0])
-        lines.append([way, f"{len(both[0])}", *(_cells(cells, player, way) for player in (QWEN, READER))])
+        lines.append([way, f"{len(both[0])}", *_cells(cells, QWEN, way), *_cells(cells, READER, way)])
         lines[-1] += [f"{asked:.1f}", f"{early}"]
-    return markdown_table(("way", "worlds", QWEN, READER, "questions", "ended early"), lines)
+    players = (QWEN, f"{QWEN} less dropping", READER, f"{READER} less dropping")
+    return markdown_table(("way", "worlds", *players, "questions", "ended early"), lines)
 
 
-def _cells(cells: Cells, player: str, way: str) -> str:
+def _cells(cells: Cells, player: str, way: str) -> tuple[str, str]:
     rows = cells[player, way]
     less = paired_difference(rows, cells.get((player, "dropping"), []), score)
-    beside = f"; {interval(less, '+')}, {verdict(less)}" if less is not None and way != "dropping" else ""
-    return interval(mean_score(rows)) + beside
+    return interval(mean_score(rows)), "" if less is None or way == "dropping" else interval(less, "+")
 
 
 def agreement(cells: Cells) -> tuple[float, float, float, int]:
