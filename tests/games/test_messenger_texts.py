@@ -199,9 +199,9 @@ def test_the_suite_for_agents_plays_our_sentences_whatever_the_machine_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     suite = get_suite("tools-v1")
-    cells = suite.cells("rule")
+    cells = plan_suite(suite, ["rule"]).cells
     monkeypatch.setenv(manuals.TEXTS_VARIABLE, str(write_texts(tmp_path)))
-    assert suite.cells("rule") == list(plan_suite(suite, ["rule"]).cells) == cells
+    assert plan_suite(suite, ["rule"]).cells == cells
 
 
 @pytest.mark.parametrize("wrong", ["[]", "{}", '{"airplane": {"enemy": {"chaser": "fly"}}}', "{", "null"])
