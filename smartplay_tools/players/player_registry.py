@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Literal, overload
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, name_of
 from smartplay_tools.registry import Registry, is_in_file, read_file
@@ -62,6 +62,31 @@ ENTRY_POINTS = "smartplay_tools.players"
 """The group under which other packages declare players."""
 
 _REGISTRY = Registry("player", PLAYERS, ENTRY_POINTS)
+
+
+@overload
+def get_player(
+    name: Literal[
+        "count-last-5",
+        "first",
+        "human",
+        "last-hand",
+        "leave-after-two",
+        "oracle",
+        "random",
+        "reader",
+        "rule",
+        "rule-notes",
+        "win-stay",
+    ],
+    *,
+    seed: int = 0,
+    **options: Any,
+) -> Player: ...
+
+
+@overload
+def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPlayer: ...
 
 
 def get_player(name: str, *, seed: int = 0, **options: Any) -> Player | AsyncPlayer:
