@@ -94,6 +94,8 @@ def test_in_an_environment_of_their_own(tmp_path):
     run(*install, "--no-deps", wheel)
     python = tmp_path / "venv" / "bin" / "python"
     shutil.copy(__file__, tmp_path)
+    (tmp_path / "tests").mkdir()
+    shutil.copy(ROOT / "tests" / "processes.py", tmp_path / "tests")
     shown = run(python, "-m", "pytest", "-rA", "-m", "not slow", "-p", "no:cacheprovider", Path(__file__).name)
     for test in ISOLATED:
         assert f"PASSED {Path(__file__).name}::{test}" in shown

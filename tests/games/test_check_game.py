@@ -155,7 +155,7 @@ IN_A_TEXT_GAME = {
         ],
         MISSES,
     ),
-    "the order of a set": ([('START = f"', "START = ' '.join({'alpha', 'beta', 'gamma', 'delta'}) + f\"")], PROCESS),
+    "the order of a set": ([('START = f"', "START = ' '.join({*map(str, range(20))}) + f\"")], PROCESS),
     "the number of the process": ([('START = f"', "START = f\"{__import__('os').getpid()} ")], PROCESS),
 }
 
