@@ -14,7 +14,6 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records import sent_prompts
-from smartplay_tools.transcript.lines import AppendedFile
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 WEB = sp.ToolSpec("web", "Search.", {"type": "object", "properties": {"query": {"type": "string", "description": "q"}}})
@@ -224,7 +223,8 @@ class TestInterruptions:
 
     def test_a_full_disk_ends_the_record_and_closes_the_game(self, tmp_path):
         episode = sp.Episode(RPS, seed=1, transcript=tmp_path / "full.jsonl")
-        episode.ledger.writer._sink = AppendedFile(Path("/dev/full"))
+        episode.ledger.writer._file.close()
+        episode.ledger.writer._file = Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 - the episode closes it
         closed = []
         episode.game.close = lambda: closed.append(True)
         with pytest.raises(TranscriptError, match=r"full\.jsonl can no longer be written: No space left"), episode:

@@ -107,3 +107,22 @@ async def test_a_call_that_raises_what_no_task_can_raise_is_answered():
     with pytest.raises(RuntimeError, match="StopIteration"):
         await asyncio.wait_for(queue.run(ends), 5)
     assert await asyncio.wait_for(queue.run(lambda: 5), 5) == 5
+
+
+async def test_a_cancelled_call_that_waits_is_not_run_and_other_loops_change_no_order():
+    """Here: a slow function, one behind it that is cancelled, one of another loop, and one more."""
+    queue, begun, may_end, done = SerialQueue(), threading.Event(), threading.Event(), list[str]()
+    slow = asyncio.create_task(queue.run(lambda: begun.set() or (may_end.wait(30) and done.append("slow"))))
+    await asyncio.to_thread(begun.wait)
+    cancelled = asyncio.create_task(queue.run(lambda: done.append("cancelled")))
+    await asyncio.sleep(0)
+    cancelled.cancel()
+    other = asyncio.create_task(asyncio.to_thread(lambda: asyncio.run(queue.run(lambda: done.append("other")))))
+    await asyncio.sleep(0.1)
+    last = asyncio.create_task(queue.run(lambda: done.append("last")))
+    slow.cancel()  # the task leaves, and the function runs to its end before any other
+    await asyncio.sleep(0.1)
+    assert done == []
+    may_end.set()
+    await asyncio.gather(slow, cancelled, other, last, return_exceptions=True)
+    assert done == ["slow", "other", "last"]

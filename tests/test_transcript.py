@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import sys
+from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.records.growing_lines import GrowingLines
 from smartplay_tools.records.prompts import recorded_turns
+from smartplay_tools.transcript import lines as appended
 from smartplay_tools.transcript.events import event_fault
 from smartplay_tools.transcript.file import TranscriptWriter, comparable
 
@@ -199,9 +201,11 @@ def test_two_transcripts_are_equal_whatever_the_ids_and_the_spelling():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limit")
-def test_more_episodes_than_a_process_may_open_files(tmp_path):
+def test_more_episodes_than_a_process_may_open_files(tmp_path, monkeypatch):
     import resource
 
+    # Whatever else this process has open does not count.
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
     others = len(list(Path("/dev/fd").iterdir()))
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(soft, others + 200), hard))
@@ -219,9 +223,37 @@ def test_more_episodes_than_a_process_may_open_files(tmp_path):
     assert len(records.pop().splitlines()) == 2
 
 
-def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path):
-    moved, changed = (TranscriptWriter(tmp_path / f"{name}.jsonl") for name in ("moved", "changed"))
-    for writer in (moved, changed):
+@pytest.mark.slow
+def test_threads_that_share_few_handles_lose_no_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(appended, "HANDLES", 3)
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
+    writers = [TranscriptWriter(tmp_path / f"{number}.jsonl") for number in range(48)]
+
+    def write(own: list[TranscriptWriter]) -> None:
+        for turn in range(400):
+            for writer in own:
+                writer.append({"event": "reveal", "turn": turn})
+
+    often, usual = 1e-5, sys.getswitchinterval()
+    sys.setswitchinterval(often)
+    try:
+        with ThreadPoolExecutor(12) as threads:
+            list(threads.map(write, [writers[first::12] for first in range(12)]))
+    finally:
+        sys.setswitchinterval(usual)
+    assert len(appended._OPEN) == 3
+    for writer in writers:
+        writer.close()
+    records = [path.read_bytes() for path in tmp_path.iterdir()]
+    assert len(set(records)) == 1
+    assert len(records[0].splitlines()) == 400
+
+
+def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(appended, "HANDLES", 1)
+    monkeypatch.setattr(appended, "_OPEN", OrderedDict())
+    moved, changed, last = (TranscriptWriter(tmp_path / f"{name}.jsonl") for name in ("moved", "changed", "last"))
+    for writer in (moved, changed, last):
         writer.append({"event": "start"})
     (tmp_path / "moved.jsonl").rename(tmp_path / "elsewhere.jsonl")
     with (tmp_path / "changed.jsonl").open("ab") as file:
@@ -229,4 +261,5 @@ def test_a_record_that_was_moved_or_changed_meanwhile_is_not_written_on(tmp_path
     for writer, why in ((moved, "No such file"), (changed, "another program has changed it")):
         with pytest.raises(TranscriptError, match=why):
             writer.append({"event": "reveal"})
+    last.close()
     assert not (tmp_path / "moved.jsonl").exists()

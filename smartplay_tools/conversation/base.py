@@ -402,7 +402,7 @@ class BaseConversation(ABC):
         """
         if self._is_warm and not (self.episode.game.is_slow or self._ledger.strategies.compacts):
             return function()
-        result = await self._ledger.queue.run(function, to_end=True)
+        result = await self._ledger.queue.run_to_end(function)
         self._is_warm = True
         return result
 

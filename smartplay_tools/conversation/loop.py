@@ -143,7 +143,7 @@ async def aplay(
     second = player if compactor_player is None else compactor_player
     conversation = _attach(episode, player, protocol, second)
     queue = conversation.episode.ledger.queue
-    while (prompt := await queue.run(lambda: _next_prompt(conversation, on_prompt), to_end=True)) is not None:
+    while (prompt := await queue.run_to_end(lambda: _next_prompt(conversation, on_prompt))) is not None:
         try:
             reply = _checked(await reply_of(second if prompt.purpose == "compaction" else player, prompt))
         except Exception as error:

@@ -3,72 +3,124 @@
 A game's step may take milliseconds or wait for another process, so it must not run on an event loop. One thread per
 episode would be too many for ten thousand episodes; here a call that waits for its turn occupies no thread.
 
-Threads are not copied when a process forks, so a forked process begins with none.
+Threads are not copied when a process forks, so a forked process begins with none: it starts new threads for the
+episodes that it plays, and runs no function that waits in its parent.
 """
 
 from __future__ import annotations
 
-import functools
 import os
+import threading
+from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    import asyncio
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
 T = TypeVar("T")
 
 THREADS = 16
 """How many threads all episodes of a process share at most."""
 
+_LOCK = threading.Lock()
+"""Held for a few operations at a time: none of them calls out."""
+
+_pool: ThreadPoolExecutor | None = None
+"""The threads, once a function has been given."""
+
 
 class SerialQueue:
-    """Runs functions in the shared threads, one at a time, in the order in which an event loop gives them.
-
-    Event loops, each in a thread of its own, do not wait for each other here, but for the lock of the episode.
-    """
+    """Runs functions in the shared threads, one at a time, in the order in which they were given."""
 
     def __init__(self) -> None:
-        self._line: tuple[asyncio.AbstractEventLoop, asyncio.Lock] | None = None
-        """The latest event loop, and the lock that the function holds there whose turn it is."""
+        self._waiting: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
+        self._running_in: ThreadPoolExecutor | None = None
+        """The threads that run its functions now; those of a parent process run nothing here."""
 
-    async def run(self, function: Callable[[], T], *, to_end: bool = False) -> T:
+    async def run(self, function: Callable[[], T]) -> T:
         """Return the result of a function; it is not run if the waiting task is cancelled before it has begun.
 
         A task that is cancelled later leaves at once, and the function runs to its end, because a thread cannot be
-        stopped; with `to_end` the task waits for that.
+        stopped.
         """
         import asyncio  # loaded with the first call that needs it
 
-        loop, line = asyncio.get_running_loop(), self._line
-        if line is None or line[0] is not loop:
-            self._line = line = loop, asyncio.Lock()
-        async with line[1]:
-            job = _threads().submit(_result_of, function)
-            waiter = asyncio.wrap_future(job)
+        return await asyncio.wrap_future(self._submit(function))
+
+    async def run_to_end(self, function: Callable[[], T]) -> T:
+        """Do what `run` does; but a task that is cancelled after the function has begun still waits for its end."""
+        import asyncio
+
+        job = self._submit(function)
+        waiter = asyncio.wrap_future(job)
+        try:
+            return await asyncio.shield(waiter)
+        except asyncio.CancelledError:
+            if not job.cancel():
+                await asyncio.wait([waiter])
+                waiter.exception()  # asyncio complains of an error that nobody has looked at
+            raise
+
+    def _submit(self, function: Callable[[], T]) -> Future[T]:
+        from concurrent.futures import Future
+
+        job, pool = Future[T](), _threads()
+        with _LOCK:
+            if self._running_in is not pool:
+                self._waiting.clear()
+            self._waiting.append((job, function))
+            if self._running_in is pool:
+                return job
+            self._running_in = pool
+        self._go_on(pool)
+        return job
+
+    def _go_on(self, pool: ThreadPoolExecutor) -> None:
+        """Have the first waiting function run; once the program ends there are no threads, and all have that error."""
+        try:
+            pool.submit(self._run_next, pool)
+        except RuntimeError as error:
+            with _LOCK:
+                waiting = [*self._waiting]
+                self._waiting.clear()
+                self._running_in = None
+            for job, _ in waiting:
+                if job.set_running_or_notify_cancel():
+                    job.set_exception(error)
+
+    def _run_next(self, pool: ThreadPoolExecutor) -> None:
+        """Run the first waiting function, and then the next one behind those of the other queues."""
+        with _LOCK:
+            job, function = self._waiting.popleft()
+        if job.set_running_or_notify_cancel():
             try:
-                return await (asyncio.shield(waiter) if to_end else waiter)
-            except asyncio.CancelledError:
-                if to_end and not job.cancel():
-                    await asyncio.wait([waiter])
-                    waiter.exception()  # asyncio complains of an error that nobody has looked at
-                raise
+                job.set_result(function())
+            except StopIteration as error:
+                job.set_exception(RuntimeError(f"StopIteration, which no task can raise: {error}"))
+            except BaseException as error:
+                job.set_exception(error)
+        with _LOCK:
+            has_more = bool(self._waiting)
+            self._running_in = pool if has_more else None
+        if has_more:
+            self._go_on(pool)
 
 
-def _result_of(function: Callable[[], T]) -> T:
-    try:
-        return function()
-    except StopIteration as error:
-        raise RuntimeError(f"StopIteration, which no task can raise: {error}") from error
-
-
-@functools.cache
 def _threads() -> ThreadPoolExecutor:
     from concurrent.futures import ThreadPoolExecutor
 
-    return ThreadPoolExecutor(THREADS, thread_name_prefix="smartplay")
+    global _pool
+    with _LOCK:
+        _pool = _pool or ThreadPoolExecutor(THREADS, thread_name_prefix="smartplay")
+        return _pool
+
+
+def _begin_anew() -> None:
+    """Give a forked process a lock that nobody holds, and no threads yet."""
+    global _LOCK, _pool
+    _LOCK, _pool = threading.Lock(), None
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_threads.cache_clear)
+    os.register_at_fork(after_in_child=_begin_anew)

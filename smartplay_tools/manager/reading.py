@@ -64,7 +64,7 @@ class Reading:
         if keys[:same] != known:
             pairs = enumerate(zip(keys, known, strict=False))
             same = next((number for number, (one, other) in pairs if one != other), min(len(keys), len(known)))
-        unit = next((u for u in reversed(self._clean) if self._first(u) < same), None)
+        unit = next((u for u in reversed(self._clean) if u < len(self.turns) and self._first(u) < same), None)
         start = self._begin if unit is None else self._first(unit)
         self._back_to(unit or 0, start)
         if any(map(operator.is_not, messages, self._objects)):

@@ -56,42 +56,44 @@ class TranscriptWriter:
     """
 
     def __init__(self, sink: Sink) -> None:
+        self._events: list[Event] | None = sink if isinstance(sink, list) else None
+        self._memory: MemoryRecord | None = sink if isinstance(sink, MemoryRecord) else None
+        self._file: AppendedFile | None = None
         self.path: Path | None = None
-        self._sink: list[Event] | MemoryRecord | AppendedFile | None = None
         self._chain = ""
         self._times: TimesWriter | None = None
-        if isinstance(sink, list | MemoryRecord):
-            self._sink = sink
-            return
-        self.path = _usable(sink)
-        if self.path.exists():
-            raise TranscriptError(f"{self.path} exists, and a record is never overwritten; name another file.")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.touch(exist_ok=False)
-            self._sink = AppendedFile(self.path)
-            self._times = TimesWriter.if_kept(self.path)
-        except OSError as error:
-            raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
+        if isinstance(sink, str | Path):
+            self.path = _usable(sink)
+            if self.path.exists():
+                raise TranscriptError(f"{self.path} exists, and a record is never overwritten; name another file.")
+            try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = AppendedFile(self.path, self.path.open("xb", buffering=0))
+                self._times = TimesWriter.if_kept(self.path)
+            except OSError as error:
+                raise TranscriptError(f"{self.path} cannot be written: {error.strerror}.") from None
 
     @classmethod
     def resume(cls, path: str | Path, events: Iterable[Event]) -> TranscriptWriter:
         """Continue the file from which `read_transcript` returned these events; an incomplete last line is removed."""
-        writer = cls([])
+        writer = cls.__new__(cls)
+        writer._events = writer._memory = None
         writer.path = _usable(path)
         events = list(events)
         writer._chain = events[-1].get("chain", "") if events else ""
         expected = b"".join(event_line(event) + b"\n" for event in events)
         try:
-            with writer.path.open("r+b", buffering=0) as file:
-                written = file.read()
-                if written == expected[:-1]:
-                    file.write(b"\n")
-                elif written.startswith(expected):
-                    file.truncate(len(expected))
-                else:
-                    raise TranscriptError(f"{path} was changed after it was written, so it cannot be continued.")
-            writer._sink = AppendedFile(writer.path)
+            file = writer.path.open("r+b", buffering=0)
+            written = file.read()
+            if written == expected[:-1]:
+                file.write(b"\n")
+            elif written.startswith(expected):
+                file.truncate(len(expected))
+                file.seek(len(expected))
+            else:
+                file.close()
+                raise TranscriptError(f"{path} was changed after it was written, so it cannot be continued.")
+            writer._file = AppendedFile(writer.path, file)
             writer._times = TimesWriter.if_kept(writer.path, len(events))
         except OSError as error:
             raise TranscriptError(f"{path} cannot be continued: {error.strerror}.") from None
@@ -100,24 +102,29 @@ class TranscriptWriter:
     def append(self, *events: Mapping[str, Any]) -> None:
         """Write events in one operation: the record contains all of them, or its last line is incomplete."""
         lines, self._chain = chained_lines(events, self._chain)
-        if isinstance(self._sink, list):
-            self._sink += map(json.loads, lines.splitlines())
-        elif isinstance(self._sink, MemoryRecord):
-            self._sink.append(lines)
-        elif self._sink is not None:
+        if self._events is not None:
+            self._events += map(json.loads, lines.splitlines())
+        if self._memory is not None:
+            self._memory.append(lines)
+        if self._file is not None:
             try:
-                self._sink.write(lines)
+                self._file.write(lines)
+                if self._times is not None:
+                    self._times.note(len(events))
             except OSError as error:
                 self.close()
                 raise TranscriptError(
                     f"{self.path} can no longer be written: {error.strerror}; the record ends there."
                 ) from error
-            if self._times is not None:
-                self._times.note(len(events))
 
     def close(self) -> None:
-        """End the record; later events are not written."""
-        self._sink = self._times = None
+        """Close the file; later events are not written."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+        if self._times is not None:
+            self._times.close()
+            self._times = None
 
 
 def _usable(path: str | Path) -> Path:

@@ -83,8 +83,8 @@ class TimesWriter:
         self._events = events
         path = times_file(record)
         lines = path.read_bytes().splitlines(keepends=True) if events and path.exists() else []
-        path.write_bytes(b"".join(line for line in lines if _is_within(line, events)))
-        self._file: AppendedFile | None = AppendedFile(path)
+        self._file: AppendedFile | None = AppendedFile(path, path.open("wb", buffering=0))
+        self._file.write(b"".join(line for line in lines if _is_within(line, events)))
 
     @classmethod
     def if_kept(cls, record: Path, events: int = 0) -> TimesWriter | None:
@@ -101,7 +101,13 @@ class TimesWriter:
         try:
             self._file.write("".join(json.dumps(line) + "\n" for line in lines).encode("ascii"))
         except OSError:
-            self._file = None  # the record continues without its times, which `read_times` shows
+            self.close()  # the record continues without its times, which `read_times` shows
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
 
 def _is_within(line: bytes, events: int) -> bool:

@@ -66,6 +66,7 @@ class TestCopies:
             later.post()
             assert later.run(*act(WAY[0]), key="k") == first
             assert again.close(handle).steps == 1
+        endpoint.close(handle)  # the file
 
 
 class TestEdits:

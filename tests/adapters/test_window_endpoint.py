@@ -113,6 +113,7 @@ class TestAGame:
             again.messages = host.messages
             again.play()
             result = endpoint.close(handle)
+        first.close(handle)  # the file; nothing is read from it any more
         with sp.Episode(GAME, seed=7, budget=BUDGET) as alone:
             assert result == sp.play(alone, sp.get_player("rule"))
 

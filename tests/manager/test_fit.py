@@ -474,3 +474,26 @@ def test_tools_and_their_provider_count():
         manager(1_000).fit(HEAD, tools=[{"type": "web_search_20250305", "name": "web_search"}])
     search = [{"type": "web_search_20250305", "name": "web_search"}]
     assert manager(1_000, extra_tokens=300).fit(HEAD, tools=search).parts["tools"] == 300
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"head": "system"}, {"strategy": lambda messages, room: messages}],
+    ids=["rule", "system", "function"],
+)
+def test_a_list_that_was_refused_changes_no_later_prompt(options: dict[str, Any]):
+    """A part that cannot be counted, and a `pin` that raises, behind a known beginning."""
+
+    def pin(message: Any) -> bool:
+        if message.get("content") == "Look up!":
+            raise OSError("a lookup that failed")
+        return False
+
+    made, whole = manager(2_000, pin=pin, **options), [*steps(2), {"role": "user", "content": "Go on."}]
+    audio = [{"type": "input_audio", "input_audio": {"data": "", "format": "wav"}}]
+    for content, error in ((audio, InvalidArgumentError), ("Look up!", OSError)):
+        assert made.fit(whole).messages == whole
+        with pytest.raises(error):
+            made.fit([*whole[:-1], {"role": "user", "content": content}])
+        assert made.fit(whole).messages == whole
+        assert made.fit(other := [*HEAD, *step(7)]).messages == other

@@ -4,7 +4,7 @@
     comparison  compares runs, pair by pair
     windows     compares the cells of a sweep with the widest window
     together    judges differences together: the level of their intervals, and their p values
-    tables      writes rows as CSV or Parquet, and a summary as JSON
+    tables      writes rows as CSV, and a summary as JSON
     figures/    draws sweeps, capabilities and prompts
 
 `grouping` decides which episodes are averaged together. Means are estimated in `smartplay_tools.statistics`.
