@@ -80,7 +80,7 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What a prompt shows after its head, whoever has chosen it."""
+    """The messages of a prompt after its head, selected by the built-in rule, a strategy or a compactor."""
 
     shown: Sequence[Shown] = ()
     pinned: Collection[int] = ()
