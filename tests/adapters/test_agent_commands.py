@@ -37,19 +37,8 @@ SEEDS = [trial_seed(0, GAME, trial) for trial in range(2)]
 @contextmanager
 def serving(offers: int, *options: str) -> Iterator[tuple[list[HostAgent], subprocess.Popen[str]]]:
     """Run the command; yield an agent for each episode that it offers, and the process."""
-    command = [
-        sys.executable,
-        "-m",
-        "smartplay_tools",
-        "serve",
-        "window",
-        GAME,
-        "--port",
-        "0",
-        "--episodes",
-        "2",
-        *options,
-    ]
+    command = [sys.executable, "-m", "smartplay_tools", "serve", "window", GAME]
+    command += ["--port", "0", "--episodes", "2", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=heed_interrupts) as server:
         assert server.stdout is not None
         try:

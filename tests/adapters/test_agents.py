@@ -21,7 +21,7 @@ from agents import (
     set_tracing_disabled,
     tool_input_guardrail,
 )
-from agents.testing import ModelStep, ScriptedModel
+from agents.testing import ScriptedModel
 from openai import AsyncOpenAI, DefaultAsyncHttpxClient
 from smartplay_openai.agents import SmartPlayModel
 
@@ -123,10 +123,8 @@ async def test_a_run_has_the_requests_that_were_made_and_their_usage(streamed):
     """The words at the end are not a request; a compatible server may leave out the sum of its counts."""
     episode, _ = fresh()
     model = SmartPlayModel(WithoutSum([*map(calling, map(act, WAY))], sp.Usage(prompt=90, reply=9, cached=0)), episode)
-    agent, options = (
-        Agent("player", model=model, tools=model.tools),
-        {"max_turns": None, "run_config": model.run_config},
-    )
+    agent = Agent("player", model=model, tools=model.tools)
+    options = {"max_turns": None, "run_config": model.run_config}
     with episode:
         if streamed:
             result = Runner.run_streamed(agent, "Play.", **options)
@@ -268,21 +266,6 @@ async def test_another_run_config_is_refused_in_a_sentence():
     async with models([calling(act("A->C"))], episode) as ([model], _):
         with episode, pytest.raises(Exception, match="order of the message"):
             await Runner.run(Agent("player", model=model, tools=model.tools), [])
-
-
-async def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made(caplog):
-    episode, _ = fresh()
-    down = ModelStep.raise_error(ConnectionError("down"))
-    model = SmartPlayModel(ScriptedModel([step(calling(act(WAY[0]))), down, down]), episode)
-    with episode:
-        for words, error, sentence in (
-            ("Play!", ConnectionError, "down"),
-            ("Hurry!", sp.InvalidArgumentError, "without new messages"),
-            ("Play!", ConnectionError, "down"),
-        ):
-            with pytest.raises(error, match=sentence):
-                await play(model, words)
-    assert not caplog.records, "the history of a run that begins anew was not trimmed"
 
 
 async def test_a_reply_that_a_cancelled_run_has_not_seen_is_given_to_the_next_one():

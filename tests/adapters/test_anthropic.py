@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import anthropic
 import pytest
 from smartplay_anthropic import AnthropicPlayer, reply, request
 
@@ -13,7 +12,6 @@ import smartplay_tools as sp
 from smartplay_tools.players import BrokenAnswerError
 from tests.adapters.anthropic_stub import USAGE, AnthropicStub
 from tests.adapters.conformance import act, calling, fresh
-from tests.adapters.marks import anthropic_marks
 
 pytestmark = pytest.mark.slow
 
@@ -33,15 +31,6 @@ def test_writes_that_are_kept_for_an_hour_are_told_apart():
     usage = {**USAGE, "cache_creation": {"ephemeral_5m_input_tokens": 0, "ephemeral_1h_input_tokens": 2}}
     kept = reply({"content": [], "usage": usage}).usage
     assert kept == sp.Usage(prompt=10, reply=4, cached=3, written=2, written_1h=2)
-
-
-@pytest.mark.parametrize(
-    ("stop_reason", "cut"), [("max_tokens", 1), ("model_context_window_exceeded", 1), ("end_turn", 0)]
-)
-def test_a_reply_that_was_cut_at_its_length_is_counted_as_one_with_or_without_usage(stop_reason, cut):
-    answer = {"content": [{"type": "text", "text": "I thi"}], "stop_reason": stop_reason}
-    assert reply({**answer, "usage": USAGE}).usage.cut == cut
-    assert reply(answer).usage == (sp.Usage(cut=1) if cut else None)
 
 
 def test_an_answer_without_content_is_not_a_reply_that_was_cut():
@@ -70,15 +59,6 @@ def test_whatever_a_compatible_server_has_put_into_words_and_usage_is_read():
     usage = {"input_tokens": "many", "output_tokens": 2.0, "cache_read_input_tokens": None, "cache_creation": 7}
     answer = {"content": [{"type": "text", "text": None}, {"type": "text", "text": "Hi"}], "usage": usage}
     assert reply(answer) == sp.Reply({"role": "assistant", "content": "Hi"}, sp.Usage(reply=2))
-
-
-def test_an_answer_that_is_not_utf_8_is_asked_for_again():
-    class Latin(AnthropicStub):
-        def encoded(self, answered: dict[str, object]) -> bytes:
-            return '{"é": 1}'.encode("latin-1") if len(self.requests) == 1 else super().encoded(answered)
-
-    result = play(Latin([calling(act("A->C"))] * 2), sp.Budget(tool_calls=1))
-    assert (result.end_reason, result.tokens.provider.requests) == ("tool_calls", 2)
 
 
 @pytest.mark.parametrize("action", ["\ud83d", float("inf")])
@@ -111,21 +91,6 @@ def test_a_reply_without_a_cap_of_the_budget_has_the_players_own():
     assert request(sp.Prompt([], ()))["max_tokens"] == 4096
 
 
-def test_an_answer_of_the_client_and_its_json_are_the_same():
-    answer = {
-        "id": "m",
-        "type": "message",
-        "role": "assistant",
-        "model": "m",
-        "content": [{"type": "text", "text": "Hi"}],
-        "stop_reason": "end_turn",
-        "stop_sequence": None,
-        "usage": {"input_tokens": 1, "output_tokens": 2},
-    }
-    assert reply(answer) == reply(anthropic.types.Message.model_validate(answer))
-    assert reply(answer).message == {"role": "assistant", "content": "Hi"}
-
-
 def test_a_missing_key_is_one_sentence(monkeypatch, tmp_path: Path):
     for name in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "ANTHROPIC_PROFILE"):
         monkeypatch.delenv(name, raising=False)
@@ -135,31 +100,6 @@ def test_a_missing_key_is_one_sentence(monkeypatch, tmp_path: Path):
     monkeypatch.setenv("ANTHROPIC_CONFIG_DIR", str(tmp_path))
     with pytest.raises(sp.InvalidArgumentError, match="finds no key: Config file not found"):
         sp.get_player("anthropic:m")
-
-
-# The provider's cache.
-
-
-MOVES = [calling(act(move)) for move in ("A->C", "A->B", "C->B", "A->C")]
-
-
-@pytest.mark.parametrize(
-    ("cache", "places"), [(True, [[1], [1, 3], [3, 5]]), ("stable", [[], [1], [3]]), (False, [[], [], []])]
-)
-def test_the_ends_of_a_prompt_and_of_what_stood_before_are_marked_for_the_cache(cache, places):
-    """The task; then each prompt adds a call and its result to what the one before held."""
-    stub, without = AnthropicStub(MOVES), AnthropicStub(MOVES)
-    play(stub, sp.Budget(tool_calls=3), cache=cache)
-    play(without, sp.Budget(tool_calls=3), cache=False)
-    assert [anthropic_marks(body) for body in stub.bodies] == places
-    unmarked = json.dumps(stub.bodies).replace(', "cache_control": {"type": "ephemeral"}', "")
-    assert json.loads(unmarked) == without.bodies
-
-
-def test_a_window_that_slides_keeps_its_head_marked():
-    stub = AnthropicStub(MOVES)
-    play(stub, sp.Budget(tool_calls=4, history=0, prompt_tokens=700), cache="stable")
-    assert [anthropic_marks(body) for body in stub.bodies[2:]] == [[1], [1]]
 
 
 def test_another_choice_of_marks_is_refused():

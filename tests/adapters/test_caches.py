@@ -1,163 +1,147 @@
-"""What frameworks' own clients send for the providers' caches when an adapter plays: the bytes that a server receives.
+"""What each way in tells a provider for its cache: the requests that a server receives.
 
-Our own players are in `test_anthropic.py` and `test_openai.py`, Pydantic AI and Inspect in the files of their own
-environments.
+`test_inspect.py` has what a user of Inspect sets.
 """
 
 from __future__ import annotations
 
-import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
-from agents import Agent, ModelSettings, OpenAIChatCompletionsModel, OpenAIResponsesModel, Runner, set_tracing_disabled
-from langchain.agents import create_agent
-from openai import AsyncOpenAI
-from smartplay_langchain import GraphSession, LangChainPlayer, SmartPlayMiddleware
-from smartplay_openai.agents import SmartPlayModel
 
 import smartplay_tools as sp
-from tests.adapters import rerouted
-from tests.adapters.anthropic_stub import AnthropicStub
-from tests.adapters.conformance import act, calling, fresh
-from tests.adapters.marks import anthropic_marks, openai_marks
-from tests.adapters.openai_stub import OpenAIStub
+from tests.adapters.conformance import GAME, SEED
+from tests.dialects.rules import DIALECTS
+from tests.dialects.said import Json
+from tests.dialects.scripts import act
+from tests.dialects.server import INTERFACES, DialectServer
+from tests.dialects.ways import WAYS, Way, chat_anthropic, chat_openai, reached
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.filterwarnings("ignore")
 
-ChatAnthropic = pytest.importorskip("langchain_anthropic").ChatAnthropic
-ChatOpenAI = pytest.importorskip("langchain_openai").ChatOpenAI
-
-SCRIPT = [calling(act(move)) for move in ("A->C", "A->B", "C->B")]
-BUDGET = sp.Budget(tool_calls=3)
-
-AT_OPENAI = "https://api.openai.com/v1"
-
-
-@pytest.fixture(autouse=True)
-def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    set_tracing_disabled(True)
+MOVES = [act(at, "") for at in range(3)]
+MINE: Json = {"prompt_cache_key": "mine"}
+NO_MARKS: list[list[int]] = [[], [], []]
+BEFORE: list[list[int]] = [[], [0], [1]]
+"""What stood in the prompt before: the task, then a result more each time."""
+BOTH_ENDS = [[0], [0, 1], [1, 2]]
 
 
-class Anthropic(AnthropicStub):
-    is_strict = False
+def at(provider: str, model: str, play: Any, budget: sp.Budget | None = None) -> tuple[list[Json], str]:
+    """The requests of an episode at a provider's server, and the episode's key."""
+    episode = sp.Episode(GAME, seed=SEED, budget=budget or sp.Budget(tool_calls=3))
+    with reached(DialectServer(replace(DIALECTS[provider], model=model), MOVES)) as server, episode:
+        play(server, episode)
+    return server.requests, episode.config.key
 
 
-class OpenAI(OpenAIStub):
-    is_strict = False
+def by(way: Way, **options: Any) -> Any:
+    return lambda server, episode: way.play(server, episode, False, **options)
 
 
-# LangChain: the player, an agent, and a graph of one's own.
+def ways(*interfaces: str) -> Any:
+    """The ways in whose prompts are those of an episode, and whose options have `cache`."""
+    no_key = ("serve openai", "Inspect AI", "verifiers", "OpenEnv")
+    found = [way for way in WAYS.values() if way.interface in interfaces and way.name not in no_key]
+    fast = ("openai:", "openai-responses:")
+    marked = [pytest.param(way, id=way.name, marks=() if way.name in fast else pytest.mark.slow) for way in found]
+    return pytest.mark.parametrize("way", marked)
 
 
-def as_player(episode: sp.Episode, model: Any, **options: Any) -> None:
-    sp.play(episode, LangChainPlayer(model, **options))
+@ways("messages")
+def test_anthropic_has_the_ends_of_a_prompt_and_of_what_stood_before_marked(way):
+    way.skip_if_missing()
+    turns = []
+    for options, places in (({"cache": False}, NO_MARKS), ({}, BOTH_ENDS), ({"cache": "stable"}, BEFORE)):
+        bodies, _ = at("Anthropic", "claude-opus-5", by(way, **options))
+        assert [marks(body) for body in bodies] == places
+        turns.append([*map(read, bodies)])
+    assert turns == [turns[0]] * 3, "nothing else is changed"
 
 
-def as_agent(episode: sp.Episode, model: Any, **options: Any) -> None:
-    create_agent(model, middleware=[SmartPlayMiddleware(episode, **options)]).invoke({"messages": []})
+@ways("chat", "responses")
+def test_openai_is_told_which_prompts_belong_together_and_what_is_stable(way):
+    way.skip_if_missing()
+    provider, turns = "OpenAI" if way.interface == "chat" else "OpenAI Responses", []
+    for model, options, has_key, places in (
+        ("gpt-5.6", {"cache": False}, False, NO_MARKS),
+        ("gpt-5.6", {}, True, BEFORE),
+        ("gpt-5.5", {}, True, NO_MARKS),
+    ):
+        bodies, key = at(provider, model, by(way, **options))
+        assert {body.get("prompt_cache_key") for body in bodies} == {key if has_key else None}
+        assert [marks(body) for body in bodies] == places
+        turns.append([*map(read, bodies)])
+    assert turns == [turns[0]] * 3, "nothing else is changed"
 
 
-def as_async_agent(episode: sp.Episode, model: Any, **options: Any) -> None:
-    agent = create_agent(model, middleware=[SmartPlayMiddleware(episode, **options)])
-    asyncio.run(agent.ainvoke({"messages": []}))
+def marks(body: Json) -> list[int]:
+    """After how many results each mark stands."""
+    found, results = [], 0
+    for item in body.get("messages") or body["input"]:
+        results += item.get("role") == "tool" or item.get("type") == "function_call_output"
+        for part in item["content"] if isinstance(item.get("content"), list) else [item]:
+            results += part.get("type") == "tool_result"
+            found += [results] if "cache_control" in part or "prompt_cache_breakpoint" in str(part) else []
+    return found
 
 
-def as_graph(episode: sp.Episode, model: Any, **options: Any) -> None:
-    session = GraphSession(episode, **options)
-    state: list[Any] = []
-    play = {tool.name: tool for tool in session.tools}
-    while not episode.done:
-        state += session.ask(model, state)
-        state += [play[call["name"]].invoke({**call, "type": "tool_call"}) for call in state[-1].tool_calls]
+def read(body: Json) -> list[Any]:
+    """The turns of a request, without marks."""
+    interface = "responses" if "input" in body else "messages" if "system" in body else "chat"
+    return [(turn.role, turn.words, turn.calls, turn.results) for turn in INTERFACES[interface][1](body)]
 
 
-WAYS = (as_player, as_agent, as_async_agent, as_graph)
+@ways("chat")
+def test_other_servers_are_told_nothing_of_caches(way):
+    way.skip_if_missing()
+    bodies, _ = at("vLLM", "gpt-5.6", by(way))
+    assert [("prompt_cache_key" in body, marks(body)) for body in bodies] == [(False, [])] * 3
+
+
+def of_langchain(server: DialectServer, episode: sp.Episode) -> None:
+    WAYS["langchain: (ChatOpenAI)"].skip_if_missing()
+    from smartplay_langchain import LangChainPlayer
+
+    with chat_openai(server, False) as chat:
+        sp.play(episode, LangChainPlayer(chat.model_copy(update={"model_kwargs": MINE})))
+
+
+def of_the_agents_sdk(server: DialectServer, episode: sp.Episode) -> None:
+    agents = pytest.importorskip("agents")
+    WAYS["Agents SDK (chat)"].play(server, episode, False, settings=agents.ModelSettings(extra_args=MINE))
 
 
 @pytest.mark.parametrize(
-    ("play", "options", "places"),
-    [(way, {}, [[1], [1, 3], [3, 5]]) for way in WAYS]
-    + [(as_player, {"cache": "stable"}, [[], [1], [3]]), (as_agent, {"cache": False}, [[], [], []])],
-)
-def test_langchain_marks_prompts_for_anthropic(play, options, places):
-    episode, _ = fresh(BUDGET)
-    with Anthropic(SCRIPT) as stub, episode:
-        model = ChatAnthropic(model_name="claude-opus-5", base_url=stub.url, api_key="k", max_retries=0)
-        play(episode, model, **{"summary_tool_choice": {"type": "none"}, **options})
-    assert [anthropic_marks(body) for body in stub.bodies] == places
-
-
-@pytest.mark.parametrize("responses", [False, True])
-@pytest.mark.parametrize(
-    ("play", "model", "options", "has_key", "places"),
-    [(way, "gpt-5.6", {}, True, [[], [1], [3]]) for way in WAYS]
-    + [(as_player, "gpt-5.5", {}, True, [[], [], []]), (as_agent, "gpt-5.6", {"cache": False}, False, [[], [], []])],
-)
-def test_langchain_tells_openai_the_episode_and_what_is_stable(play, responses, model, options, has_key, places):
-    episode, _ = fresh(BUDGET)
-    with OpenAI(SCRIPT) as stub, rerouted.clients(stub.url) as clients, episode:
-        chat = ChatOpenAI(model=model, api_key="k", use_responses_api=responses, max_retries=0, **clients)
-        play(episode, chat, **options)
-    assert {body.get("prompt_cache_key") for body in stub.bodies} == {episode.config.key if has_key else None}
-    assert [openai_marks(body) for body in stub.bodies] == places
-
-
-def test_langchain_leaves_other_servers_and_other_keys_alone():
-    episode, _ = fresh(BUDGET)
-    with OpenAI(SCRIPT) as stub, episode:
-        as_player(episode, ChatOpenAI(model="gpt-5.6", api_key="k", base_url=stub.base_url, max_retries=0))
-    assert [("prompt_cache_key" in body, openai_marks(body)) for body in stub.bodies] == [(False, [])] * 3
-    episode, _ = fresh(BUDGET)
-    with OpenAI(SCRIPT) as stub, rerouted.clients(stub.url) as clients, episode:
-        own = {"model_kwargs": {"prompt_cache_key": "mine"}}
-        as_player(episode, ChatOpenAI(model="gpt-5.5", api_key="k", max_retries=0, **own, **clients))
-    assert {body["prompt_cache_key"] for body in stub.bodies} == {"mine"}
-
-
-def test_langchains_own_middleware_for_anthropics_cache_is_not_added_to():
-    from langchain_anthropic.middleware import AnthropicPromptCachingMiddleware
-
-    episode, _ = fresh(BUDGET)
-    with Anthropic(SCRIPT) as stub, episode:
-        model = ChatAnthropic(model_name="claude-opus-5", base_url=stub.url, api_key="k", max_retries=0)
-        own = AnthropicPromptCachingMiddleware(ttl="1h")
-        create_agent(model, middleware=[own, SmartPlayMiddleware(episode)]).invoke({"messages": []})
-    assert [anthropic_marks(body) for body in stub.bodies] == [[], [], []]
-    assert all(body["cache_control"] == {"type": "ephemeral", "ttl": "1h"} for body in stub.bodies)
-
-
-# The Agents SDK.
-
-
-async def run(model: str, kind: Any, settings: ModelSettings, **options: Any) -> tuple[OpenAI, str]:
-    episode, _ = fresh(BUDGET)
-    with OpenAI(SCRIPT) as stub, rerouted.clients(stub.url) as clients, episode:
-        http = clients["http_async_client"]
-        async with AsyncOpenAI(base_url=AT_OPENAI, api_key="k", http_client=http, max_retries=0) as openai:
-            player = SmartPlayModel(kind(model, openai), episode, **options)
-            agent = Agent("player", model=player, tools=player.tools, model_settings=settings)
-            await Runner.run(agent, [], max_turns=None, run_config=player.run_config)
-    return stub, episode.config.key
-
-
-@pytest.mark.parametrize("kind", [OpenAIChatCompletionsModel, OpenAIResponsesModel])
-@pytest.mark.parametrize(
-    ("model", "options", "has_key", "places"),
+    "play",
     [
-        ("gpt-5.5", {}, True, [[], [], []]),
-        ("gpt-5.6", {}, True, [[], [1], [3]]),
-        ("gpt-5.6", {"cache": False}, False, [[], [], []]),
+        by(WAYS["openai:"], parameters=MINE),
+        *(pytest.param(play, marks=pytest.mark.slow) for play in (of_langchain, of_the_agents_sdk)),
     ],
 )
-async def test_the_agents_sdk_tells_openai_the_episode_and_what_is_stable(kind, model, options, has_key, places):
-    stub, key = await run(model, kind, ModelSettings(), **options)
-    assert {body.get("prompt_cache_key") for body in stub.bodies} == {key if has_key else None}
-    assert [openai_marks(body) for body in stub.bodies] == places
+def test_a_key_of_the_users_own_stays(play):
+    bodies, _ = at("OpenAI", "gpt-5.5", play)
+    assert {body["prompt_cache_key"] for body in bodies} == {"mine"}
 
 
-async def test_a_key_of_the_agents_own_settings_stays():
-    settings = ModelSettings(extra_args={"prompt_cache_key": "mine"})
-    stub, _ = await run("gpt-5.6", OpenAIResponsesModel, settings)
-    assert {body["prompt_cache_key"] for body in stub.bodies} == {"mine"}
+@pytest.mark.slow
+def test_langchains_own_middleware_for_anthropics_cache_is_not_added_to():
+    agents = pytest.importorskip("langchain.agents")
+    own = pytest.importorskip("langchain_anthropic.middleware").AnthropicPromptCachingMiddleware(ttl="1h")
+    from smartplay_langchain import SmartPlayMiddleware
+
+    def play(server: DialectServer, episode: sp.Episode) -> None:
+        with chat_anthropic(server, False) as chat:
+            agents.create_agent(chat, middleware=[own, SmartPlayMiddleware(episode)]).invoke({"messages": []})
+
+    bodies, _ = at("Anthropic", "claude-opus-5", play)
+    assert [marks(body) for body in bodies] == NO_MARKS
+    assert all(body["cache_control"] == {"type": "ephemeral", "ttl": "1h"} for body in bodies)
+
+
+@pytest.mark.slow
+def test_a_window_that_slides_keeps_its_head_marked():
+    budget = sp.Budget(tool_calls=4, history=0, prompt_tokens=700)
+    bodies, _ = at("Anthropic", "claude-opus-5", by(WAYS["anthropic:"], cache="stable"), budget)
+    assert [marks(body) for body in bodies[2:]] == [[0], [0]]

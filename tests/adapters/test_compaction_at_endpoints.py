@@ -388,14 +388,6 @@ class TestResponses:
         assert not upstream.requests
 
 
-def test_below_the_threshold_nothing_is_asked(endpoint: ContextEndpoint, upstream: Upstream):
-    compact(endpoint, uses(2), trigger=5_000)
-    entries: Any = [{"type": "compaction", "compact_threshold": 5_000}]
-    responses_client(endpoint).responses.create(model="m", input=items(2), context_management=entries)
-    assert len(upstream.requests) == 2
-    assert all("context_management" not in body for body in sent(upstream))
-
-
 def test_edits_come_before_the_compaction(endpoint: ContextEndpoint, upstream: Upstream):
     clear = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 5}}
     edits = [clear, {"type": "compact_20260112", "trigger": {"type": "input_tokens", "value": 50}}]

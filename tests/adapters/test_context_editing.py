@@ -25,17 +25,15 @@ def endpoint(upstream: Upstream) -> Iterator[ContextEndpoint]:
         yield endpoint
 
 
-def use(number: int, name: str = "read", *, thinks: bool = False) -> list[dict[str, Any]]:
-    blocks: list[dict[str, Any]] = [{"type": "tool_use", "id": f"t{number}", "name": name, "input": {"page": number}}]
-    if thinks:
-        blocks.insert(0, {"type": "thinking", "thinking": f"Page {number} is next.", "signature": "s"})
+def use(number: int) -> list[dict[str, Any]]:
+    call = {"type": "tool_use", "id": f"t{number}", "name": "read", "input": {"page": number}}
     result = {"type": "tool_result", "tool_use_id": f"t{number}", "content": f"Page {number} " + "of the book " * 9}
-    return [{"role": "assistant", "content": blocks}, {"role": "user", "content": [result]}]
+    return [{"role": "assistant", "content": [call]}, {"role": "user", "content": [result]}]
 
 
-def uses(count: int, **options: Any) -> list[dict[str, Any]]:
+def uses(count: int) -> list[dict[str, Any]]:
     task = {"role": "user", "content": "Read."}
-    return [task, *(message for number in range(count) for message in use(number, **options))]
+    return [task, *(message for number in range(count) for message in use(number))]
 
 
 def ask(endpoint: ContextEndpoint, messages: Any, edits: Any, betas: list[str] | None = None, **more: Any) -> Any:
@@ -70,25 +68,6 @@ def test_old_uses_are_cleared_and_reported(endpoint: ContextEndpoint, upstream: 
     assert applied.cleared_input_tokens == tokens(messages) - tokens(sent) > 0
 
 
-def test_old_thoughts_are_cleared_by_turns(endpoint: ContextEndpoint, upstream: Upstream):
-    messages = [*uses(2, thinks=True), {"role": "user", "content": "Go on."}, *use(7, thinks=True)]
-    edits = [
-        {"type": "clear_thinking_20251015", "keep": {"type": "thinking_turns", "value": 1}},
-        {"type": "clear_tool_uses_20250919", "keep": {"type": "tool_uses", "value": 1}},
-    ]
-    answer = ask(endpoint, messages, edits, thinking=THINKING)
-    kinds = [
-        [block["type"] for block in each["content"]] for each in upstream.body["messages"] if each["role"] != "user"
-    ]
-    assert kinds == [["tool_use"], ["tool_use"], ["thinking", "tool_use"]]
-    (applied,) = answer.context_management.applied_edits  # the second one's trigger is 100,000
-    assert applied.cleared_thinking_turns == 1
-    assert applied.cleared_input_tokens == tokens(messages) - tokens(upstream.body["messages"]) > 0
-    answer = ask(endpoint, messages, [{"type": "clear_thinking_20251015", "keep": "all"}], thinking=THINKING)
-    assert answer.context_management.applied_edits == []
-    assert upstream.body["messages"] == messages
-
-
 @pytest.mark.parametrize("is_packed", [False, True])
 def test_a_stream_says_it_in_its_last_delta(endpoint: ContextEndpoint, upstream: Upstream, is_packed: bool):
     begin = {"type": "message_start", "message": {**MESSAGE, "content": []}}
@@ -106,14 +85,6 @@ def test_a_stream_says_it_in_its_last_delta(endpoint: ContextEndpoint, upstream:
     assert [each.type for each in got] == ["message_start", "message_delta", "message_stop"]
     (applied,) = got[1].context_management.applied_edits
     assert applied.cleared_tool_uses == 3
-
-
-def test_the_cap_holds_after_the_edits(upstream: Upstream):
-    edit = {"type": "clear_tool_uses_20250919", "trigger": {"type": "tool_uses", "value": 1}}
-    with ContextEndpoint(f"{upstream.url}/v1", sp.ContextManager(400)) as endpoint:
-        answer = ask(endpoint, uses(60), [edit])
-    assert tokens(upstream.body["messages"]) <= 400
-    assert answer.context_management.applied_edits[0].cleared_tool_uses == 57
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,16 @@ MESSAGE = {
 ANSWERS = {"/v1/chat/completions": CHAT, "/v1/responses": RESPONSE, "/v1/messages": MESSAGE}
 
 
+JSON, STREAM = {"content-type": "application/json"}, {"content-type": "text/event-stream; charset=utf-8"}
+
+
+def usual(path: str, body: bytes) -> tuple[bytes, dict[str, str]]:
+    """An answer and its headers."""
+    if b'"stream":true' in body.replace(b" ", b""):
+        return f"data: {json.dumps(CHUNK)}\n\ndata: [DONE]\n\n".encode(), STREAM
+    return json.dumps(ANSWERS.get(path, {"path": path}), indent=3, ensure_ascii=False).encode(), JSON
+
+
 class Upstream:
     """A server that keeps requests as they come, and answers with whitespace and headers that nobody else writes."""
 
@@ -79,32 +89,15 @@ class Upstream:
                 upstream.requests.append((self.command, self.path, dict(self.headers.items()), body))
                 assert upstream.may_answer.wait(30)
                 upstream.given = upstream.script.pop(0) if upstream.script else upstream.given
-                is_streamed = b'"stream":true' in body.replace(b" ", b"")
+                content, headers = upstream.given or usual(self.path, body)
                 self.send_response(200 if self.path.startswith("/v1/") else 404)
-                self.send_header("X-Own", "kept")
-                if upstream.given is not None:
-                    content, headers = upstream.given
-                    for name, value in {**headers, "transfer-encoding": "chunked"}.items():
-                        self.send_header(name, value)
-                    self.end_headers()
-                    for at in range(0, len(content), 7):  # no event and no character comes whole
-                        piece = content[at : at + 7]
-                        self.wfile.write(b"%x\r\n%b\r\n" % (len(piece), piece))
-                    self.wfile.write(b"0\r\n\r\n")
-                    return
-                if is_streamed:
-                    self.send_header("content-type", "text/event-stream")
-                    self.send_header("transfer-encoding", "chunked")
-                    self.end_headers()
-                    for piece in (f"data: {json.dumps(CHUNK)}\n\n", "data: [DONE]\n\n"):
-                        self.wfile.write(f"{len(piece):x}\r\n{piece}\r\n".encode())
-                    self.wfile.write(b"0\r\n\r\n")
-                    return
-                answer = json.dumps(ANSWERS.get(self.path, {"path": self.path}), indent=3, ensure_ascii=False).encode()
-                self.send_header("content-type", "application/json")
-                self.send_header("content-length", str(len(answer)))
+                for name, value in {"X-Own": "kept", **headers, "transfer-encoding": "chunked"}.items():
+                    self.send_header(name, value)
                 self.end_headers()
-                self.wfile.write(answer)
+                for at in range(0, len(content), 7):  # no event and no character comes whole
+                    piece = content[at : at + 7]
+                    self.wfile.write(b"%x\r\n%b\r\n" % (len(piece), piece))
+                self.wfile.write(b"0\r\n\r\n")
 
             def do_GET(self) -> None:
                 self.do_POST()
@@ -200,7 +193,6 @@ LATER = {"type": "message_delta", "delta": {}, "usage": {"input_tokens": 9_999, 
 RESPONDED = {**RESPONSE, "usage": {"input_tokens": 1_254, "output_tokens": 1}}
 SILENT = {"type": "response.created", "response": {**RESPONSE, "usage": None}}
 CHAT_USAGE = {"prompt_tokens": 1_254, "completion_tokens": 3}
-JSON, STREAM = {"content-type": "application/json"}, {"content-type": "text/event-stream; charset=utf-8"}
 WHOLE = json.dumps({**CHAT, "usage": CHAT_USAGE}, indent=2, ensure_ascii=False).encode()
 REPORTS: list[tuple[str, bytes, dict[str, str], int | None]] = [
     ("chat", WHOLE, JSON, 1_254),

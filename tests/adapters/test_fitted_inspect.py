@@ -30,7 +30,7 @@ from inspect_ai.model import (
 from inspect_ai.tool import Tool, ToolCall, ToolCallError, ToolInfo, tool
 from inspect_ai.util import json_schema
 from pydantic import BaseModel
-from smartplay_inspect import WindowModel, fitted_model
+from smartplay_inspect import fitted_model
 from smartplay_inspect.messages import tool_specs
 
 import smartplay_tools as sp
@@ -160,14 +160,6 @@ async def test_thoughts_pictures_and_errors_count_as_they_are_sent():
 def test_options_that_cannot_be_told_apart_are_refused(options: dict[str, Any], sentence: str):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         get_model("window/mockllm/model", memoize=False, **options)
-
-
-def test_everything_else_is_the_models():
-    model = Reader().model()
-    assert isinstance(model.api, WindowModel)
-    assert (str(model), model.canonical_name()) == ("window/mockllm/model", "model")
-    assert model.api.connection_key() == model.api.api.connection_key()
-    assert model.api.outputs is model.api.api.outputs
 
 
 async def test_a_reply_is_streamed_as_the_model_streams_it():

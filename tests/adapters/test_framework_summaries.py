@@ -38,7 +38,7 @@ from smartplay_tools.records.prompts import sent_prompts
 from tests.adapters.as_recorded import as_recorded
 from tests.adapters.conformance import calling, fresh
 from tests.adapters.openai_stub import OpenAIStub
-from tests.adapters.scripted_langchain import Reminder, playing_graph
+from tests.adapters.scripted_langchain import playing_graph
 
 pytestmark = pytest.mark.slow
 
@@ -240,41 +240,12 @@ def test_calls_that_failed_are_made_again_and_no_summary_is_paid_for_twice(host)
     as_asked(events, stub)
 
 
-def test_a_budget_that_ends_between_a_summary_and_the_next_prompt_ends_the_run():
-    usages = [event for event in undisturbed("LangChain agent").events if event["event"] == "usage"]
-    first = next(at for at, usage in enumerate(usages) if usage.get("purpose") == "summary")
-    spent = sum(usage["prompt"] + usage["reply"] for usage in usages[: first + 1])
-    episode, events = fresh(BUDGET.model_copy(update={"episode_tokens": spent + 5}))
-    with Provider() as stub, episode:
-        langchain_agent(episode, stub)
-    assert (episode.result.end_reason, episode.result.summaries) == ("episode_tokens", 1)
-    assert stub.purposes[-1] == "summary"
-    as_asked(events, stub)
-
-
 def test_a_head_that_changes_is_refused_in_a_sentence():
     numbers, (episode, _) = itertools.count(), fresh(BUDGET)
     changing = dynamic_prompt(lambda request: f"This is prompt {next(numbers)}.")
     sentence = "Where turns are summarised or rewritten, the head of an episode cannot change."
     with Provider() as stub, episode, pytest.raises(sp.InvalidArgumentError, match=sentence):
         create_agent(client(stub), middleware=[changing, SmartPlayMiddleware(episode)]).invoke({"messages": []}, THREAD)
-
-
-@pytest.mark.parametrize("inside", [False, True])
-def test_what_a_middleware_adds_to_a_request_is_added_once(inside):
-    episode, events = fresh(BUDGET)
-    ours = SmartPlayMiddleware(episode)
-    with Provider() as stub, episode:
-        agent = create_agent(
-            client(stub),
-            middleware=[ours, Reminder("Think of the smallest disk.")]
-            if inside
-            else [Reminder("Think of the smallest disk."), ours],
-        )
-        agent.invoke({"messages": []}, THREAD)
-    added = [event for event in events if event["event"] == "message" and event["by"] == "host"]
-    assert len(added) == TURNS - 1, "one for each prompt to play but the first, whose head has it"
-    as_asked(events, stub)
 
 
 @pytest.mark.parametrize("choice", ["none", {"type": "none"}])

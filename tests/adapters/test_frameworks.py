@@ -25,6 +25,7 @@ pytestmark = pytest.mark.skipif(not RUNNER.exists(), reason="the agents are run 
     "agent",
     [
         "play_smolagents.py",
+        "play_openai.mjs",
         "play_vercel_ai.mjs",
     ],
 )

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,6 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record
 from smartplay_tools.types.messages import text_of
-from tests.adapters import rerouted
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
@@ -49,7 +49,6 @@ from tests.adapters.conformance import (
     Sent,
     Window,
     WindowConformance,
-    act,
     by_conversation,
     calling,
     fresh,
@@ -57,8 +56,11 @@ from tests.adapters.conformance import (
     spelled,
     without_usage,
 )
-from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import SITUATIONS, SituationConformance, lacking
+from tests.dialects.rules import DIALECTS
+from tests.dialects.scripts import SOLVED
+from tests.dialects.server import DialectServer
+from tests.dialects.ways import reached
 from tests.processes import printed_by
 
 # Inspect and what it imports warn; what they warn of is theirs.
@@ -285,14 +287,6 @@ def test_a_players_model_reports_the_usage_of_its_player(tmp_path):
     assert third.prompt > second.prompt
 
 
-def test_usage_is_the_providers_with_its_cache():
-    usage = ModelUsage(
-        input_tokens=5, output_tokens=7, input_tokens_cache_read=100, input_tokens_cache_write=20, reasoning_tokens=3
-    )
-    reply = ModelOutput(model="m", choices=output(SAY_ROCK).choices, usage=usage)
-    assert from_output(reply).usage == sp.Usage(prompt=125, reply=7, cached=100, written=20, reasoning=3)
-
-
 @pytest.mark.parametrize(("reason", "cut"), [("max_tokens", 1), ("model_length", 1), ("stop", 0)])
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
     output = ModelOutput.from_content("m", "I thi", stop_reason=reason)
@@ -437,10 +431,6 @@ def test_a_task_runs_by_its_file_as_a_register_of_evaluations_runs_it(tmp_path):
     assert sample.scores["smartplay_scorer"].value["score"] == 3
 
 
-class OpenAI(OpenAIStub):
-    is_strict = False
-
-
 @pytest.mark.parametrize(
     ("options", "key"),
     [
@@ -455,11 +445,12 @@ def test_openai_is_told_which_prompts_belong_to_an_episode(options, key, respons
     episode, _ = fresh(sp.Budget(tool_calls=3))
     arguments = {"responses_api": responses, "api_key": "k", **options.get("model_args", {})}
     # Before its first Responses request, Inspect asks whether the model can summarise its reasoning.
-    with OpenAI([calling(act("A->C"))] * 4) as stub, rerouted.clients(stub.url) as clients, episode:
-        model = get_model("openai/gpt-5.5", memoize=False, http_client=clients["http_async_client"], **arguments)
+    server = DialectServer(replace(DIALECTS["OpenAI Responses" if responses else "OpenAI"], model="gpt-5.5"), SOLVED)
+    with reached(server), episode:
+        model = get_model("openai/gpt-5.5", memoize=False, base_url=server.base_url, **arguments)
         task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
         own = {name: value for name, value in options.items() if name != "model_args"}
         (log,) = evaluate(task, model=model, display="none", max_retries=0, **own)
     sample_of(log)
-    prompts = [body for body in stub.bodies if "tools" in body]
+    prompts = [body for body in server.requests if "tools" in body]
     assert [body.get("prompt_cache_key") for body in prompts] == [episode.config.key if key == "ours" else key] * 3

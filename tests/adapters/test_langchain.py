@@ -20,6 +20,7 @@ from smartplay_langchain.caching import messages_for
 
 import smartplay_tools as sp
 from smartplay_tools.players.conversion import function_call
+from smartplay_tools.types.messages import text_of
 
 pytestmark = pytest.mark.slow
 
@@ -105,6 +106,10 @@ def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(metadata, cut):
     assert usage_of(reply) == sp.Usage(prompt=9, reply=4, cut=cut, refused=refused)
     without = AIMessage("I thi", response_metadata=metadata)
     assert usage_of(without) == (sp.Usage(cut=cut, refused=refused) if cut or refused else None)
+
+
+def test_the_words_of_a_refusal_are_the_text_of_the_reply():
+    assert text_of(from_langchain(AIMessage([{"type": "refusal", "refusal": "No."}]))) == "No."
 
 
 THINKING = {"type": "thinking", "thinking": "Hm.", "signature": "s"}

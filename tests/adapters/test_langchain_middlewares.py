@@ -16,8 +16,6 @@ import pytest
 from langchain.agents import create_agent
 from langchain.agents.middleware import (
     AgentMiddleware,
-    ClearToolUsesEdit,
-    ContextEditingMiddleware,
     HumanInTheLoopMiddleware,
     ModelCallLimitMiddleware,
     ModelFallbackMiddleware,
@@ -31,7 +29,7 @@ from langchain_core.messages import AIMessage, SystemMessage, ToolMessage
 from langchain_core.tools import tool
 from langgraph.checkpoint.memory import InMemorySaver
 from langgraph.types import Command
-from smartplay_langchain import PlayerChatModel, SmartPlayMiddleware
+from smartplay_langchain import SmartPlayMiddleware
 
 import smartplay_tools as sp
 from smartplay_tools.types.messages import text_of
@@ -153,18 +151,6 @@ def test_a_dynamic_prompt_is_dynamic(inside):
         "There are 2 messages.",
         "There are 4 messages.",
     ]
-
-
-@pytest.mark.parametrize("inside", [False, True])
-def test_context_editing_has_no_effect_and_the_record_is_true(inside):
-    editing = ContextEditingMiddleware(edits=[ClearToolUsesEdit(trigger=1, keep=0)])
-    result, _, bodies, _ = play(
-        [*map(calling, map(act, WAY))],
-        lambda ours: [ours, editing] if inside else [editing, ours],
-        sp.Budget(prompt_tokens=900),
-    )
-    assert result.completed
-    assert not any("[cleared]" in text_of(message) for body in bodies for message in body["messages"])
 
 
 def test_an_assistant_message_added_during_the_game_is_refused_in_a_sentence():
@@ -476,15 +462,3 @@ class TestAnAgentWithoutACheckpointer:
 def forbidden_weather() -> str:
     """Tell the weather."""
     raise AssertionError("a tool that is hidden is not run")
-
-
-def test_a_second_agent_on_an_episode_that_is_over_is_refused_in_a_sentence():
-    with sp.Episode("RockPaperScissorBasic-v0", seed=7, budget=sp.Budget(tool_calls=2)) as episode:
-        for number in range(2):
-            model = PlayerChatModel(player=sp.get_player("rule"))
-            agent = create_agent(model, middleware=[SmartPlayMiddleware(episode)])
-            if number == 0:
-                agent.invoke({"messages": []})
-                continue
-            with pytest.raises(sp.InvalidArgumentError, match="The episode is over; make a new one"):
-                agent.invoke({"messages": []})

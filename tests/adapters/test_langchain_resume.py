@@ -108,14 +108,6 @@ def test_a_checkpoint_that_is_older_than_the_record_is_refused_in_a_sentence(nod
         again.invoke(None, first.config)
 
 
-def test_new_words_wait_for_the_reply_to_a_prompt_on_record():
-    record, saver = [], InMemorySaver()
-    with pytest.raises(Exception, match="StopIteration"):
-        begin(record, ScriptedModel([calling(act(WAY[0]))]), saver).invoke({"messages": []}, THREAD)
-    with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
-        go_on(record, ScriptedModel([]), saver, {"messages": [HumanMessage("Hurry!")]})
-
-
 @needs_single_approvals
 def test_a_reviewed_and_held_call_is_played_in_another_process():
     record, saver = [], InMemorySaver()

@@ -283,10 +283,8 @@ def test_a_format_that_has_no_form_for_a_tool_is_refused():
 @needs_model
 @pytest.mark.parametrize("form", ["call", "bare", "words", "legal"])
 def test_it_plays_in_a_format_that_is_fixed(form, tmp_path):
-    record, rules = (
-        tmp_path / "one.jsonl",
-        {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"},
-    )
+    record = tmp_path / "one.jsonl"
+    rules = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
     budget = sp.Budget(history=None, tool_calls=3)
     with sp.Episode(GAME, seed=3, budget=budget, transcript=record, **rules) as episode:
         result = sp.play(episode, LocalPlayer(threads=1, format=form, temperature=1.0))
@@ -318,9 +316,8 @@ def test_the_grammar_names_every_tool_and_bounds_its_texts():
 def test_a_text_that_may_be_null_has_an_end_too():
     with sp.Episode(GAME, seed=1, budget=sp.Budget(memory_tokens=50)) as episode:
         grammar = grammar_of(episode.tools[-1:])
-    assert (
-        grammar.count('"maxLength":2000') == grammar.count('"type":"string"') - 1
-    )  # the command is one of a few words
+    # The command is one of a few words.
+    assert grammar.count('"maxLength":2000') == grammar.count('"type":"string"') - 1
 
 
 def test_a_missing_file_is_said_before_anything_is_played(tmp_path, monkeypatch):

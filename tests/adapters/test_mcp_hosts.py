@@ -196,17 +196,6 @@ class TestHttp:
             process.wait(60)
         process.stdout.close()
 
-    def test_a_slash_at_the_end_changes_nothing(self):
-        store = EpisodeStore()
-        with HttpServer(store, port=0, operator_token="boss") as server:
-            handle = store.open(GAME, seed=1)
-            answer = post(f"{server.url}/mcp/{handle}/", json=request("ping"), headers=AGENT)
-            assert answer.json()["result"] == {}
-            boss = {"Authorization": "Bearer boss"}
-            asked = {"game": GAME, "seed": 1}
-            made = post(f"{server.url}/episodes/", json=asked, headers=boss)
-            assert made.status_code == 201
-
     @pytest.mark.parametrize(
         ("asked", "words"),
         [
@@ -275,12 +264,3 @@ class TestHalfCharacters:
             answer = post(url, content=body, headers=headers)
         assert answer.status_code == 200
         assert answer.json()["result"]["isError"]
-
-    async def test_in_this_process_they_are_answered_and_recorded(self):
-        episode, events = fresh(context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted)) as client:
-            result = await client.call_tool("act", HALF)
-        assert result.is_error
-        (call,) = (event for event in events if event["event"] == "call")
-        assert json.loads(call["arguments"]) == HALF

@@ -11,14 +11,12 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.errors import install_command
-from smartplay_tools.types.messages import reasoning_of, text_of
 
 pytest.importorskip("openai")
 
 import smartplay_gateway as sg
 import smartplay_openai as so
 
-WAYS = [("openai", False), ("openai", True), ("openai-responses", False), ("openai-responses", True)]
 BUDGET = sp.Budget(prompt_tokens=800, reply_tokens=200)
 
 
@@ -36,21 +34,6 @@ def record(game, player, seed=7, budget=BUDGET):
 
 
 # What is counted.
-
-
-@pytest.mark.parametrize(("name", "stream"), WAYS)
-def test_cached_and_reasoning_tokens_are_recorded(name, stream):
-    says = {"role": "assistant", "content": "I wait."}
-    usage = sp.Usage(prompt=1000, reply=90, cached=640, written=128, reasoning=64)
-    with (
-        sg.LocalEndpoint(sp.ScriptedPlayer([says] * 3, usage)) as endpoint,
-        sp.get_player(f"{name}:scripted", base_url=endpoint.base_url, stream=stream) as player,
-    ):
-        result, _ = record("Hanoi3Disk-v0", player)
-    assert result.end_reason == "no_tool_call"
-    assert result.tokens.provider == sp.Usage(
-        prompt=3000, reply=270, cached=1920, written=384, reasoning=192, requests=3
-    )
 
 
 # What the client is told.
@@ -172,22 +155,6 @@ def test_what_chat_completions_add_to_a_reply_is_not_sent_to_responses():
     assert items[0]["content"][0]["text"] == "I look."
 
 
-def test_a_reply_that_was_cut_in_its_thoughts_has_no_words():
-    completion = {"choices": [{"message": {"content": [thoughts("Hm")]}, "finish_reason": "length"}]}
-    reply = so.chat_reply(completion)
-    assert (text_of(reply.message), reasoning_of(reply.message), reply.usage.cut) == ("", "Hm", 1)
-    assert so.chat_request(sp.Prompt([reply.message], ()))["messages"][0]["content"] == [thoughts("Hm")]
-
-
-def test_strict_schemas_in_each_interfaces_form(endpoint):
-    with sp.Episode("Hanoi3Disk-v0", seed=7) as episode:
-        prompt = sp.Conversation(episode).prompt()
-    assert all(tool["function"]["strict"] for tool in so.chat_request(prompt)["tools"])
-    request = so.responses_request(prompt)
-    assert all(tool["strict"] and tool["name"] for tool in request["tools"])
-    assert request["store"] is False
-
-
 # Where it goes.
 
 
@@ -244,42 +211,3 @@ def test_a_missing_extra_is_one_sentence(missing, code, extra):
 )
 def test_a_part_of_an_adapter_needs_only_what_it_uses(missing, code):
     assert without(missing, code) == ""
-
-
-# What OpenAI is told for its cache.
-
-
-def third_prompt() -> sp.Prompt:
-    """A prompt of which all but the newest turn was in the one before."""
-    conversation = sp.Conversation(sp.Episode("Hanoi3Disk-v0", seed=7))
-    for _ in range(2):
-        conversation.prompt()
-        conversation.receive(sp.call("act", action="A->C"))
-    prompt = conversation.prompt()
-    assert prompt is not None
-    assert (len(prompt.messages), prompt.prefix_messages) == (6, 4)
-    return prompt
-
-
-@pytest.mark.parametrize(
-    ("name", "field", "part"), [("openai", "messages", "text"), ("openai-responses", "input", "input_text")]
-)
-def test_openai_is_told_which_prompts_belong_together_and_what_is_stable(name, field, part):
-    prompt = third_prompt()
-    plain = sp.get_player(f"{name}:gpt-5.6", api_key="k", cache=False).request(prompt)
-    older = sp.get_player(f"{name}:gpt-5.5", api_key="k").request(prompt)
-    newer = sp.get_player(f"{name}:gpt-5.6", api_key="k").request(prompt)
-    key = sp.Episode("Hanoi3Disk-v0", seed=7).config.key
-    assert (older["prompt_cache_key"], newer["prompt_cache_key"]) == (key, key)
-    assert "prompt_cache_key" not in plain
-    assert older[field] == plain[field]
-    changed = [at for at, (mine, theirs) in enumerate(zip(newer[field], plain[field], strict=True)) if mine != theirs]
-    text = "content" if name == "openai" else "output"
-    assert changed == [3]  # the newest result that was in the prompt before
-    mark = {"prompt_cache_breakpoint": {"mode": "explicit"}}
-    assert newer[field][3][text] == [{"type": part, "text": plain[field][3][text], **mark}]
-
-
-def test_a_key_of_the_users_own_stays():
-    with sp.get_player("openai:gpt-5.6", api_key="k", parameters={"prompt_cache_key": "mine"}) as player:
-        assert player.request(third_prompt())["prompt_cache_key"] == "mine"

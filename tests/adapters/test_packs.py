@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import random
 from typing import Any
 
@@ -21,8 +20,6 @@ from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.testing import CHECKS
 from smartplay_tools.testing.game_checks import is_the_same_in_another_process as is_alike_elsewhere
 from smartplay_tools.transcript import read_transcript
-from tests.adapters import conformance
-from tests.adapters.rows import FRAMEWORKS, QUICK, rows
 from tests.evaluation.command import shown_by
 
 POPGYM = [game for game in GAMES if game.startswith("popgym-")]
@@ -152,21 +149,6 @@ def test_a_run_of_them_is_summarised_shown_and_exported(tmp_path):
     assert guesses.normalized_score is None
     assert K4 in write_report([tmp_path / "run"], tmp_path / "page.html").read_text(encoding="utf-8")
     assert export(tmp_path / "run", tmp_path / "sft").counts["episodes"] == 6
-
-
-@needs_popgym
-def test_the_game_cannot_tell_adapters_apart():
-    script = [conformance.calling(("act", {"action": suit})) for suit in ("Spades", "Hearts", "Clubs", "Diamonds") * 3]
-    spec, answers = dataclasses.replace(GAMES[K4], rollout=12), {}
-    window, _ = rows((*QUICK, *FRAMEWORKS))
-    for name, row in window.items():
-        if not row.slow:
-            events: list[Any] = []
-            with Episode(spec, seed=3, budget=sp.Budget(history=2), transcript=events) as episode:
-                row.hold(episode, script)
-            answers[name] = [(e["text"], e["data"]) for e in events if e["event"] == "call"]
-    assert len(answers["Conversation"]) == 12
-    assert answers == dict.fromkeys(answers, answers["Conversation"])
 
 
 @needs_minigrid

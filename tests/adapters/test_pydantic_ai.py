@@ -12,15 +12,11 @@ import pytest
 
 pytest.importorskip("pydantic_ai", reason="needs smartplay-tools[pydantic-ai]; `.ci/run` has an environment with it")
 
-from anthropic import AsyncAnthropic
-from openai import AsyncOpenAI
-from pydantic_ai import Agent, BinaryContent, Tool, UsageLimitExceeded, capture_run_messages
+from pydantic_ai import Agent, BinaryContent, Tool, UsageLimitExceeded
 from pydantic_ai.capabilities import AbstractCapability, PrepareTools, ProcessHistory
 from pydantic_ai.messages import ModelMessage, ModelResponse, TextPart, ThinkingPart, ToolCallPart, ToolReturnPart
-from pydantic_ai.models.anthropic import AnthropicModel
 from pydantic_ai.models.function import AgentInfo, FunctionModel
-from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
-from pydantic_ai.providers.anthropic import AnthropicProvider
+from pydantic_ai.models.openai import OpenAIChatModel
 from pydantic_ai.providers.openai import OpenAIProvider
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import RequestUsage, UsageLimits
@@ -28,8 +24,6 @@ from smartplay_pydantic_ai import PlayerModel, SmartPlay
 from smartplay_pydantic_ai.messages import from_response, usage_of
 
 import smartplay_tools as sp
-from tests.adapters import rerouted
-from tests.adapters.anthropic_stub import AnthropicStub
 from tests.adapters.conformance import (
     EACH,
     SEED,
@@ -46,7 +40,6 @@ from tests.adapters.conformance import (
     one_system,
     received,
 )
-from tests.adapters.marks import anthropic_marks, openai_marks
 from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.situations import REFUSED, SituationConformance, weather
 from tests.processes import printed_by
@@ -210,18 +203,6 @@ def test_a_model_that_fails_once_can_be_asked_again():
     assert episode.result.completed
 
 
-def test_new_words_wait_for_the_reply_to_a_prompt_that_was_made():
-    episode, _ = fresh()
-    with episode:
-        agent = Agent(Scripted([calling(act(WAY[0]))]).model, capabilities=[SmartPlay(episode)])
-        with capture_run_messages() as messages, pytest.raises(Exception, match="no more replies"):
-            agent.run_sync("Play!", usage_limits=NO_LIMIT)
-        with pytest.raises(sp.InvalidArgumentError, match="without new messages"):
-            agent.run_sync("Hurry!", message_history=list(messages), usage_limits=NO_LIMIT)
-        with pytest.raises(Exception, match="no more replies"):
-            agent.run_sync("Play!", usage_limits=NO_LIMIT)
-
-
 @pytest.mark.parametrize(("reason", "cut"), [("length", 1), ("stop", 0), (None, 0)])
 def test_a_reply_that_was_cut_at_its_length_is_counted_as_one(reason, cut):
     usage = RequestUsage(input_tokens=9, output_tokens=2)
@@ -256,84 +237,21 @@ async def test_a_streamed_run_is_refused():
             await running.get_output()
 
 
-# What is sent for the provider's cache, through the providers' own clients.
-
 MOVES = [calling(act(short)) for short in ("A->C", "A->B", "C->B")]
 THREE_MOVES = sp.Budget(tool_calls=3, reply_tokens=100)
-"""Without a cap on replies, Pydantic AI asks Anthropic for a stream."""
-
-
-class Anthropic(AnthropicStub):
-    is_strict = False
 
 
 class OpenAI(OpenAIStub):
     is_strict = False
 
 
-def client_for(url: str, clients: dict[str, Any]) -> AsyncOpenAI:
-    return AsyncOpenAI(base_url=url, api_key="k", http_client=clients["http_async_client"], max_retries=0)
-
-
-def play_moves(episode: sp.Episode, model: Any, **options: Any) -> None:
-    agent = Agent(model, capabilities=[SmartPlay(episode, **options)])
-    agent.run_sync("", usage_limits=NO_LIMIT)
-
-
-@pytest.mark.parametrize(
-    ("options", "places"),
-    [({}, [[1], [1, 3], [3, 5]]), ({"cache": "stable"}, [[], [1], [3]]), ({"cache": False}, [[], [], []])],
-)
-def test_prompts_are_marked_for_anthropic(options, places):
-    episode, _ = fresh(THREE_MOVES)
-    with Anthropic(MOVES) as stub, rerouted.clients(stub.url) as clients, episode:
-        client = AsyncAnthropic(api_key="k", http_client=clients["http_async_client"])
-        provider = AnthropicProvider(anthropic_client=client)
-        play_moves(episode, AnthropicModel("claude-opus-5", provider=provider), **options)
-    assert [anthropic_marks(body) for body in stub.bodies] == places
-
-
-@pytest.mark.parametrize("kind", [OpenAIChatModel, OpenAIResponsesModel])
-@pytest.mark.parametrize(
-    ("model", "options", "has_key", "places"),
-    [
-        ("gpt-5.5", {}, True, [[], [], []]),
-        ("gpt-5.6", {}, True, [[], [1], [3]]),
-        ("gpt-5.6", {"cache": False}, False, [[], [], []]),
-    ],
-)
-def test_openai_is_told_the_episode_and_what_is_stable(kind, model, options, has_key, places):
-    episode, _ = fresh(THREE_MOVES)
-    with OpenAI(MOVES) as stub, rerouted.clients(stub.url) as clients, episode:
-        client = AsyncOpenAI(
-            base_url="https://api.openai.com/v1", api_key="k", http_client=clients["http_async_client"]
-        )
-        play_moves(episode, kind(model, provider=OpenAIProvider(openai_client=client)), **options)
-    assert {body.get("prompt_cache_key") for body in stub.bodies} == {episode.config.key if has_key else None}
-    assert [openai_marks(body) for body in stub.bodies] == places
-
-
 def test_half_a_character_is_recorded_and_rewritten_in_requests_alone():
     events: list[Any] = []
     episode = sp.Episode("Hanoi3Disk-v0", seed=7, budget=THREE_MOVES, transcript=events)
     odd = calling(("act", '{"action": "\\ud83d"}'), say="\ud83d")
-    with OpenAI([odd, *MOVES]) as stub, rerouted.clients(stub.url) as clients, episode:
-        provider = OpenAIProvider(openai_client=client_for("https://models.example.com/v1", clients))
-        play_moves(episode, OpenAIChatModel("m", provider=provider))
+    with OpenAI([odd, *MOVES]) as stub, episode:
+        model = OpenAIChatModel("m", provider=OpenAIProvider(base_url=stub.base_url, api_key="k"))
+        Agent(model, capabilities=[SmartPlay(episode)]).run_sync("", usage_limits=NO_LIMIT)
     assert episode.result.end_reason == "tool_calls"
     assert "\ufffd" in stub.bodies[1]["messages"][-2]["content"]
     assert next(event for event in events if event["event"] == "message")["message"]["content"] == "\ud83d"
-
-
-def test_other_servers_are_told_nothing_of_caches():
-    episode, _ = fresh(THREE_MOVES)
-    with OpenAI(MOVES) as stub, rerouted.clients(stub.url) as clients, episode:
-        provider = OpenAIProvider(openai_client=client_for("https://models.example.com/v1", clients))
-        play_moves(episode, OpenAIChatModel("gpt-5.6", provider=provider))
-    assert [("prompt_cache_key" in body, openai_marks(body)) for body in stub.bodies] == [(False, [])] * 3
-
-
-def test_a_choice_of_marks_that_is_none_is_refused():
-    episode, _ = fresh()
-    with episode, pytest.raises(sp.InvalidArgumentError, match='cache is True, "stable" or False, not 5'):
-        SmartPlay(episode, cache=5)

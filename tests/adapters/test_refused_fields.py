@@ -5,18 +5,18 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import smartplay_gateway as sg
-import smartplay_openai as so
 
 import smartplay_tools as sp
-from tests.adapters import rerouted
-from tests.adapters.anthropic_stub import AnthropicStub
-from tests.adapters.conformance import WAY, act, calling
-from tests.adapters.openai_stub import OpenAIStub
 from tests.adapters.test_openai_faults import Changing, Faulty, answer, assert_as_if_nothing_had_happened, play
+from tests.dialects.rules import DIALECTS
+from tests.dialects.scripts import SOLVED
+from tests.dialects.server import DialectServer
+from tests.dialects.ways import WAYS, reached
 
 SERVERS = {
     "by OpenAI": {"message": "Unsupported parameter: '{field}' is not supported with this model.", "param": "{field}"},
@@ -114,15 +114,6 @@ def test_a_provider_is_never_allowed_to_keep_prompts(error, tmp_path):
     assert {body["store"] for _, body in faulty.requests} == {False}
 
 
-@pytest.mark.parametrize("player", ["openai:rule", "openai-responses:rule"])
-def test_what_names_no_field_is_asked_for_once(player, tmp_path):
-    faulty = Refusing(refusing(["model"], VAGUE))
-    result, _ = play(faulty, tmp_path, player)
-    assert (result.end_reason, faulty.refused) == ("player_error", 1)
-    assert "in 1 attempt: BadRequestError" in result.error
-    assert "Your request is not valid" in result.error
-
-
 def test_a_field_that_the_user_has_set_is_never_left_out(tmp_path):
     faulty = Refusing(refusing(["include"], SERVERS["by OpenAI"]))
     result, _ = play(faulty, tmp_path, "openai-responses:rule", parameters={"include": []})
@@ -201,38 +192,27 @@ def test_thoughts_that_a_server_wants_back_are_empty_where_they_were_left_out(tm
 
 
 @pytest.mark.parametrize(
-    ("stub", "field"),
+    ("way", "dialect", "field"),
     [
-        (OpenAIStub, "prompt_cache_key"),
-        (OpenAIStub, "prompt_cache_breakpoint"),
-        pytest.param(AnthropicStub, "cache_control", marks=pytest.mark.slow),
+        ("openai:", "OpenAI", "prompt_cache_key"),
+        ("openai:", "OpenAI", "prompt_cache_breakpoint"),
+        pytest.param("anthropic:", "Anthropic", "cache_control", marks=pytest.mark.slow),
     ],
 )
-def test_the_fields_for_a_cache(stub, field):
-    refusal = refusing([field], SERVERS["by Pydantic"])
+def test_the_fields_for_a_cache(way, dialect, field):
+    refusal, refused = refusing([field], SERVERS["by Pydantic"]), []
 
-    class Server(stub):
-        refused = 0
+    class Server(DialectServer):
+        def answer(self, path: str, body: dict[str, Any]) -> tuple[int, str, bytes]:
+            if (said := refusal(body)) is None:
+                return super().answer(path, body)
+            refused.append(said)
+            return 400, "application/json", json.dumps(said).encode()
 
-        def _answer(self, path: str, body: dict[str, Any]) -> tuple[int, dict[str, Any]]:
-            said = refusal(body)
-            self.refused += said is not None
-            return super()._answer(path, body) if said is None else (400, said)
-
-    with Server([calling(act(move)) for move in WAY]) as server, rerouted.clients(server.url) as clients:
-
-        class AtOpenAI(so.OpenAIPlayer):
-            def new_client(self) -> Any:
-                return super().new_client().with_options(http_client=clients["http_client"])
-
-        made = (
-            AtOpenAI("gpt-5.6", base_url="https://eu.api.openai.com/v1", api_key="k")
-            if stub is OpenAIStub
-            else sp.get_player("anthropic:m", base_url=server.url, api_key="k")
-        )
-        with sp.Episode("Hanoi3Disk-v0", seed=7) as episode, made as player:
-            assert sp.play(episode, player).score == 3
-    assert server.refused == 1
+    server, episode = Server(replace(DIALECTS[dialect], model="gpt-5.6"), SOLVED), sp.Episode("Hanoi3Disk-v0", seed=7)
+    with reached(server), episode:
+        WAYS[way].play(server, episode, False)
+    assert (episode.result.score, len(refused)) == (3, 1)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,12 @@ from smartplay_anthropic.codec import reply as anthropic_reply
 from smartplay_gateway import LocalEndpoint
 
 import smartplay_tools as sp
+from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.conversation.base import checked_usage
 from smartplay_tools.players import asks_management
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.rows import warnings
+from smartplay_tools.types.messages import text_of
 from tests.evaluation.command import refused, shown_by
 from tests.evaluation.runs import play_row
 
@@ -126,6 +128,8 @@ def items(status: str = "completed", reason: str | None = None, kind: str = "out
         (blocks("refusal"), "refused"),
         (blocks("pause_turn"), "paused"),
         (blocks("max_tokens"), "cut"),
+        (blocks("model_context_window_exceeded"), "cut"),
+        (anthropic_reply({"content": [], "stop_reason": "max_tokens"}), "cut"),
         (items(kind="refusal"), "refused"),
         (items("incomplete", "content_filter"), "refused"),
         (items("incomplete", "max_output_tokens"), "cut"),
@@ -134,6 +138,13 @@ def items(status: str = "completed", reason: str | None = None, kind: str = "out
 def test_why_a_reply_ended_is_counted(reply, count):
     ends = ("cut", "refused", "broken_calls", "paused")
     assert {name: getattr(reply.usage, name) for name in ends} == dict.fromkeys(ends, 0) | {count: 1}
+
+
+@pytest.mark.parametrize("reply", [chat(refusal="No."), items(kind="refusal"), blocks("refusal")])
+def test_the_words_of_a_refusal_are_the_text_of_the_reply(reply):
+    """Interfaces have them in a field or a part of their own, and they are counted as words."""
+    assert text_of(reply.message) == "No."
+    assert TokenCounter().message(reply.message) >= TokenCounter().message({"role": "assistant", "content": "No."})
 
 
 class Refusing:

@@ -121,19 +121,6 @@ def test_tasks_are_validated_without_a_model(game, gold, tmp_path):
     assert (row["gold"]["reason"], row["noop"]["reason"]) == (gold, "valid")
 
 
-def test_a_wrong_budget_is_one_sentence():
-    with pytest.raises(
-        sp.InvalidArgumentError, match=r"^slack=2 is no limit of a budget: .* less than or equal to 1\.$"
-    ):
-        tasks(1, budget=BudgetConfig(slack=2))
-
-
-def test_a_game_without_a_human_score_needs_another_reward():
-    with pytest.raises(sp.InvalidArgumentError, match='reward="score"'):
-        tasks(1, game="Hanoi4Disk-v0")
-    assert tasks(1, game="Hanoi4Disk-v0", reward="score")
-
-
 # --- The harness -------------------------------------------------------------------------------------------------
 
 
@@ -247,15 +234,3 @@ def test_traces_of_other_tasks_have_no_records(tmp_path):
     file.write_text(json.dumps({"traces": [{"info": {}, "task": {"data": {"name": "x"}}}]}) + "\n", encoding="utf-8")
     with pytest.raises(sp.SmartPlayError, match="holds no record"):
         save_records(file, tmp_path / "records")
-
-
-def test_a_record_is_saved_from_its_text(tmp_path):
-    events: list[Any] = []
-    with sp.Episode(GAME, seed=7, transcript=events) as episode:
-        sp.play(episode, sp.get_player("rule"))
-    text = "".join(json.dumps(event) + "\n" for event in events)
-    traces = [{"info": {"smartplay": {"record": text}}, "task": {"data": {"name": "x"}}}] * 2
-    file = tmp_path / "traces.jsonl"
-    file.write_text(json.dumps({"traces": traces}) + "\n", encoding="utf-8")
-    records = save_records(file, tmp_path / "records")
-    assert [sp.replay(record).identical for record in records] == [True, True]

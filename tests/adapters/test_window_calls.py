@@ -47,13 +47,6 @@ class TestCopies:
             assert host.run(*act(WAY[0]), key=key) == first
             assert of_the_game(episode, events) == [(0, move(WAY[0]), None)]
 
-    def test_a_key_lives_as_long_as_the_episode(self):
-        with hosted(*MOVES) as (host, _, episode, events):
-            texts = [host.answer(host.post(), key=f"k{number}") for number in range(len(WAY))]
-            assert host.post()["content"] == "The game is over."
-            assert [host.run(*act(short), key=f"k{number}") for number, short in enumerate(WAY)] == texts
-            assert len(of_the_game(episode, events)) == len(WAY)
-
     def test_a_key_is_known_after_a_restart(self, tmp_path):
         endpoint, _ = scripted(*MOVES, folder=tmp_path)
         with endpoint:

@@ -15,7 +15,7 @@ from anthropic.lib.tools import beta_tool
 from smartplay_gateway import WindowEndpoint
 
 import smartplay_tools as sp
-from tests.adapters.conformance import WAY, act, calling
+from tests.adapters.conformance import calling
 from tests.adapters.window_host import MESSAGES_TOOLS, anthropic_client
 
 pytestmark = pytest.mark.slow
@@ -154,16 +154,3 @@ def test_tools_behind_a_search_are_searched_for_once(endpoint):
     assert "has to show these" in words(post(endpoint, body))
     loaded = [{**tool, "name": f"mcp__smartplay__{tool['name']}", "defer_loading": True} for tool in MESSAGES_TOOLS]
     assert post(endpoint, {**body, "tools": [search, *loaded]}).json()["content"][0]["name"].startswith("mcp__")
-
-
-def test_calls_and_words_are_streamed_in_order():
-    player = sp.ScriptedPlayer([calling(act(WAY[0]), ("observe", {}), say="Now two.")])
-    with WindowEndpoint(player) as endpoint:
-        body = request(endpoint, endpoint.open(GAME, seed=7), stream=True)
-        lines = post(endpoint, body).text.splitlines()
-    events = [json.loads(line.removeprefix("data: ")) for line in lines if line.startswith("data: ")]
-    begun = [event["content_block"]["type"] for event in events if event["type"] == "content_block_start"]
-    assert begun == ["text", "tool_use", "tool_use"]
-    pieces = [event["delta"] for event in events if event["type"] == "content_block_delta" and event["index"] == 1]
-    assert json.loads("".join(piece["partial_json"] for piece in pieces)) == dict(act(WAY[0])[1])
-    assert [event["type"] for event in events][-2:] == ["message_delta", "message_stop"]

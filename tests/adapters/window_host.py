@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import httpx2
 import openai
-from smartplay_gateway import WindowEndpoint
+from smartplay_gateway import LocalEndpoint, WindowEndpoint
 
 import smartplay_tools as sp
 
@@ -121,7 +121,7 @@ def scripted(*messages: sp.Message, **options: Any) -> tuple[WindowEndpoint, sp.
     return WindowEndpoint(player, **options), player
 
 
-def openai_client(endpoint: WindowEndpoint) -> openai.OpenAI:
+def openai_client(endpoint: WindowEndpoint | LocalEndpoint) -> openai.OpenAI:
     http = openai.DefaultHttpxClient(trust_env=False, verify=False)
     return openai.OpenAI(base_url=endpoint.base_url, api_key="none", http_client=http)
 

@@ -21,8 +21,8 @@ import smartplay_tools as sp
 from tests.dialects.rules import DIALECTS, Dialect, limits
 from tests.dialects.server import DialectServer
 
-Play = Callable[[DialectServer, sp.Episode, bool], None]
-"""Plays an episode at a server, with streams or without."""
+Play = Callable[..., None]
+"""Plays an episode at a server, with streams or without, with options of the player or of the adapter."""
 
 QUICK = {"api_key": "k", "retries": 1, "pause": 0.01}
 
@@ -61,34 +61,34 @@ class Way:
         return {name for limit in limits(self.name, dialect) for name in limit.without}
 
 
-def player(server: DialectServer, stream: bool, kind: str = "openai") -> Any:
+def player(server: DialectServer, stream: bool, kind: str = "openai", **options: Any) -> Any:
     """A player of the package at a server."""
     streamed = {"stream": True} if stream else {}
-    return sp.get_player(f"{kind}:{server.dialect.model}", base_url=server.base_url, **QUICK, **streamed)
+    return sp.get_player(f"{kind}:{server.dialect.model}", base_url=server.base_url, **QUICK, **streamed, **options)
 
 
 def by_player(kind: str) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-        with player(server, stream, kind) as model:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
+        with player(server, stream, kind, **options) as model:
             sp.play(episode, model)
 
     return play
 
 
-def at_window(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+def at_window(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
     from smartplay_gateway import WindowEndpoint
 
     from tests.adapters.window_host import HostAgent
 
-    with player(server, stream) as model, WindowEndpoint(model) as endpoint:
+    with player(server, stream, **options) as model, WindowEndpoint(model) as endpoint:
         HostAgent(endpoint, endpoint.serve(episode)).play()
 
 
-def at_endpoint(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+def at_endpoint(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
     from smartplay_gateway import LocalEndpoint
 
     with (
-        player(server, stream) as model,
+        player(server, stream, **options) as model,
         LocalEndpoint(model) as endpoint,
         sp.get_player(f"openai:{model.name}", base_url=endpoint.base_url, stream=stream, **QUICK) as host,
     ):
@@ -120,33 +120,33 @@ Model = Callable[[DialectServer, bool], AbstractContextManager[Any]]
 
 
 def by_langchain_player(model: Model) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
         from smartplay_langchain import LangChainPlayer
 
-        with model(server, stream) as chat, LangChainPlayer(chat, retries=1, pause=0.01) as langchain:
+        with model(server, stream) as chat, LangChainPlayer(chat, retries=1, pause=0.01, **options) as langchain:
             sp.play(episode, langchain)
 
     return play
 
 
 def by_middleware(model: Model) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
         from langchain.agents import create_agent
         from smartplay_langchain import SmartPlayMiddleware
 
         with model(server, stream) as chat:
-            create_agent(chat, middleware=[SmartPlayMiddleware(episode)]).invoke({"messages": []})
+            create_agent(chat, middleware=[SmartPlayMiddleware(episode, **options)]).invoke({"messages": []})
 
     return play
 
 
 def by_graph(model: Model) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
         from smartplay_langchain import GraphSession
 
         from tests.adapters.scripted_langchain import playing_graph
 
-        session = GraphSession(episode)
+        session = GraphSession(episode, **options)
         with model(server, stream) as chat:
             graph = playing_graph(session, lambda state: {"messages": session.ask(chat, state["messages"])})
             graph.invoke({"messages": []}, {"recursion_limit": 200})
@@ -158,7 +158,7 @@ def by_graph(model: Model) -> Play:
 
 
 def by_agents_sdk(model: str) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, settings: Any = None, **options: Any) -> None:
         import agents
         from openai import AsyncOpenAI
         from smartplay_openai.agents import SmartPlayModel
@@ -168,8 +168,10 @@ def by_agents_sdk(model: str) -> Play:
         async def run() -> None:
             async with AsyncOpenAI(base_url=server.base_url, api_key="k", max_retries=0) as client:
                 kept = {"should_replay_reasoning_content": lambda context: True} if "Chat" in model else {}
-                plays = SmartPlayModel(getattr(agents, model)(server.dialect.model, client, **kept), episode)
-                agent = agents.Agent("player", model=plays, tools=plays.tools)
+                inner = getattr(agents, model)(server.dialect.model, client, **kept)
+                plays = SmartPlayModel(inner, episode, **options)
+                own = {} if settings is None else {"model_settings": settings}
+                agent = agents.Agent("player", model=plays, tools=plays.tools, **own)
                 if not stream:
                     await agents.Runner.run(agent, [], max_turns=None, run_config=plays.run_config)
                     return
@@ -183,7 +185,7 @@ def by_agents_sdk(model: str) -> Play:
 
 
 def by_pydantic_ai(interface: str) -> Play:
-    def play(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+    def play(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
         from pydantic_ai import Agent
         from pydantic_ai.models.anthropic import AnthropicModel
         from pydantic_ai.models.openai import OpenAIChatModel, OpenAIResponsesModel
@@ -196,7 +198,7 @@ def by_pydantic_ai(interface: str) -> Play:
         model = {"chat": OpenAIChatModel, "responses": OpenAIResponsesModel, "messages": AnthropicModel}[interface]
         agent = Agent(
             model(server.dialect.model, provider=provider(base_url=server.base_url, api_key="k")),
-            capabilities=[SmartPlay(episode)],
+            capabilities=[SmartPlay(episode, **options)],
         )
 
         async def run() -> None:
@@ -207,7 +209,7 @@ def by_pydantic_ai(interface: str) -> Play:
     return play
 
 
-def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
+def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool, **options: Any) -> None:
     from inspect_ai import Task, eval as evaluate
     from inspect_ai.dataset import Sample
     from inspect_ai.model import get_model
@@ -218,7 +220,7 @@ def by_inspect(server: DialectServer, episode: sp.Episode, stream: bool) -> None
     name = f"{'openai' if is_openai else 'openai-api/server'}/{server.dialect.model}"
     own = {"responses_api": False, "memoize": False}
     model = get_model(name, base_url=server.base_url, api_key="k", **own)
-    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))
+    task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode, **options))
     with TemporaryDirectory() as folder:
         (log,) = evaluate(task, model=model, display="none", max_retries=0, log_dir=folder)
     assert log.status == "success", log.error
