@@ -2,7 +2,8 @@
 
     smartplay-tools model get
     python experiments/entry.py --gemma FILE --qwen FILE            # every format; continues where it stopped
-    python experiments/entry.py --qwen FILE --enter FORMAT          # all in view, and curves if the model enters
+    python experiments/entry.py --qwen FILE --enter NAME            # all in view, and curves if the model enters
+    python experiments/entry.py --adapter FILE --enter taught       # the same of an adapter of local_training.py
     python experiments/entry.py --publish                           # what was played, with three records of every cell
     python experiments/tables.py entry                              # the tables of the page, from the published rows
 
@@ -41,8 +42,10 @@ if TYPE_CHECKING:
 SEED, PAIRS, CALLS = 29_112_026, 4, 10
 LOCKERS, BANDIT = "Lockers6-v0", "BanditTwoArmedHighLowFixed-v0"
 """The games: in `CALLS` calls the first tells six things and asks for four of them."""
-GEMMA = "gemma-3-270m"
+GEMMA, LEARNED = "gemma-3-270m", "smollm2-135m-lockers"
 MODELS = UNTAUGHT, TAUGHT, GEMMA, QWEN
+MODEL = "model"
+"""The model that is asked, among the players of its worlds."""
 FORMATS = ("template", "text", "call", "bare", "words", "legal")
 RULES: Mapping[str, Any] = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
 ENTRY, ENTRY_WORLDS = 0.9, 16
@@ -60,6 +63,7 @@ class Asking:
     seed: int
     caps: Sequence[int] = ()
     histories: Sequence[int] = ()
+    model: str = QWEN
 
     @property
     def curves(self) -> Mapping[str, Mapping[str, int]]:
@@ -108,20 +112,21 @@ def play_formats(out: Path, files: Mapping[str, str]) -> None:
 def play_entry(out: Path, file: str, entry: str) -> None:
     """Play the model and the scripts with all in view, and under every cap and history if the model enters."""
     asked = ASKED[entry]
-    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(QWEN, file, asked.form))
+    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(asked.model, file, asked.form))
     for worlds, way in ((ENTRY_WORLDS, IN_VIEW), *product(ROUNDS, asked.curves), (ROUNDS[-1], IN_VIEW)):
         fields = {"result_tokens": MANUAL, **asked.curves.get(way, {})}
         for player in players:
             play_cell(out / entry / player.name / asked.game / way, player, asked.game, worlds, asked.seed, **fields)
-        if not enters(cells_of(rows_of(out), entry)[QWEN, IN_VIEW]):
+        if not enters(cells_of(rows_of(out), entry)[MODEL, IN_VIEW]):
             return
 
 
 def player_of(model: str, file: str, form: str) -> PlayerConfig:
-    """Return a model that plays in a format."""
+    """Return a model that plays in a format; the file of one that was taught lockers is that of its adapter."""
     from smartplay_local import LocalPlayer
 
-    return PlayerConfig(name=model, factory=LocalPlayer, options={"model": file, "format": form, "threads": 1})
+    files = {"model": UNTAUGHT, "adapter": file} if model == LEARNED else {"model": file}
+    return PlayerConfig(name=model, factory=LocalPlayer, options={**files, "format": form, "threads": 1})
 
 
 def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: int, **fields: Any) -> None:
@@ -137,8 +142,10 @@ Cells = Mapping[tuple[str, str], list[Row]]
 
 def cells_of(rows: Iterable[Row], entry: str) -> Cells:
     """Group the rows of one time that the model was asked to enter by player and way; scripts in its worlds."""
-    cells = grouped((row for row in rows if row["worlds"] == entry), lambda row: (row["player"], row["way"]))
-    played = {way: {row["trial"] for row in own} for (player, way), own in cells.items() if player == QWEN}
+    names = {ASKED[entry].model: MODEL, **{script: script for script in SCRIPTS}}
+    own = (row for row in rows if row["worlds"] == entry)
+    cells = grouped(own, lambda row: (names[row["player"]], row["way"]))
+    played = {way: {row["trial"] for row in own} for (player, way), own in cells.items() if player == MODEL}
     return {
         (player, way): [row for row in own if row["trial"] in played[way]]
         for (player, way), own in cells.items()
@@ -179,7 +186,7 @@ def entry_table(rows: Sequence[Row]) -> str:
     lines = []
     for number, (entry, asked) in enumerate(ASKED.items(), 1):
         cells = cells_of(rows, entry)
-        if own := cells.get((QWEN, IN_VIEW)):
+        if own := cells.get((MODEL, IN_VIEW)):
             failed = "does not enter" if len(own) >= ENTRY_WORLDS else "too few worlds"
             told = [f"{number}", f"{FACTS[asked.game]}", asked.form, *_scores(cells, IN_VIEW)]
             lines.append([*told, "enters" if enters(own) else failed])
@@ -188,7 +195,7 @@ def entry_table(rows: Sequence[Row]) -> str:
 
 def _scores(cells: Cells, way: str) -> list[str]:
     """The worlds, the scores of the model and of the scripts, and its right answers where what they need is in view."""
-    own = cells[QWEN, way]
+    own = cells[MODEL, way]
     scripts = (interval(mean_score(cells[script, way])) for script in SCRIPTS)
     return [f"{len(own)}", interval(mean_score(own)), *scripts, _right(own)]
 
@@ -198,7 +205,7 @@ def curves_table(rows: Sequence[Row]) -> str:
     lines = []
     for entry, asked in ASKED.items():
         cells = cells_of(rows, entry)
-        ways = [way for way in asked.curves if (QWEN, way) in cells]
+        ways = [way for way in asked.curves if (MODEL, way) in cells]
         lines += [[f"{FACTS[asked.game]}", way, *_scores(cells, way)] for way in (*[IN_VIEW] * bool(ways), *ways)]
     return markdown_table(("facts", "way", "worlds", "score", *SCRIPTS, "right where in view"), lines)
 
@@ -209,10 +216,10 @@ def points(rows: Sequence[Row]) -> Mapping[tuple[int, str], Mapping[str, Mapping
     for (entry, asked), bound in product(ASKED.items(), BOUNDS):
         cells = cells_of(rows, entry)
         ways = {way: float(way.split()[1]) for way in asked.curves if way.startswith(bound)}
-        if ways and all((QWEN, way) in cells for way in ways):
+        if ways and all((MODEL, way) in cells for way in ways):
             found[FACTS[asked.game], bound] = {
                 player: {at: mean_score(cells[player, way]) for way, at in (*ways.items(), (IN_VIEW, math.inf))}
-                for player in (QWEN, *SCRIPTS)
+                for player in (MODEL, *SCRIPTS)
             }
     return found
 
@@ -230,7 +237,7 @@ def knee(curve: Mapping[float, MeanEstimate]) -> str:
 def knees_table(rows: Sequence[Row]) -> str:
     """The knees of the model beside those of `reader`."""
     lines = (
-        [f"{facts}", bound, knee(curves[QWEN]), knee(curves["reader"])]
+        [f"{facts}", bound, knee(curves[MODEL]), knee(curves["reader"])]
         for (facts, bound), curves in points(rows).items()
     )
     return markdown_table(("facts", "bound", "its knee", "reader's"), lines)
@@ -246,7 +253,7 @@ def drawn_curves(rows: Sequence[Row]) -> Figure:
             at = [at for at in curve if at < math.inf]
             draw_estimates(panel, at, [curve[each] for each in at], Series.number(look), player)
             counts |= {curve[each].episodes for each in at}
-        knees = f"knee at {knee(curves[QWEN])}, reader's at {knee(curves['reader'])}"
+        knees = f"knee at {knee(curves[MODEL])}, reader's at {knee(curves['reader'])}"
         panel.set(title=f"{facts} things: {knees}", xlabel=BOUNDS[bound], ylabel="right answers", ylim=(0, facts))
     legend_below(drawn, note=sample_note(counts))
     return drawn
