@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.transcript.file import comparable
+from smartplay_tools.records.replays import comparable
 
 GAME = "RockPaperScissorBasic-v0"
 BUDGET = sp.Budget(prompt_tokens=800, slack=0.5)

@@ -17,9 +17,9 @@ from typing import Any
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import AnyReply
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.episode.tools import schema
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec
+from smartplay_tools.tool_formats.schemas import schema
 from smartplay_tools.training.factory import EpisodeFactory, RewardName
 from smartplay_tools.types import Budget, Prompt
 from smartplay_tools.types.messages import Message
