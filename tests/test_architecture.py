@@ -26,6 +26,7 @@ LAYERS = (
     "installation",
     "visible",
     "errors",
+    "threads",
     "streams",
     "registry",
     "files",

@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_not_closed
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
@@ -34,6 +33,7 @@ from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
+from smartplay_tools.threads import apart_from_event_loop
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:
