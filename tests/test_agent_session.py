@@ -14,7 +14,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.episode import AsyncGameTools, GameTools, tool_specs
 from smartplay_tools.records import replay
-from smartplay_tools.transcript.file import comparable
+from smartplay_tools.records.replays import comparable
 from tests import scripts
 
 HANOI = "Hanoi3Disk-v0"

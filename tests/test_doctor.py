@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 import smartplay_tools as sp
 from smartplay_tools.cli import doctor as checkup
 from smartplay_tools.cli.doctor import PartCheck, check_modules
-from smartplay_tools.errors import install_command
+from smartplay_tools.installation import install_command
 from tests.evaluation.command import refused
 
 ROOT = Path(sp.__file__).parents[1]

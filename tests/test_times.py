@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.files.times import times_file
 from smartplay_tools.records import Record
 from smartplay_tools.transcript import keep_times, read_times
-from smartplay_tools.transcript.times import times_file
 
 GAME = "RockPaperScissorBasic-v0"
 

@@ -13,11 +13,12 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.growing_lines import GrowingLines
+from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.records.prompts import recorded_turns
+from smartplay_tools.records.replays import comparable
 from smartplay_tools.transcript import lines as appended
 from smartplay_tools.transcript.events import event_fault
-from smartplay_tools.transcript.file import TranscriptWriter, comparable
+from smartplay_tools.transcript.file import TranscriptWriter
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
 TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)

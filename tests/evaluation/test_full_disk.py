@@ -8,8 +8,8 @@ import gc
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import DiskFullError, is_disk_full
-from smartplay_tools.transcript.lines import AppendedFile
+from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
+from smartplay_tools.files.lines import AppendedFile
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 

@@ -12,12 +12,12 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import spending_sentences
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.suites import suite_games
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.providers.prices import Price
 from tests.evaluation.command import shown_by
 from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered, Waiting
