@@ -29,13 +29,6 @@ def record_in(folder: Path, calls: int = 2) -> Path:
     return path
 
 
-def test_every_event_has_a_time(tmp_path, keeping):
-    record = record_in(tmp_path)
-    times = read_times(record, len(sp.read_transcript(record)))
-    assert None not in times
-    assert times == sorted(times, key=lambda at: at or 0)
-
-
 def test_a_record_says_how_long_each_reply_took(tmp_path, keeping):
     record = Record.read(record_in(tmp_path))
     assert record.seconds.keys() == record.replies.keys()
