@@ -452,6 +452,3 @@ def test_what_a_model_wrote_is_read_and_never_run(show, tmp_path):
             "document.querySelectorAll('body > script').length"
         )
     assert page.title() != "taken"
-
-
-# Ten thousand steps.
