@@ -14,13 +14,14 @@ import pytest
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.cli.progress import _screen, live_table, showing
+from smartplay_tools.cli.progress import _screen, showing
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
 from tests.evaluation.command import shown_by
+from tests.evaluation.runs import under_way
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -28,12 +29,7 @@ BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 def half_played(tmp_path) -> RunFolder:
     """A run's folder as it stands while its second episode is being played."""
     run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=2, executor="inline")
-    record = run.folder.transcript(run.rows[1]["key"])
-    lines = record.read_text().splitlines(keepends=True)
-    (tmp_path / "running" / f"{record.stem}.1.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:30])
-    record.unlink()
-    results = tmp_path / "results.jsonl"
-    results.write_text(results.read_text().splitlines(keepends=True)[0])
+    under_way(tmp_path, run.rows[1]["key"])
     return run.folder
 
 
@@ -76,14 +72,6 @@ def test_one_look_knows_the_newest_failure(tmp_path):
         os.utime(path, times=(time.time() - age,) * 2)
     assert run_snapshot(folder).latest_error.endswith("RuntimeError: b")
     assert RunFollower(folder).snapshot().latest_error == ""
-
-
-def test_what_is_being_played_fits_into_80_columns(tmp_path):
-    console = Console(width=80, file=io.StringIO())
-    console.print(live_table(run_snapshot(half_played(tmp_path)).playing))
-    shown = console.file.getvalue()
-    assert max(map(len, shown.splitlines())) <= 80
-    assert BANDIT in shown.replace("\n", "")
 
 
 def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):
