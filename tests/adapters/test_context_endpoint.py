@@ -94,8 +94,9 @@ class Upstream:
                 for name, value in {"X-Own": "kept", **headers, "transfer-encoding": "chunked"}.items():
                     self.send_header(name, value)
                 self.end_headers()
-                for at in range(0, len(content), 7):  # no event and no character comes whole
-                    piece = content[at : at + 7]
+                size = 7 if upstream.given else len(content)  # no event and no character of a given one comes whole
+                for at in range(0, len(content), size):
+                    piece = content[at : at + size]
                     self.wfile.write(b"%x\r\n%b\r\n" % (len(piece), piece))
                 self.wfile.write(b"0\r\n\r\n")
 
