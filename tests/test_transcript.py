@@ -13,10 +13,10 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.files import lines as appended
 from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.records.prompts import recorded_turns
 from smartplay_tools.records.replays import comparable
-from smartplay_tools.transcript import lines as appended
 from smartplay_tools.transcript.events import event_fault
 from smartplay_tools.transcript.file import TranscriptWriter
 
