@@ -181,22 +181,6 @@ def test_a_call_is_not_played_after_a_later_one_of_its_message():
     assert_replays(agent, events)
 
 
-def test_the_asynchronous_twins_give_the_same_episode():
-    async def played(asynchronous):
-        agent, events = session(BANDIT)
-        for _ in range(3):
-            prompt = await agent.aprompt() if asynchronous else agent.prompt()
-            assert prompt is not None
-            message = reply(act("1", "a"), act("2", "b"))
-            calls = await agent.areceive(message) if asynchronous else agent.receive(message)
-            for call in reversed(calls):
-                await agent.aanswer(call.id) if asynchronous else agent.answer(call.id)
-        agent.episode.close()
-        return list(comparable(events))
-
-    assert asyncio.run(played(True)) == asyncio.run(played(False))
-
-
 class TestToolsOfAnEpisode:
     def test_an_object_with_the_tools_as_methods(self):
         with sp.Episode(HANOI, seed=1, context="host") as episode:

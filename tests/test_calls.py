@@ -170,16 +170,6 @@ def test_the_last_step_says_so_and_later_calls_are_refused():
     assert (episode.result.steps, episode.result.tool_calls, episode.result.end_reason) == (50, 50, "rollout")
 
 
-def test_a_batch_runs_in_the_order_of_the_message():
-    moves = ["Move the top disk of rod A to the top of rod C", "Move the top disk of rod A to the top of rod B"]
-    with sp.Episode(HANOI, seed=0) as episode:
-        calls = [ToolCall("act", {"action": move}) for move in moves]
-        first, second = episode.call_batch(calls)
-    assert "- B: |bottom, [1], top|\n- C: |bottom, [0], top|" in second.text
-    assert "- B: |bottom, [], top|" in first.text
-    assert episode.result.turns == 1
-
-
 def test_first_act_refuses_the_other_actions_of_a_message():
     with sp.Episode(RPS, seed=0, batch="first_act") as episode:
         calls = [ToolCall("observe"), ToolCall("act", {"action": "1"}), ToolCall("act", {"action": "2"})]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from importlib.metadata import version
 from importlib.util import find_spec
 
 import pytest
@@ -140,10 +141,9 @@ def test_the_help_has_every_group():
 
 
 def test_the_version():
-    from importlib.metadata import version
-
     result = run("--version")
-    assert (result.exit_code, result.output) == (0, f"smartplay-tools {version('smartplay-tools')}\n")
+    assert sp.__version__ == version("smartplay-tools")
+    assert (result.exit_code, result.output) == (0, f"smartplay-tools {sp.__version__}\n")
 
 
 def test_a_game_is_ended_after_some_steps_and_the_record_replays(tmp_path):

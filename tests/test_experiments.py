@@ -15,7 +15,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context.prompts.wording import VERSION
-from smartplay_tools.evaluation.runs.sweeps import sweep
 from smartplay_tools.statistics.intervals import Bounds, mean_estimate
 
 ROOT = Path(__file__).parents[1]
@@ -206,14 +205,6 @@ def test_the_judge_of_the_cap_audit_finds_each_fault(experiments):
         ("task", [given[0], *given[2:]], tokens),
     ]:
         assert histories.verdict(given, shown, cap)[name], name
-
-
-@pytest.mark.slow
-def test_the_first_worlds_of_a_question_played_again_are_the_published_rows(experiments, tmp_path):
-    question = importlib.import_module("context").QUESTIONS["history"] | {
-        "games": ["BanditTwoArmedHighLowFixed-v0"], "trials": 5, "vary": {"history": (1, 50)},
-    }  # fmt: skip
-    check_played(experiments["history"], sweep(**question, out=tmp_path / "run", executor="inline").rows, tmp_path)
 
 
 @pytest.mark.slow

@@ -4,37 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.context import ContextWindow
-from smartplay_tools.context.prompts.wording import VERSION, Wording
-from smartplay_tools.context.strategies import Strategies
-from smartplay_tools.context.turns import Item, Turn
 from smartplay_tools.records.prompts import sent_prompts
 from tests import scripts
 from tests.test_edges import calling
 
 GAME = "BanditTwoArmedHighLowFixed-v0"
-
-
-def test_where_the_pins_do_not_fit_the_fold_goes_to_the_newest_turn_also_at_slack_1() -> None:
-    """Turn 1 shows observation 0; with the long turn 2 the pins do not fit; turn 3 shows a newer observation."""
-
-    def turn(number: int, words: str, observation: int | None, step: int) -> Turn:
-        message: Any = {"role": "assistant", "content": words}
-        item = Item({"role": "user", "content": "o"}, step, observation, words=Wording.of(VERSION))
-        items = () if observation is None else (item,)
-        return Turn(number, message, items, made_at=step)
-
-    turns = [turn(0, "a", None, 0), turn(1, "b " * 50, 0, 0), turn(2, "c " * 60, None, 0), turn(3, "d", 1, 1)]
-    episode = sp.Episode(GAME, seed=0, tokenizer=scripts.Words())
-    cap = episode.counter.prompt([], ()) + 100
-    budget = episode.budget.model_copy(update={"prompt_tokens": cap, "history": None, "slack": 1.0})
-    window = ContextWindow([], (), budget, episode.counter, Strategies(budget, episode.counter, Wording.of("v2")))
-    for one in turns:
-        window.append(one)
-    assert [message["content"][0] for message in window.view().messages if message["role"] == "assistant"] == ["c", "d"]
 
 
 def test_results_of_foreign_calls_with_one_id_answer_them_in_order_and_rebuild(tmp_path: Path) -> None:

@@ -35,18 +35,6 @@ def test_every_cell_has_every_world_once(played):
     assert all([row["trial"] for row in rows] == list(range(cells.PUBLISHED.worlds)) for rows in played.rows.values())
 
 
-def test_notes_of_three_digits_are_worth_more_than_dropping():
-    """The teacher of the models that write notes: it takes them every turn, and counts beyond its window."""
-    player = importlib.import_module("learned_teacher").DigitsPlayer
-    budgets = [sp.Budget(prompt_tokens=700), sp.Budget(prompt_tokens=700, notes_tokens=60)]
-    scores = []
-    for budget in budgets:
-        episodes = [sp.Episode("RockPaperScissorBasic-v0", seed=seed, budget=budget) for seed in range(3)]
-        scores.append(sum(sp.play(episode, player(words=False)).score for episode in episodes))
-        assert not any(episode.result.refused_notes for episode in episodes)
-    assert scores[1] > scores[0]
-
-
 @pytest.mark.parametrize(
     "record", sorted((EXPERIMENTS / "learned" / "records").glob("*.jsonl")), ids=lambda path: path.stem
 )

@@ -295,19 +295,6 @@ class TestResume:
             assert len(replay.resumed) == 1
             assert [event["sha256"] for event in sp.read_transcript(path) if event["event"] == "view"] == prompts
 
-    def test_an_attempt_that_was_stopped_goes_on_in_a_new_record(self, tmp_path):
-        first, second = tmp_path / "1.jsonl", tmp_path / "2.jsonl"
-        with sp.Episode(RPS, seed=5, transcript=first) as episode:
-            conversation = sp.Conversation(episode, player="rule")
-            for _ in range(3):
-                conversation.receive(sp.get_player("rule").reply(conversation.prompt()).message)
-            episode.end("run_budget")
-        with sp.resume(first, transcript=second) as resumed:
-            result = sp.play(resumed.conversation, sp.get_player("rule"))
-        with sp.Episode(RPS, seed=5) as episode:
-            assert result == sp.play(episode, sp.get_player("rule"))
-        assert sp.replay(second).identical
-
     def test_an_episode_that_is_over_comes_back_as_it_ended(self, recorded, tmp_path):
         path = write(tmp_path / "over.jsonl", recorded)
         before = path.read_bytes()

@@ -9,10 +9,9 @@ import pytest
 from smartplay_openai import CHAT
 
 from smartplay_tools.providers.tables import ANY, provider_at, providers, rows
-from tests.dialects.rules import DIALECTS, LIMITS, RULES
+from tests.dialects.rules import DIALECTS, RULES
 from tests.dialects.scripts import HOSTILE, ODD, SOLVED
 from tests.dialects.server import in_pieces, whole_answer
-from tests.dialects.ways import WAYS
 
 SAID = [*SOLVED[:2], *HOSTILE.values(), *ODD.values()]
 CHATS = [dialect for dialect in DIALECTS.values() if dialect.interface == "chat"]
@@ -47,12 +46,6 @@ def test_every_name_of_thoughts_at_the_tests_server_is_in_the_provider_s_file():
     known = {(who, row["name"]) for who, row in rows("field")}
     said = [rule for rule in RULES if rule.kind == "says" and rule.act.func.__name__ in ("thoughts_as", "thoughts_in")]
     assert {(who, rule.act.keywords["name"]) for rule in said for who in rule.dialects} <= known
-
-
-def test_every_limit_is_of_a_way_and_a_dialect():
-    for limit in LIMITS:
-        assert {*limit.dialects} <= {*DIALECTS}
-        assert all(any(part in way for way in WAYS) for part in limit.ways)
 
 
 @pytest.mark.parametrize(

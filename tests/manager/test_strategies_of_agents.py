@@ -145,14 +145,6 @@ def test_a_question_nobody_answers_passes_or_leaves_the_compactor_out():
     assert prompt.tokens == total("chat", prompt.messages) <= CAP
 
 
-def test_the_newest_unit_is_cut_where_it_does_not_fit():
-    messages = [*steps(6), *step(6, "word " * 900)]
-    for strategy in (Chosen, cleared):
-        prompt = managed(strategy, result_tokens=None).fit(messages)
-        assert prompt.cut == [len(messages) - 1]
-        assert prompt.tokens == total("chat", prompt.messages) <= CAP
-
-
 def test_a_name_is_a_strategy_as_in_a_budget():
     budget = sp.Budget(history=None, prompt_tokens=CAP, strategy="memory-bm25:tokens=60")
     of_budget = sp.ContextManager.of(budget, tokenizer=Letters())

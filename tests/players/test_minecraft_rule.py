@@ -28,10 +28,6 @@ def test_it_reads_where_things_are():
     assert (cactus.x, cactus.z) == pytest.approx((10 - 28.28, 20 + 28.28), abs=0.01)
 
 
-def test_it_keeps_its_heading():
-    assert choose_heading([sight(0, 20, "south"), sight(0, 35, "south")], DESERT) == "south"
-
-
 def test_it_heads_for_what_betrays_the_goal():
     west = CACTUS.replace("south-west", "west")
     assert choose_heading([sight(0, 20, "south", west)], DESERT) == "west"
@@ -66,11 +62,6 @@ def test_it_stays_near_the_origin():
     assert choose_heading([sight(20, 345, "south"), sight(20, 360, "south")], DESERT) == "west"
     assert choose_heading([sight(-345, 300, "west"), sight(-360, 300, "west")], DESERT) == "north"
     assert choose_heading([sight(-360, 100, "north"), sight(-360, 90, "north")], DESERT) == "north"
-
-
-def test_it_swims_on():
-    swims = [sight(0, 100, "south", SEA, y=61.2), sight(0, 103, "south", SEA, y=61.0)]
-    assert choose_heading(swims, DESERT) == "south"
 
 
 def completion(task: int, seeds: range) -> float:
