@@ -118,7 +118,7 @@ class LocalPlayer(OpenAIPlayer):
         parameters: dict[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        if refused := {"base_url", "api_key", "parse_calls", "stream", "tool_choice"} & options.keys():
+        if refused := {"base_url", "api_key", "stream", "tool_choice"} & options.keys():
             raise InvalidArgumentError(f"A local model takes no {min(refused)}; leave it out, or play openai:MODEL.")
         beside = find_adapter(model) if adapter is None else Path(adapter).expanduser()
         self.loading = Loading(find_model(model), beside, context, threads, slots)
