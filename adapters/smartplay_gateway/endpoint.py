@@ -3,19 +3,17 @@
 `LocalEndpoint` runs it, in a thread beside a test or a script, or in the foreground for the command line. The responses
 (JSON, streams of events, refusals) are those of the window endpoint as well.
 
-With `SimulatedLimits` the endpoint refuses long prompts and frequent requests like a paid service. They are for testing
-agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both refusals are
-deterministic, so a test that fails once fails again.
+With `SimulatedLimits` the endpoint refuses long prompts like a paid service. It is for testing agents: whether an agent
+shortens its prompt, and reports why it stopped.
 """
 
 from __future__ import annotations
 
 import asyncio
-import itertools
 import json
 import uuid
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import extra_named
@@ -60,28 +58,14 @@ class SimulatedLimits:
 
     Arguments:
         context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
-        busy_every: N, where every Nth request is refused with status 429.
-        retry_after: the seconds that such a refusal asks to wait.
     """
 
     context_tokens: int | None = None
-    busy_every: int | None = None
-    retry_after: float = 0.0
-    _requests: itertools.count[int] = field(default_factory=lambda: itertools.count(1), init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Raise an error for limits under which no request would ever be answered."""
         if self.context_tokens is not None and self.context_tokens < 1:
             raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
-        if self.busy_every is not None and self.busy_every < 2:
-            raise InvalidArgumentError(f"busy_every={self.busy_every} would refuse every request; give at least 2.")
-
-    def check_rate(self) -> None:
-        """Count a request; raise `RequestError` if it is to be refused."""
-        if self.busy_every is not None and next(self._requests) % self.busy_every == 0:
-            problem = f"Rate limit reached: this endpoint refuses one in {self.busy_every} requests. Try again."
-            headers = {"retry-after": f"{self.retry_after:g}"}
-            raise RequestError(429, problem, code="rate_limit_exceeded", kind="requests", headers=headers)
 
     def check_length(self, tokens: int, param: str) -> None:
         """Raise `RequestError` if a prompt of this many tokens is too long."""
@@ -283,7 +267,6 @@ class _CompletionRequest:
     prompt: Prompt
     choice: ToolChoice
     tokens: int
-    body: Mapping[str, Any]
 
 
 class _Endpoint:
@@ -301,7 +284,6 @@ class _Endpoint:
             return body, self._read(interface, body) if is_plain else None
 
         async def handle(request: Request) -> Response:
-            self._limits.check_rate()
             body, asked = await read_request(request, read)
             answering = self._managed(body, RESPONSES_SURFACE) if asked is None else self._answer(interface, asked)
             return await respond(request, interface, answering, body)
@@ -310,7 +292,6 @@ class _Endpoint:
 
     async def compact(self, request: Request) -> Response:
         """Answer POST /v1/responses/compact."""
-        self._limits.check_rate()
         body = await read_request(request, dict)
         return await respond(request, RESPONSES, self._managed(body, COMPACT), {})
 
@@ -365,7 +346,7 @@ class _Endpoint:
         tokens = self._counter.prompt(prompt.messages, prompt.tools)
         self._limits.check_length(tokens, "input" if interface is RESPONSES else "messages")
         allowed = choice.restrict(prompt)
-        return _CompletionRequest(player, allowed, choice, tokens, body)
+        return _CompletionRequest(player, allowed, choice, tokens)
 
     def _player(self, model: Any) -> PlayerLike:
         if not isinstance(model, str):

@@ -230,23 +230,9 @@ def test_a_prompt_can_be_too_long():
             assert sp.play(episode, player).end_reason != "host", "who keeps to the limit plays"
 
 
-def test_a_service_can_be_busy():
-    limits = sg.SimulatedLimits(busy_every=3)
-    with (
-        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
-        sp.get_player("openai:rule", base_url=endpoint.base_url, pause=0.0) as player,
-        sp.Episode("Hanoi3Disk-v0", seed=3) as episode,
-    ):
-        result = sp.play(episode, player)
-    assert result.completed
-    requests = result.tokens.provider.requests
-    assert requests - result.turns == requests // 3
-
-
-def test_limits_that_would_refuse_everything_are_refused():
-    for limits in ({"context_tokens": 0}, {"busy_every": 1}):
-        with pytest.raises(sp.InvalidArgumentError, match="would refuse every"):
-            sg.SimulatedLimits(**limits)
+def test_a_limit_that_would_refuse_everything_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="would refuse every"):
+        sg.SimulatedLimits(context_tokens=0)
 
 
 # Whatever is sent.
