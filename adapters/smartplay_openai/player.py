@@ -128,7 +128,7 @@ class OpenAIPlayer(ModelPlayer):
         usual = cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
         self._limit_field = limit_field or usual
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
-        self._optional, self.manages_context = OptionalFields(self.name, own), asks_management(parameters)
+        self.optional, self.manages_context = OptionalFields(self.name, own), asks_management(parameters)
         self._stream, self._typed = stream, typed
         fields = openai_cache_fields(model, base_url)
         self._sends_key, self._marks = cache and fields.key, cache and fields.marks
@@ -140,11 +140,7 @@ class OpenAIPlayer(ModelPlayer):
         """Return the body of the request for a prompt."""
         own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._sends_key else self._always
         request = self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
-        return self._optional.fit(request)
-
-    def mended(self, request: dict[str, Any], error: Exception) -> bool:
-        """Whether the server refused an optional field, which is now left out."""
-        return self._optional.mend(request, error)
+        return self.optional.fit(request)
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""
