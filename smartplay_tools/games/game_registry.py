@@ -138,7 +138,6 @@ class GameSpec(Scoring):
     user has named it so; they are not given.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
-    `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
 
     id: str
@@ -150,7 +149,6 @@ class GameSpec(Scoring):
     challenges: Mapping[str, int] = field(default_factory=dict)
     memory: int | Literal["all"] | None = None
     action_count: int | None = None
-    gymnasium_entry_point: str | None = None
     file: str | None = None
     sha256: str | None = None
 
@@ -306,11 +304,10 @@ def _register_with_gymnasium(spec: GameSpec) -> None:
     import gymnasium
 
     name = f"smartplay/{spec.id}"
-    creator: Any = spec.gymnasium_entry_point or spec.entry_point
     gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
     gymnasium.register(
         name,
-        creator,
+        spec.entry_point,
         kwargs=_with_lists({"history": spec.history, **spec.kwargs}),
         max_episode_steps=spec.rollout,
     )
