@@ -10,7 +10,7 @@ from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
 from smartplay_tools.games.crafter.fast import CrafterEngine, FastEngine
-from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
+from smartplay_tools.games.crafter.text import ACTIONS, NUMBERED_ACTIONS, describe
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.types.pictures import Picture
 
@@ -64,7 +64,7 @@ class Crafter(TextGame):
         if picture_size < SMALLEST_PICTURE:
             raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
         self.manual = read_text(__package__, "manual.txt")
-        super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
+        super().__init__(**options)
         self.engine = engine
         self._corrected = text == "corrected"
         self._picture_size = picture_size
