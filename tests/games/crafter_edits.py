@@ -19,10 +19,10 @@ from crafter import objects
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.pictures import draw
-from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.text import describe
 from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place, position
 from smartplay_tools.games.crafter.worldgen import FIELDS, points
+from tests.games.reference import ReferenceEngine
 
 ACTION = {name: number for number, name in enumerate(facts.ACTIONS)}
 CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)

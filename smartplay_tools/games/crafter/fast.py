@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,6 @@ from smartplay_tools.games.crafter.world import (
     cells_around,
     position,
 )
-
-if TYPE_CHECKING:
-    from smartplay_tools.games.crafter.reference import ReferenceEngine
-
-CrafterEngine: TypeAlias = "FastEngine | ReferenceEngine"
-"""A world that can be played; both are made with `(seed, episode, keep_grain=...)` and have the same methods."""
 
 
 class FastEngine:
