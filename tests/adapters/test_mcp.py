@@ -16,7 +16,7 @@ import httpx2
 import pytest
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, serve_stdio
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, serve_stdio
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
@@ -32,11 +32,6 @@ def text_of(result: Any) -> str:
     return part.text
 
 
-def in_memory(episode: sp.Episode) -> Any:
-    table = HostedEpisode(episode)
-    return game_server(lambda _: table)
-
-
 @asynccontextmanager
 async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
     async with (
@@ -46,11 +41,21 @@ async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
         yield streams
 
 
+@asynccontextmanager
+async def client_of(episode: sp.Episode, mode: str = "auto") -> Any:
+    """A client of a server that has an episode."""
+    store = EpisodeStore()
+    with HttpServer(store, port=0) as server:
+        handle = store.add(lambda handle: HostedEpisode(episode))
+        async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+            yield client
+
+
 @pytest.mark.parametrize("mode", MODES)
 class TestServer:
     async def test_the_schemas_are_ours_to_the_letter(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             listed = (await client.list_tools()).tools
         assert [(t.name, t.description, t.input_schema) for t in listed] == [
             (t.name, t.description, dict(t.parameters)) for t in episode.tools
@@ -58,14 +63,14 @@ class TestServer:
 
     async def test_the_model_is_told_no_more_than_the_text(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             result = await client.call_tool(*act("A->C"))
         assert text_of(result).startswith("You tried to move")
         assert "score" not in json.dumps(result.model_dump(mode="json"))
 
     async def test_the_manual_is_a_resource_and_a_tool(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (resource,) = (await client.list_resources()).resources
             (content,) = (await client.read_resource(str(resource.uri))).contents
             assert content.text == text_of(await client.call_tool("read_manual")) == episode.game.manual
@@ -74,21 +79,21 @@ class TestServer:
 
     async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
         episode, _ = fresh(context="host", manual="none")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             assert (await client.list_resources()).resources == []
             with pytest.raises(MCPError, match="There is no resource"):
                 await client.read_resource(MANUAL)
 
     async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             for _ in range(3):
                 await client.call_tool(*act("A->C"), meta={CALL_KEY: "k1"})
         assert episode.stats.steps == 1
 
     async def test_calls_at_once_are_played_one_at_a_time(self, mode):
         episode, events = fresh(sp.Budget(stalled_turns=None), context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             await asyncio.gather(*(client.call_tool("observe") for _ in range(20)))
         assert [event["turn"] for event in events if event["event"] == "call"] == list(range(20))
 

@@ -15,12 +15,12 @@ from urllib.parse import urlsplit
 
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, open_episode
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, open_episode
 
 import smartplay_tools as sp
 from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
-from tests.adapters.test_mcp import post
+from tests.adapters.test_mcp import client_of, post
 from tests.processes import printed_by
 
 
@@ -46,8 +46,7 @@ class TestWhatHostsShow:
     async def test_the_text_stands_where_hosts_look_for_it(self, mode):
         """pydantic-ai, Claude Code and VS Code show a model the structured content and nothing else."""
         episode, _ = fresh(context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (_, act_tool, _) = (await client.list_tools()).tools
             result = await client.call_tool(*act("A->C"))
         assert result.structured_content["text"] == result.content[0].text
@@ -70,8 +69,7 @@ class TestWhatHostsShow:
 
     async def test_the_manual_resource_is_cut_and_recorded_as_the_tool_is(self, mode):
         episode, events = fresh(sp.Budget(result_tokens=40), context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (content,) = (await client.read_resource(MANUAL)).contents
         assert content.text == episode.manual_text != episode.game.manual
         assert [event["name"] for event in events if event["event"] == "call"] == ["read_manual"]
@@ -254,10 +252,9 @@ class TestHalfCharacters:
         assert answer.status_code == 200
         assert answer.json()["result"]["isError"]
 
-    async def test_in_this_process_they_are_answered_and_recorded(self):
+    async def test_they_are_recorded(self):
         episode, events = fresh(context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted)) as client:
+        async with client_of(episode) as client:
             result = await client.call_tool("act", HALF)
         assert result.is_error
         (call,) = (event for event in events if event["event"] == "call")
