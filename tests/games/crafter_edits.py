@@ -85,7 +85,7 @@ class Fast(FastEngine):
     """The engine in Python."""
 
     def __init__(self, seed: int, episode: int) -> None:
-        super().__init__(seed, episode, keep_grain=True)
+        super().__init__(seed, episode)
 
     def give(self, amounts: dict[str, int]) -> None:
         self.player.inventory.update(amounts)

@@ -28,16 +28,14 @@ class FastEngine:
     Attributes:
         steps: the steps since the world began.
         world, player: the parts.
-
-    With `keep_grain` the draws of a step at night are kept for its picture.
     """
 
-    def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
+    def __init__(self, seed: int, episode: int) -> None:
         self.steps = 0
         self.world = World(world_seed(seed, episode))
         self.player = CrafterPlayer(self.world)
         self._grain: NDArray[np.float64] | None = None
-        self._keep_grain = keep_grain
+        """The draws of a step at night, for its picture."""
         self._last_health = self.player.health
 
     def step(self, action: int) -> float:
@@ -55,8 +53,7 @@ class FastEngine:
                 UPDATE[thing.kind](world, thing, player)
         if self.steps % INTERVAL == 0:
             balance(world, at, now)
-        grain = world.stream.uniforms(NIGHT_PIXELS) if now.night else None
-        self._grain = grain if self._keep_grain else None
+        self._grain = world.stream.uniforms(NIGHT_PIXELS) if now.night else None
         health_change = player.health - self._last_health
         self._last_health = player.health
         return health_change / 10 + (len(player.unlocked) > unlocked)

@@ -43,6 +43,7 @@ class Crafter(TextGame):
     engines: ClassVar[tuple[str, ...]] = ("fast",)
     picture_engines: ClassVar[tuple[str | None, ...]] = engines
     actions = ACTIONS
+    numbered_actions = NUMBERED_ACTIONS
 
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
@@ -59,11 +60,6 @@ class Crafter(TextGame):
         self._seed: int | None = None
         self._episode = 0
         self._world: FastEngine
-
-    @property
-    def numbered_actions(self) -> tuple[str, ...]:
-        """The actions as the manual numbers them: from Move West to Noop."""
-        return NUMBERED_ACTIONS
 
     def deviations(self) -> dict[str, Any]:
         """The corrected text, if it is played; the engine plays the paper's game."""
@@ -82,8 +78,7 @@ class Crafter(TextGame):
             self._seed, self._episode = self.np_random_seed, 0
         self._episode += 1
         self.score = 0.0
-        keep_grain = self.render_mode == "rgb_array" or self.shows_pictures
-        self._world = FastEngine(self._seed, self._episode, keep_grain=keep_grain)
+        self._world = FastEngine(self._seed, self._episode)
         self._world.step(NOOP)
         # The original records this step twice: as a step of the agent, and as the observation of the reset.
         self.before_reset = (self._describe(NOOP),)
