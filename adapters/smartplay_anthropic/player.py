@@ -55,6 +55,7 @@ class AnthropicPlayer(ModelPlayer):
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
+    optional: OptionalFields
     observations = ("text", "picture", "both")
     failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError, UnicodeDecodeError)
 

@@ -88,6 +88,7 @@ class OpenAIPlayer(ModelPlayer):
     # Version 2 of the client raises the transport's own errors if a body or a stream ends early.
     failures = (openai.OpenAIError, _transport.TransportError, BrokenAnswerError, json.JSONDecodeError)
 
+    optional: OptionalFields
     _registered = "openai"
     _interface: Interface = CHAT
     _arguments_of_client = arguments_of(Completions.create)
