@@ -35,7 +35,7 @@ def page_of(runs: list[Path], folder: Path) -> Page:
     return Page(write_report(runs, folder / "page.html"))
 
 
-def test_several_runs_become_a_page_that_compares_them(page):
+def test_several_runs_become_a_page_that_compares_them(runs, page):
     index = page.unpack("index")["episodes"]
     assert [(episode["run"], episode["player"]) for episode in index[::2]] == [
         *[("A", "rule")] * 2,
@@ -47,6 +47,10 @@ def test_several_runs_become_a_page_that_compares_them(page):
     assert "In all of A: 4 finished episodes" in page.words
     assert "In all of B: 8 finished episodes" in page.words
     assert "The run’s manifest (A)" in page.words
+    names = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
+    assert "Figure: frontier" in names
+    assert len(names) == len(set(names)), "one of each, and not one for each run"
+    assert not any((run / "figures").exists() for run in runs), "a report writes its page and nothing else"
 
 
 def test_pairs_met_the_same_world_and_are_of_the_same_player_where_there_is_one(page):
@@ -63,15 +67,6 @@ def test_pairs_met_the_same_world_and_are_of_the_same_player_where_there_is_one(
         assert first["player"] == "rule"
 
 
-def test_the_same_run_twice_keeps_its_episodes_apart(runs, tmp_path):
-    copied = tmp_path / "copy"
-    sp.evaluate([RPS, HANOI], ["rule"], out=copied, trials=2, executor="inline")
-    page = page_of([runs[0], copied], tmp_path)
-    keys = [episode["key"] for episode in page.unpack("index")["episodes"]]
-    assert [key.partition(".")[2] for key in keys[:4]] == [key.partition(".")[2] for key in keys[4:]]
-    assert "0/2/0" in page.words
-
-
 def test_runs_without_a_game_in_common_are_one_page_without_a_comparison(runs, tmp_path):
     sp.evaluate([BANDIT], ["rule"], out=tmp_path / "other", trials=1, executor="inline")
     page = page_of([runs[0], tmp_path / "other"], tmp_path)
@@ -84,12 +79,6 @@ def test_the_command_takes_several_runs(runs, tmp_path):
     shown_by("report", *runs, "--out", out)
     assert "W/T/L" in Page(out).words
     assert "named twice" in refused("report", runs[0], runs[0], "--out", out)
-
-
-def test_several_runs_share_their_figures(page):
-    names = [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
-    assert "Figure: frontier" in names
-    assert len(names) == len(set(names)), "one of each, and not one for each run"
 
 
 # In a browser.
@@ -119,41 +108,18 @@ def test_two_episodes_are_moved_through_together(show, runs):
     page.wait_for_selector("#run:not([hidden])")
 
 
-def test_two_episodes_of_a_run_are_ticked_and_compared(show, tmp_path):
-    record(tmp_path / "run" / "a.jsonl", HANOI)
-    record(tmp_path / "run" / "b.jsonl", HANOI, "random")
-    record(tmp_path / "run" / "c.jsonl", BANDIT)
-    page = show(tmp_path / "run")
-    boxes = page.locator("#episodes .pick")
-    assert boxes.count() == 3
-    assert page.locator("#compare-picked").is_disabled()
-    boxes.nth(0).check()
-    boxes.nth(1).check()
-    page.click("#compare-picked")
-    page.wait_for_selector("#compare:not([hidden])")
-    assert page.locator("#compare-sides h2").all_text_contents() == ["rule", "random"], "the rest they have in common"
-    assert page.text_content("#compare-lead").startswith("Hanoi3Disk-v0, seed 7. ")
-    assert page.locator(".side-band .cell").count() == 0, "at the beginning there is nothing to see"
-    page.keyboard.press("End")
-    assert "it ended at step 7" in page.locator(".card.side0").text_content()
-    assert page.locator(".side0 .side-band .cell").count() == 7
-    page.locator(".card.side0 h2 a").click()
-    page.wait_for_selector("#player:not([hidden])")
-    page.go_back()
-    page.wait_for_selector("#compare:not([hidden])")
-
-
 def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
     budgets = {"drop": {"history": 4}, "long": {"history": 8}, "notes": {"history": 4, "notes_tokens": 100}}
     for name, budget in budgets.items():
         record(tmp_path / "run" / f"{name}.jsonl", BANDIT, "rule-notes", **budget)
     page = show(tmp_path / "run")
+    assert page.locator("#compare-picked").is_disabled()
     for box in page.locator("#episodes .pick").all():
         box.check()
     page.click("#compare-picked")
     page.wait_for_selector("#compare:not([hidden])")
     titles = page.locator("#compare-sides h2").all_text_contents()
-    assert titles == ["history 4", "history 8", "history 4, notes ≤ 100"]
+    assert titles == ["history 4", "history 8", "history 4, notes ≤ 100"], "the rest they have in common"
     assert "From step 7 on their prompts do not reach equally far back" in page.text_content("#compare-lead")
     page.keyboard.press("End")
     assert page.locator(".side-band svg").count() == page.locator("#compare-scores .curve").count() == 3
@@ -161,6 +127,10 @@ def test_strategies_on_one_seed_are_compared_with_one_clock(show, tmp_path):
     page.reload()
     page.wait_for_selector("body[data-ready]")
     assert page.locator("#compare-sides .side").count() == 3
+    page.locator(".card.side0 h2 a").click()
+    page.wait_for_selector("#player:not([hidden])")
+    page.go_back()
+    page.wait_for_selector("#compare:not([hidden])")
 
 
 def test_equal_episodes_are_said_to_be_equal(show, tmp_path):
@@ -170,10 +140,3 @@ def test_equal_episodes_are_said_to_be_equal(show, tmp_path):
     assert "the same actions and see the same observations" in page.text_content("#compare-lead")
     assert page.locator("#compare-difference").is_disabled()
     assert page.locator("#compare-facts tr.differs").count() == 0
-
-
-def test_a_comparison_that_is_not_there_is_the_run(show, tmp_path):
-    record(tmp_path / "run" / "a.jsonl", RPS)
-    page = show(tmp_path / "run", "#compare=a&with=nothing")
-    assert page.locator("#run").is_visible()
-    assert page.locator("#compare").is_hidden()
