@@ -3,7 +3,7 @@
 `LocalEndpoint` runs it, in a thread beside a test or a script, or in the foreground for the command line. The responses
 (JSON, streams of events, refusals) are those of the window endpoint as well.
 
-With `SimulatedLimits` the endpoint refuses long prompts like a paid service. It is for testing agents: whether an agent
+With `context_tokens` the endpoint refuses long prompts like a paid service. It is for testing agents: whether an agent
 shortens its prompt, and reports why it stopped.
 """
 
@@ -49,29 +49,6 @@ from smartplay_tools.players.wire import CHAT, RESPONSES, Event, Interface, Requ
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
 from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded
-
-
-@dataclass
-class SimulatedLimits:
-    """The limits of an endpoint; by default there are none.
-
-    Arguments:
-        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
-    """
-
-    context_tokens: int | None = None
-
-    def __post_init__(self) -> None:
-        """Raise an error for limits under which no request would ever be answered."""
-        if self.context_tokens is not None and self.context_tokens < 1:
-            raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
-
-    def check_length(self, tokens: int, param: str) -> None:
-        """Raise `RequestError` if a prompt of this many tokens is too long."""
-        if self.context_tokens is not None and tokens > self.context_tokens:
-            problem = f"This model's maximum context length is {self.context_tokens} tokens, the prompt has {tokens}."
-            raise RequestError(400, problem, param=param, code="context_length_exceeded")
-
 
 T = TypeVar("T")
 
@@ -226,7 +203,7 @@ PlayerLike = Player | AsyncPlayer
 def endpoint_app(
     *players: PlayerLike,
     api_key: str | None = None,
-    limits: SimulatedLimits | None = None,
+    context_tokens: int | None = None,
     hosts: Sequence[str] = (),
     origins: Sequence[str] = (),
 ) -> ASGIApp:
@@ -238,11 +215,11 @@ def endpoint_app(
     Arguments:
         players: the players.
         api_key: a key that requests must have.
-        limits: simulated limits of a paid service; requests that exceed them are refused.
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
         hosts: the names under which it is reached, in addition to this machine's own; with or without a port.
         origins: the web pages that may use it from a browser.
     """
-    endpoint = _Endpoint(players, limits or SimulatedLimits())
+    endpoint = _Endpoint(players, context_tokens)
 
     async def admit(request: Request) -> Response | None:
         return None if api_key is None or carries(request, api_key) else await refuse(request, WRONG_KEY)
@@ -269,11 +246,11 @@ class _CompletionRequest:
 
 
 class _Endpoint:
-    def __init__(self, players: tuple[PlayerLike, ...], limits: SimulatedLimits) -> None:
+    def __init__(self, players: tuple[PlayerLike, ...], most: int | None) -> None:
         self._players = {player.name: player for player in players}
-        self._limits = limits
+        self._most = most
         self._counter = TokenCounter()
-        self._manager = ContextManager(limits.context_tokens)
+        self._manager = ContextManager(most)
 
     def handler(self, interface: Interface) -> Any:
         """Return the function that answers an interface's requests."""
@@ -346,7 +323,10 @@ class _Endpoint:
         player = self._player(body.get("model"))
         prompt, choice = interface.read(body), interface.read_tool_choice(body)
         tokens = self._counter.prompt(prompt.messages, prompt.tools)
-        self._limits.check_length(tokens, "input" if interface is RESPONSES else "messages")
+        if self._most is not None and tokens > self._most:
+            problem = f"This model's maximum context length is {self._most} tokens, the prompt has {tokens}."
+            param = "input" if interface is RESPONSES else "messages"
+            raise RequestError(400, problem, param=param, code="context_length_exceeded")
         allowed = choice.restrict(prompt)
         return _CompletionRequest(player, allowed, choice, tokens)
 
@@ -387,7 +367,7 @@ class LocalEndpoint(Server):
         players: the players; a request's `model` is a player's name.
         host, port: the address; port 0 is a free port. The address is bound at once.
         api_key: a key that requests must have.
-        limits: simulated limits of a paid service, on the length of prompts and the rate of requests.
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
         hosts, origins: names under which it is reached, and web pages that may use it. An address that other machines
             reach needs the names and a key.
         app: an ASGI application to serve instead, such as one around `endpoint_app`.
@@ -399,12 +379,12 @@ class LocalEndpoint(Server):
         host: str = "127.0.0.1",
         port: int = 0,
         api_key: str | None = None,
-        limits: SimulatedLimits | None = None,
+        context_tokens: int | None = None,
         hosts: Sequence[str] = (),
         origins: Sequence[str] = (),
         app: Any = None,
     ) -> None:
         check_address(host, api_key, hosts)
-        made = endpoint_app(*players, api_key=api_key, limits=limits, hosts=hosts, origins=origins)
+        made = endpoint_app(*players, api_key=api_key, context_tokens=context_tokens, hosts=hosts, origins=origins)
         super().__init__(app or made, host, port, asks=players)
         self.base_url = f"{self.url}/v1"

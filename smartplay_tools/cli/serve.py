@@ -61,7 +61,7 @@ def openai(
     adapter = importlib.import_module(ENDPOINT)
     endpoint = adapter.LocalEndpoint(
         *players,
-        limits=adapter.SimulatedLimits(context_tokens=context_tokens),
+        context_tokens=context_tokens,
         host=host,
         port=port,
         api_key=api_key,

@@ -213,13 +213,12 @@ def test_a_tool_that_is_no_function_is_refused_in_a_true_sentence(client, tool):
         asked(client, tools=[tool])
 
 
-# Simulated limits.
+# The length of prompts.
 
 
 def test_a_prompt_can_be_too_long():
-    limits = sg.SimulatedLimits(context_tokens=400)
     with (
-        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
+        sg.LocalEndpoint(sp.get_player("rule"), context_tokens=400) as endpoint,
         sp.get_player("openai:rule", base_url=endpoint.base_url) as player,
     ):
         with sp.Episode("Hanoi3Disk-v0", seed=3) as episode:
@@ -231,8 +230,8 @@ def test_a_prompt_can_be_too_long():
 
 
 def test_a_limit_that_would_refuse_everything_is_refused():
-    with pytest.raises(sp.InvalidArgumentError, match="would refuse every"):
-        sg.SimulatedLimits(context_tokens=0)
+    with pytest.raises(sp.InvalidArgumentError, match="from 1 on"):
+        sg.LocalEndpoint(sp.get_player("rule"), context_tokens=0)
 
 
 # Whatever is sent.
