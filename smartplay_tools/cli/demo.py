@@ -26,9 +26,9 @@ from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players.player_registry import get_player
 from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records.replays import replay
+from smartplay_tools.records.replays import comparable, replay
 from smartplay_tools.terminal import Console, say
-from smartplay_tools.transcript.file import comparable, read_transcript
+from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import Budget, EpisodeResult, Player
 
 GAMES = {"BanditTwoArmedHighLowFixed-v0": 700, "RockPaperScissorBasic-v0": 800, "Hanoi3Disk-v0": 600}

@@ -50,12 +50,13 @@ def schema(
 
     Example: smartplay-tools schema Hanoi3Disk-v0 --format anthropic
     """
-    from smartplay_tools.episode import Episode, tools
+    from smartplay_tools.episode import Episode
+    from smartplay_tools.tool_formats.schemas import SchemaFormat, schema
 
-    if form not in get_args(tools.SchemaFormat):
-        raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(tools.SchemaFormat))}.")
+    if form not in get_args(SchemaFormat):
+        raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(SchemaFormat))}.")
     with keep_streams(), Episode(game, seed=0) as episode:
-        schemas = [tools.schema(tool, cast(tools.SchemaFormat, form)) for tool in episode.tools]
+        schemas = [schema(tool, cast(SchemaFormat, form)) for tool in episode.tools]
         print(json.dumps(schemas, indent=2), file=own_output())
 
 

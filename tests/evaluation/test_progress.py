@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 import smartplay_tools as sp
-from smartplay_tools.cli.progress import _screen, live_table, showing
+from smartplay_tools.cli.progress import _screen, showing
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, run_snapshot
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
@@ -72,14 +72,6 @@ def test_one_look_knows_the_newest_failure(tmp_path):
         os.utime(path, times=(time.time() - age,) * 2)
     assert run_snapshot(folder).latest_error.endswith("RuntimeError: b")
     assert RunFollower(folder).snapshot().latest_error == ""
-
-
-def test_what_is_being_played_fits_into_80_columns(tmp_path):
-    console = Console(width=80, file=io.StringIO())
-    console.print(live_table(run_snapshot(half_played(tmp_path)).playing))
-    shown = console.file.getvalue()
-    assert max(map(len, shown.splitlines())) <= 80
-    assert BANDIT in shown.replace("\n", "")
 
 
 def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):

@@ -77,12 +77,6 @@ def test_a_run_file_says_everything_and_the_command_line_overrides(tmp_path, wri
 
 @pytest.mark.slow
 def test_an_option_and_a_server_can_be_one_players(tmp_path):
-    cells = make_cells(
-        [HANOI],
-        ["rule", PlayerConfig(name="random"), PlayerConfig(name="openai:m", options={"stream": True})],
-        [sp.Budget()],
-    )
-    assert [dict(cell.player_options) for cell in cells] == [{}, {}, {"stream": True}]
     reply = completion(calling("act", action="1"))
     with serving(lambda body, number: reply) as (one, first), serving(lambda body, number: reply) as (other, second):
         code, _, stderr = run(

@@ -16,13 +16,12 @@ def squares(numbers: Sequence[int]) -> list[int]:
     return [number**2 for number in numbers]
 
 
-def slow_at_home(numbers: Sequence[int], *, home: int, pause: float, dies: bool = False) -> list[tuple[int, int]]:
-    """Return the numbers with the process; slow in the first process, so that the others do most, or die."""
-    if os.getpid() == home:
-        time.sleep(pause)
-    elif dies:
+def dies_elsewhere(numbers: Sequence[int], *, home: int) -> list[tuple[int, int]]:
+    """Return the numbers with the process; slow in the first process, so that others begin, which die."""
+    if os.getpid() != home:
         os._exit(1)
-    return [(number, os.getpid()) for number in numbers]
+    time.sleep(0.02)
+    return [(number, home) for number in numbers]
 
 
 def refuse(numbers: Sequence[int]) -> list[int]:
@@ -43,17 +42,8 @@ def test_every_item_is_done_once_and_its_place_is_told(processes, count):
 
 
 @pytest.mark.slow
-def test_another_process_gets_its_next_chunk_when_one_is_done():
-    work = functools.partial(slow_at_home, home=os.getpid(), pause=0.1)
-    done = [item for _, items in sorted(parallel_map(work, range(400), 3)) for item in items]
-    assert [number for number, _ in done] == list(range(400))
-    elsewhere = sum(process != os.getpid() for _, process in done)
-    assert elsewhere > 100
-
-
-@pytest.mark.slow
 def test_when_the_other_processes_die_this_one_does_their_work():
-    work = functools.partial(slow_at_home, home=os.getpid(), pause=0.02, dies=True)
+    work = functools.partial(dies_elsewhere, home=os.getpid())
     done = [item for _, items in sorted(parallel_map(work, range(200), 3)) for item in items]
     assert done == [(number, os.getpid()) for number in range(200)]
 

@@ -12,8 +12,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from smartplay_tools.errors import DamageError, InvalidArgumentError, damage_named, in_one_line, warn_damaged
+from smartplay_tools.errors import InvalidArgumentError, in_one_line
 from smartplay_tools.evaluation.exports.sft import EpisodeSelection
+from smartplay_tools.records.damage import DamageError, damage_named, warn_damaged
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 

@@ -27,8 +27,9 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError, warn_damaged
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import records_in
+from smartplay_tools.records.damage import warn_damaged
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import recorded_pictures
