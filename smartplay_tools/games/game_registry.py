@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError, warned_if_not_closed
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
@@ -303,11 +303,11 @@ def _load(declared: EntryPoint) -> GameSpec:
 def _register_with_gymnasium(spec: GameSpec) -> None:
     import gymnasium
 
-    name = f"smartplay/{spec.id}"
+    name, creator = f"smartplay/{spec.id}", cast(Any, spec.entry_point)
     gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
     gymnasium.register(
         name,
-        spec.entry_point,
+        creator,
         kwargs=_with_lists({"history": spec.history, **spec.kwargs}),
         max_episode_steps=spec.rollout,
     )
