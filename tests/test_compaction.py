@@ -26,7 +26,7 @@ from smartplay_tools.providers.prices import Price
 from smartplay_tools.records import Record, replay, resume, sent_prompts
 from smartplay_tools.records.requests import requests_of
 from smartplay_tools.types.messages import text_of
-from tests.evaluation.test_continuing import interrupt
+from tests.evaluation.runs import under_way
 
 RPS = "RockPaperScissorBasic-v0"
 MARKER = "[observation left the history window]"
@@ -589,7 +589,7 @@ def test_the_other_player_has_its_state_again_where_an_episode_goes_on(tmp_path)
     run = sp.evaluate([RPS], ["random"], **given)
     key = run.rows[0]["key"]
     answers = [event["reply"]["content"] for event in Record.read(run.transcript(key)).questions]
-    interrupt(run.folder, key, 0.6)
+    under_way(tmp_path / "run", key)
     again = Record.read(sp.evaluate([RPS], ["random"], **given).transcript(key))
     assert again.resumes
     assert [event["reply"]["content"] for event in again.questions] == answers
