@@ -18,7 +18,7 @@ from typing import Any
 EXTRAS = ("openai", "serve", "evaluation")
 
 NOT_IN_THE_DEMO = {
-    "crafter": "pictures and the reference engine of Crafter",
+    "crafter": "pictures of Crafter",
     "genai-prices": "prices of models",
     "matplotlib": "figures",
 }

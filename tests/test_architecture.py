@@ -135,7 +135,6 @@ OTHERS = {
     "smartplay_langchain.calls": "a tool is invoked",
     "smartplay_langchain.toolkit": "a tool is invoked",
     "smartplay_local.engine": "tokens are counted, and a template is written",
-    "smartplay_mcp.server": "a message of the protocol is handled",
     "smartplay_gateway.window.app": "a request of a host is handed to its episode",
     "smartplay_pydantic_ai.capability.SmartPlay.wrap_tool_execute": "a tool is run",
 }

@@ -55,6 +55,7 @@ class AnthropicPlayer(ModelPlayer):
         options: those of `ModelPlayer`: `seed`, `retries`, `pause`, `at_once`.
     """
 
+    optional: OptionalFields
     observations = ("text", "picture", "both")
     failures = (anthropic.APIError, BrokenAnswerError, json.JSONDecodeError, UnicodeDecodeError)
 
@@ -88,7 +89,7 @@ class AnthropicPlayer(ModelPlayer):
             "timeout": anthropic.Timeout(timeout, connect=min(timeout, LONGEST_CONNECT)),
         }
         self._check_key()
-        self._optional, self.manages_context = OptionalFields(self.name, parameters or {}), asks_management(parameters)
+        self.optional, self.manages_context = OptionalFields(self.name, parameters or {}), asks_management(parameters)
         self._limit, self._cache = limit, checked_marks(cache)
         self._always = {"model": model, **(parameters or {})}
 
@@ -106,11 +107,7 @@ class AnthropicPlayer(ModelPlayer):
 
     def request(self, prompt: Prompt) -> dict[str, Any]:
         """Return the arguments of the request for a prompt."""
-        return self._optional.fit(codec.request(prompt, limit=self._limit, cache=self._cache, own=self._always))
-
-    def mended(self, request: dict[str, Any], error: Exception) -> bool:
-        """Whether the server refused an optional field, which is now left out."""
-        return self._optional.mend(request, error)
+        return self.optional.fit(codec.request(prompt, limit=self._limit, cache=self._cache, own=self._always))
 
     def new_client(self) -> anthropic.Anthropic:
         """Return a synchronous client."""

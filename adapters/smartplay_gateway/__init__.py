@@ -15,11 +15,7 @@ from typing import TYPE_CHECKING
 from smartplay_tools.registry import lazy_exports
 
 if TYPE_CHECKING:
-    from smartplay_gateway.endpoint import (
-        LocalEndpoint as LocalEndpoint,
-        SimulatedLimits as SimulatedLimits,
-        endpoint_app as endpoint_app,
-    )
+    from smartplay_gateway.endpoint import LocalEndpoint as LocalEndpoint, endpoint_app as endpoint_app
     from smartplay_gateway.passing import ContextEndpoint as ContextEndpoint
     from smartplay_gateway.window.app import WindowEndpoint as WindowEndpoint, window_app as window_app
     from smartplay_gateway.window.store import WindowStore as WindowStore

@@ -3,19 +3,17 @@
 `LocalEndpoint` runs it, in a thread beside a test or a script, or in the foreground for the command line. The responses
 (JSON, streams of events, refusals) are those of the window endpoint as well.
 
-With `SimulatedLimits` the endpoint refuses long prompts and frequent requests like a paid service. They are for testing
-agents: whether an agent shortens its prompt, waits and retries, and reports why it stopped. Both refusals are
-deterministic, so a test that fails once fails again.
+With `context_tokens` the endpoint refuses long prompts like a paid service. It is for testing agents: whether an agent
+shortens its prompt, and reports why it stopped.
 """
 
 from __future__ import annotations
 
 import asyncio
-import itertools
 import json
 import uuid
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 from smartplay_tools.errors import extra_named
@@ -23,7 +21,6 @@ from smartplay_tools.errors import extra_named
 with extra_named("An endpoint", "serve"):
     import uvicorn as _uvicorn  # noqa: F401
     from starlette.applications import Starlette
-    from starlette.concurrency import run_in_threadpool
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
     from starlette.responses import Response, StreamingResponse
@@ -41,54 +38,17 @@ from smartplay_tools import (
     Player,
     Prompt,
     PromptOverflowError,
-    Reply,
     SmartPlayError,
     Usage,
 )
 from smartplay_tools.context.tokens import TokenCounter
+from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import ModelCallError, server_error
 from smartplay_tools.players.wire import CHAT, RESPONSES, Event, Interface, RequestError, Streaming, ToolChoice, bad
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.types.messages import MessageToolCall, assistant_message, calls_of
 from smartplay_tools.web import LARGEST_REQUEST, Server, carries, check_address, guarded
-
-
-@dataclass
-class SimulatedLimits:
-    """The limits of an endpoint; by default there are none.
-
-    Arguments:
-        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
-        busy_every: N, where every Nth request is refused with status 429.
-        retry_after: the seconds that such a refusal asks to wait.
-    """
-
-    context_tokens: int | None = None
-    busy_every: int | None = None
-    retry_after: float = 0.0
-    _requests: itertools.count[int] = field(default_factory=lambda: itertools.count(1), init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        """Raise an error for limits under which no request would ever be answered."""
-        if self.context_tokens is not None and self.context_tokens < 1:
-            raise InvalidArgumentError(f"context_tokens={self.context_tokens} would refuse every prompt.")
-        if self.busy_every is not None and self.busy_every < 2:
-            raise InvalidArgumentError(f"busy_every={self.busy_every} would refuse every request; give at least 2.")
-
-    def check_rate(self) -> None:
-        """Count a request; raise `RequestError` if it is to be refused."""
-        if self.busy_every is not None and next(self._requests) % self.busy_every == 0:
-            problem = f"Rate limit reached: this endpoint refuses one in {self.busy_every} requests. Try again."
-            headers = {"retry-after": f"{self.retry_after:g}"}
-            raise RequestError(429, problem, code="rate_limit_exceeded", kind="requests", headers=headers)
-
-    def check_length(self, tokens: int, param: str) -> None:
-        """Raise `RequestError` if a prompt of this many tokens is too long."""
-        if self.context_tokens is not None and tokens > self.context_tokens:
-            problem = f"This model's maximum context length is {self.context_tokens} tokens, the prompt has {tokens}."
-            raise RequestError(400, problem, param=param, code="context_length_exceeded")
-
 
 T = TypeVar("T")
 
@@ -243,7 +203,7 @@ PlayerLike = Player | AsyncPlayer
 def endpoint_app(
     *players: PlayerLike,
     api_key: str | None = None,
-    limits: SimulatedLimits | None = None,
+    context_tokens: int | None = None,
     hosts: Sequence[str] = (),
     origins: Sequence[str] = (),
 ) -> ASGIApp:
@@ -255,11 +215,11 @@ def endpoint_app(
     Arguments:
         players: the players.
         api_key: a key that requests must have.
-        limits: simulated limits of a paid service; requests that exceed them are refused.
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
         hosts: the names under which it is reached, in addition to this machine's own; with or without a port.
         origins: the web pages that may use it from a browser.
     """
-    endpoint = _Endpoint(players, limits or SimulatedLimits())
+    endpoint = _Endpoint(players, context_tokens)
 
     async def admit(request: Request) -> Response | None:
         return None if api_key is None or carries(request, api_key) else await refuse(request, WRONG_KEY)
@@ -283,15 +243,14 @@ class _CompletionRequest:
     prompt: Prompt
     choice: ToolChoice
     tokens: int
-    body: Mapping[str, Any]
 
 
 class _Endpoint:
-    def __init__(self, players: tuple[PlayerLike, ...], limits: SimulatedLimits) -> None:
+    def __init__(self, players: tuple[PlayerLike, ...], most: int | None) -> None:
         self._players = {player.name: player for player in players}
-        self._limits = limits
+        self._most = most
         self._counter = TokenCounter()
-        self._manager = ContextManager(limits.context_tokens)
+        self._manager = ContextManager(most)
 
     def handler(self, interface: Interface) -> Any:
         """Return the function that answers an interface's requests."""
@@ -301,7 +260,6 @@ class _Endpoint:
             return body, self._read(interface, body) if is_plain else None
 
         async def handle(request: Request) -> Response:
-            self._limits.check_rate()
             body, asked = await read_request(request, read)
             answering = self._managed(body, RESPONSES_SURFACE) if asked is None else self._answer(interface, asked)
             return await respond(request, interface, answering, body)
@@ -310,7 +268,6 @@ class _Endpoint:
 
     async def compact(self, request: Request) -> Response:
         """Answer POST /v1/responses/compact."""
-        self._limits.check_rate()
         body = await read_request(request, dict)
         return await respond(request, RESPONSES, self._managed(body, COMPACT), {})
 
@@ -345,7 +302,10 @@ class _Endpoint:
         return self._read(RESPONSES, body)
 
     async def _answer(self, interface: Interface, asked: _CompletionRequest) -> dict[str, Any]:
-        reply = await _ask(asked.player, asked.prompt)
+        try:
+            reply = await reply_of(asked.player, asked.prompt)
+        except Exception as error:
+            raise _failed(error) from error
         message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
         counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
         usage = counted.replaced_by(reply.usage)
@@ -363,9 +323,12 @@ class _Endpoint:
         player = self._player(body.get("model"))
         prompt, choice = interface.read(body), interface.read_tool_choice(body)
         tokens = self._counter.prompt(prompt.messages, prompt.tools)
-        self._limits.check_length(tokens, "input" if interface is RESPONSES else "messages")
+        if self._most is not None and tokens > self._most:
+            problem = f"This model's maximum context length is {self._most} tokens, the prompt has {tokens}."
+            param = "input" if interface is RESPONSES else "messages"
+            raise RequestError(400, problem, param=param, code="context_length_exceeded")
         allowed = choice.restrict(prompt)
-        return _CompletionRequest(player, allowed, choice, tokens, body)
+        return _CompletionRequest(player, allowed, choice, tokens)
 
     def _player(self, model: Any) -> PlayerLike:
         if not isinstance(model, str):
@@ -374,22 +337,6 @@ class _Endpoint:
             names = ", ".join(self._players)
             raise RequestError(404, f"There is no model {model!r} here; known: {names}.", code="model_not_found")
         return self._players[model]
-
-
-async def _ask(player: PlayerLike, prompt: Prompt) -> Reply:
-    if isinstance(player, AsyncPlayer):
-        try:
-            return await player.areply(prompt)
-        except Exception as error:
-            raise _failed(error) from error
-
-    def reply() -> Reply:
-        try:
-            return player.reply(prompt)
-        except Exception as error:  # StopIteration, too, which no coroutine may raise
-            raise _failed(error) from error
-
-    return await run_in_threadpool(reply)
 
 
 def with_fresh_ids(message: Message) -> Message:
@@ -420,7 +367,7 @@ class LocalEndpoint(Server):
         players: the players; a request's `model` is a player's name.
         host, port: the address; port 0 is a free port. The address is bound at once.
         api_key: a key that requests must have.
-        limits: simulated limits of a paid service, on the length of prompts and the rate of requests.
+        context_tokens: a longer prompt, in budget tokens, is refused as `context_length_exceeded`.
         hosts, origins: names under which it is reached, and web pages that may use it. An address that other machines
             reach needs the names and a key.
         app: an ASGI application to serve instead, such as one around `endpoint_app`.
@@ -432,12 +379,12 @@ class LocalEndpoint(Server):
         host: str = "127.0.0.1",
         port: int = 0,
         api_key: str | None = None,
-        limits: SimulatedLimits | None = None,
+        context_tokens: int | None = None,
         hosts: Sequence[str] = (),
         origins: Sequence[str] = (),
         app: Any = None,
     ) -> None:
         check_address(host, api_key, hosts)
-        made = endpoint_app(*players, api_key=api_key, limits=limits, hosts=hosts, origins=origins)
+        made = endpoint_app(*players, api_key=api_key, context_tokens=context_tokens, hosts=hosts, origins=origins)
         super().__init__(app or made, host, port, asks=players)
         self.base_url = f"{self.url}/v1"

@@ -19,7 +19,6 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import extra_named
@@ -34,6 +33,7 @@ with extra_named("smartplay_gateway", "gateway"):
 
 from smartplay_gateway.answers import GONE, Report, while_connected
 from smartplay_gateway.compaction import NoSummaryError, is_managed, managed, opened
+from smartplay_gateway.endpoint import json_response
 from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
@@ -85,11 +85,11 @@ def passing_app(
                 return await _passed(await _sent(client, request, _target(base, request), content), surface)
             return await _managed(_Exchange(client, request, base, surface, manager, told), body, content)
         except (PromptOverflowError, InvalidArgumentError) as error:
-            return _json(form.refusal(error), 400)
+            return json_response(form.refusal(error), 400)
         except NoSummaryError as error:
-            return _json(form.refusal(error), 500, {"x-should-retry": "false"})
+            return json_response(form.refusal(error), 500, {"x-should-retry": "false"})
         except TranscriptError as error:
-            return _json(form.refusal(error), 500)
+            return json_response(form.refusal(error), 500)
         except _UnansweredError as error:
             return error.response
 
@@ -230,7 +230,7 @@ class _Exchange:
         except (httpx2.TransportError, httpx2.DecodingError) as error:
             problem = f"The upstream's answer to the question for a summary broke off: {type(error).__name__} {error}"
             told = self.surface.refusal(InvalidArgumentError(problem.rstrip()))
-            raise _UnansweredError(_json(told, 502, {"x-should-retry": "false"})) from None
+            raise _UnansweredError(json_response(told, 502, {"x-should-retry": "false"})) from None
         value = object_in(read)
         if answer.status_code != 200 or value is None:
             headers = {"content-type": answer.headers.get("content-type", "")}
@@ -245,7 +245,7 @@ async def _managed(exchange: _Exchange, body: Json, content: bytes) -> Response:
     made = await managed(body, surface, betas, exchange.manager, exchange.ask)
     if made.answer is not None and made.report is not None:
         if not body.get("stream"):
-            return _json(made.answer, 200)
+            return json_response(made.answer, 200)
         events = [f"event: {each['type']}\ndata: {json.dumps(each)}\n\n" for each in made.report.stream(made.answer)]
         return Response("".join(events), media_type="text/event-stream")
     prompt, counted = await exchange.fitted(made.body)
@@ -273,7 +273,7 @@ async def _sent(
         where = urlsplit(target).netloc.rpartition("@")[2]  # without a password
         problem = f"The upstream {where} does not answer: {type(error).__name__} {error}".rstrip()
         form = surface_of(request.url.path) or CHAT
-        raise _UnansweredError(_json(form.refusal(InvalidArgumentError(problem)), 502)) from None
+        raise _UnansweredError(json_response(form.refusal(InvalidArgumentError(problem)), 502)) from None
 
 
 async def _passed(
@@ -322,7 +322,3 @@ async def _passed(
 def _tell(reader: PromptTokens, counted: Counted) -> None:
     if (tokens := reader.count()) is not None:
         counted(tokens)
-
-
-def _json(body: Mapping[str, Any], status: int, headers: Mapping[str, str] | None = None) -> Response:
-    return Response(json.dumps(body), status, headers, media_type="application/json")

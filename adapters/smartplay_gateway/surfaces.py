@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
+from smartplay_tools.players.wire import RequestError
 
 __all__ = ["CHAT", "COMPACT", "COUNTED", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
 
@@ -81,8 +82,7 @@ class Surface:
             told: Json = {"type": "invalid_request_error", "message": words}
             return {"type": "error", "error": told | ({"details": {"error_code": code}} if code else {})}
         code = "context_length_exceeded" if is_long else code or "invalid_prompt"
-        kind = "invalid_request_error"
-        return {"error": {"message": str(error), "type": kind, "param": param or self.messages, "code": code}}
+        return RequestError(400, str(error), param=param or self.messages, code=code).body()
 
 
 CHAT = Surface("chat", "messages", None)

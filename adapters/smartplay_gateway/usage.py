@@ -8,20 +8,15 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from typing import Any
 
+from smartplay_tools.players import read_usage
 from smartplay_tools.types.arguments import object_in
 
 __all__ = ["PromptTokens"]
 
 LARGEST = 32 * 1024 * 1024
 """The most bytes of an answer, or of a line of a stream, that are kept to be read."""
-
-FIELDS: Mapping[str, tuple[str, ...]] = {
-    "chat": ("prompt_tokens",),
-    "responses": ("input_tokens",),
-    "anthropic": ("input_tokens", "cache_read_input_tokens", "cache_creation_input_tokens"),
-}
-"""The fields of `usage` by form. Anthropic's first one is without what a cache has read or written."""
 
 
 class PromptTokens:
@@ -33,7 +28,7 @@ class PromptTokens:
     """
 
     def __init__(self, form: str, headers: Mapping[str, str]) -> None:
-        self._form = form
+        self._interface: Any = "messages" if form == "anthropic" else form
         self._is_stream = headers.get("content-type", "").startswith("text/event-stream")
         encoding = headers.get("content-encoding", "identity").strip().lower()
         self._is_read = encoding in ("identity", "gzip", "deflate", "")
@@ -74,6 +69,6 @@ class PromptTokens:
         value = object_in(bytes(text).removeprefix(b"data:"))
         # Responses have it in `response.completed`, Anthropic's streams in `message_start`.
         for holder in () if value is None else (value, value.get("response"), value.get("message")):
-            if isinstance(holder, Mapping) and isinstance(usage := holder.get("usage"), Mapping):
-                counts = [usage.get(name) for name in FIELDS[self._form]]
-                self._found = sum(count for count in counts if type(count) is int and count > 0) or self._found
+            usage = read_usage(holder.get("usage"), self._interface) if isinstance(holder, Mapping) else None
+            if usage is not None and usage.prompt > 0:
+                self._found = usage.prompt

@@ -10,16 +10,13 @@ The messages of the sample's state stay whole.
 from __future__ import annotations
 
 import inspect
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from inspect_ai.model import (
     ChatMessage,
     ChatMessageAssistant,
-    ChatMessageSystem,
     ChatMessageTool,
-    ChatMessageUser,
     Content,
     ContentImage,
     ContentReasoning,
@@ -32,12 +29,13 @@ from inspect_ai.model import (
     modelapi,
 )
 from inspect_ai.model._model import collapse_consecutive_messages_for_api  # no public name; tried with 0.3.285
-from inspect_ai.tool import ToolCall, ToolChoice, ToolInfo
+from inspect_ai.tool import ToolChoice, ToolInfo
 
-from smartplay_inspect.messages import read_usage, sent_arguments, tool_specs
+from smartplay_inspect.messages import read_usage, sent_arguments, to_inspect, tool_specs
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError
 from smartplay_tools.players import asks_management
 from smartplay_tools.players.conversion import function_call
+from smartplay_tools.types.messages import calls_of
 
 OPTIONS = frozenset(inspect.signature(ContextManager).parameters)
 """The arguments of a `ContextManager`."""
@@ -141,17 +139,9 @@ def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMes
     functions = {call.id: call.function for call in calls}
     shown: list[ChatMessage] = []
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
-        if source is None and chat["role"] == "assistant":
-            reply = _reply(chat)
-            shown.append(reply)
-            functions |= {call.id: call.function for call in reply.tool_calls or ()}
-        elif source is None and chat["role"] != "tool":
-            kind = ChatMessageUser if chat["role"] == "user" else ChatMessageSystem
-            shown.append(kind(content=chat["content"]))
-        elif source is None:
-            call_id = chat["tool_call_id"]
-            function = functions.get(call_id)
-            shown.append(ChatMessageTool(content=chat["content"], tool_call_id=call_id, function=function))
+        if source is None:
+            functions |= {call["id"]: call["function"]["name"] for call in calls_of(chat)}
+            shown.append(to_inspect(chat, functions))
         elif source in trimmed:
             shown.append(given[source].model_copy(update={"content": ""}))
         elif source in shorter:
@@ -160,13 +150,6 @@ def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMes
         else:
             shown.append(given[source])
     return shown
-
-
-def _reply(chat: Mapping[str, Any]) -> ChatMessageAssistant:
-    """A reply that a compactor has written."""
-    called = [(call["id"], call["function"]) for call in chat.get("tool_calls", ())]
-    calls = [ToolCall(id=i, function=each["name"], arguments=json.loads(each["arguments"])) for i, each in called]
-    return ChatMessageAssistant(content=chat["content"], tool_calls=calls or None)
 
 
 def _contents(content: Any, given: str | list[Content]) -> str | list[Content]:

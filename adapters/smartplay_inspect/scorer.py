@@ -98,28 +98,24 @@ def smartplay_scorer() -> Scorer:
         kept = store_as(Played).result
         if not kept:
             return Score(value=math.nan, explanation="The episode has no result: its solver did not begin it.")
-        return score_of(EpisodeResult(**kept))
+        result = EpisodeResult(**kept)
+        normalized = result.normalized_score
+        return Score(
+            value={
+                "score": result.score,
+                "normalized_score": math.nan if normalized is None else normalized,
+                "completed": float(result.completed),
+                "illegal_actions": result.illegal_actions,
+                "malformed_calls": result.malformed_calls,
+                "prompt_tokens": result.tokens.prompt,
+                "reply_tokens": result.tokens.reply,
+            },
+            answer=f"{result.score:g}",
+            explanation=result.end_reason + (f": {result.detail}" if result.detail else ""),
+            metadata=result.model_dump(mode="json"),
+        )
 
     return score
-
-
-def score_of(result: EpisodeResult) -> Score:
-    """Return an episode's result as a score of Inspect's."""
-    normalized = result.normalized_score
-    return Score(
-        value={
-            "score": result.score,
-            "normalized_score": math.nan if normalized is None else normalized,
-            "completed": float(result.completed),
-            "illegal_actions": result.illegal_actions,
-            "malformed_calls": result.malformed_calls,
-            "prompt_tokens": result.tokens.prompt,
-            "reply_tokens": result.tokens.reply,
-        },
-        answer=f"{result.score:g}",
-        explanation=result.end_reason + (f": {result.detail}" if result.detail else ""),
-        metadata=result.model_dump(mode="json"),
-    )
 
 
 def save_records(log: str | Path | EvalLog, folder: str | Path) -> list[Path]:

@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field
 
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Message, Player, Prompt, Reply, ToolSpec
+from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.players.conversion import received
 from smartplay_tools.types.messages import calls_of, text_of
 
@@ -82,12 +83,8 @@ class PlayerChatModel(BaseChatModel):
     async def _aanswer(
         self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: dict[str, Any]
     ) -> AIMessage:
-        if not isinstance(self.player, AsyncPlayer):
-            import asyncio
-
-            return await asyncio.to_thread(self._answer, messages, stop, settings)
         prompt, must_call = self._prompt(messages, settings)
-        return self._message(await self.player.areply(prompt), prompt, must_call, stop)
+        return self._message(await reply_of(self.player, prompt), prompt, must_call, stop)
 
     def _prompt(self, messages: Sequence[BaseMessage], settings: Mapping[str, Any]) -> tuple[Prompt, bool]:
         """The prompt, with the tools that may be called, and whether one of them must be."""

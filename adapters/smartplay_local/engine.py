@@ -13,7 +13,6 @@ import os
 import threading
 import urllib.error
 import urllib.request
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,6 @@ DEFAULT_CONTEXT = 8192
 
 MOST_THREADS = 4
 """By default no more threads than this compute."""
-
-MOST_SLOTS = 64
 
 _LOADING = threading.Lock()
 
@@ -50,33 +47,29 @@ class Loading:
     """Tokens of a prompt and its reply."""
     threads: int | None = None
     """How many threads compute; the order of additions, hence a close choice, can depend on it."""
-    slots: int = 1
-    """How many prompts are answered at a time, each with a separate context and cache."""
 
     def check(self) -> GGUF:
         """Return the model's file; an `InvalidArgumentError` if it cannot be loaded like this on this machine."""
         file = read_model(self.model)
         if self.threads is not None and self.threads < 1:
             raise InvalidArgumentError(f"threads is at least 1, not {self.threads}.")
-        if not 1 <= self.slots <= MOST_SLOTS:
-            raise InvalidArgumentError(f"slots is between 1 and {MOST_SLOTS}, not {self.slots}.")
         if self.adapter is not None:
             read_adapter(self.adapter, file)
         needed, free = self.memory, free_memory()
         if free is not None and needed > free:
             raise InvalidArgumentError(
                 f"{file.path.name} takes about {needed / 1e9:,.1f} GB with a context of {self.tokens(file):,} tokens, "
-                f"and {free / 1e9:,.1f} GB are free: choose a smaller context (--player-option context=N), fewer "
-                "slots or a smaller model."
+                f"and {free / 1e9:,.1f} GB are free: choose a smaller context (--player-option context=N) or a "
+                "smaller model."
             )
         return file
 
     @property
     def memory(self) -> int:
-        """About how many bytes it takes; the engine keeps prompts of other episodes in as much as the slots take."""
+        """About how many bytes it takes; the engine keeps prompts of other episodes in as much as its context takes."""
         file = read_gguf(self.model)
         beside = 0 if self.adapter is None else read_gguf(self.adapter).bytes
-        return file.memory(2 * self.slots * self.tokens(file)) + beside
+        return file.memory(2 * self.tokens(file)) + beside
 
     def tokens(self, file: GGUF) -> int:
         """Return the context to play with; one that is longer than the model's own is refused."""
@@ -93,8 +86,8 @@ class Loading:
         tokens, threads = self.tokens(file), self.threads or idle_threads()
         params = xllamacpp.CommonParams()
         params.model.path = str(file.path)
-        params.n_ctx, params.n_parallel = self.slots * tokens, self.slots
-        params.cache_ram_mib = max(1, self.slots * tokens * file.cache_bytes // 2**20)
+        params.n_ctx, params.n_parallel = tokens, 1
+        params.cache_ram_mib = max(1, tokens * file.cache_bytes // 2**20)
         params.cpuparams.n_threads = params.cpuparams_batch.n_threads = threads
         params.use_jinja, params.hostnames, params.port = True, ["127.0.0.1"], 0
         params.n_gpu_layers, params.fit_params = 0, False
@@ -150,29 +143,6 @@ class LocalServer:
     def close(self) -> None:
         """Stop the server and free the model."""
         self._server = None
-
-
-class Slots:
-    """Which slot of a server answers which episode, so that the prefix of its prompts stays in the slot's cache."""
-
-    def __init__(self, count: int) -> None:
-        self._count, self._lock = count, threading.Lock()
-        self._slot_of: OrderedDict[str, int] = OrderedDict()
-
-    def slot_of(self, episode: str) -> int:
-        """Return the slot of an episode: its own, a free one, or the one whose episode was asked longest ago."""
-        with self._lock:
-            if episode not in self._slot_of:
-                is_free = len(self._slot_of) < self._count
-                self._slot_of[episode] = len(self._slot_of) if is_free else self._slot_of.popitem(last=False)[1]
-            self._slot_of.move_to_end(episode)
-            return self._slot_of[episode]
-
-
-@functools.cache
-def shared_slots(how: Loading) -> Slots:
-    """Return the slots of the one server of this process for a model."""
-    return Slots(how.slots)
 
 
 @functools.cache

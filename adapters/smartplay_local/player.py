@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from smartplay_local.engine import Loading, LocalServer, shared_server, shared_slots, xllamacpp
+from smartplay_local.engine import Loading, LocalServer, shared_server, xllamacpp
 from smartplay_local.model_files import (
     KNOWN_MODELS,
     Format,
@@ -71,8 +71,9 @@ def tried(how: Loading) -> tuple[Format, str]:
 def _trial(how: Loading, form: Format) -> tuple[int, int]:
     """How many questions a model answers right in a format, and how many steps it plays."""
     beside = None if how.adapter is None else str(how.adapter)
-    settings = {name: getattr(how, name) for name in ("context", "threads", "slots")}
-    player = LocalPlayer(str(how.model), adapter=beside, format=form, retries=0, **settings)
+    player = LocalPlayer(
+        str(how.model), adapter=beside, format=form, retries=0, context=how.context, threads=how.threads
+    )
     rules: Any = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
     budget = Budget(history=None, reply_tokens=TRIAL_TOKENS, tool_calls=TOLD + QUESTIONS, stalled_turns=STALLED)
     with player, Episode(lockers_setting("LockersTrial-v0", facts=TOLD), seed=0, budget=budget, **rules) as episode:
@@ -83,7 +84,7 @@ def _trial(how: Loading, form: Format) -> tuple[int, int]:
 class LocalPlayer(OpenAIPlayer):
     """A player that asks a model file on this machine. The model is loaded when it is asked for the first time.
 
-    All players of a process that name the same file, adapter, context, threads and slots share one server.
+    All players of a process that name the same file, adapter, context and threads share one server.
 
     Arguments:
         model: a known model's name, or the path of a GGUF file; by default the one of `smartplay-tools model get`.
@@ -92,9 +93,8 @@ class LocalPlayer(OpenAIPlayer):
             calls llama.cpp reads; in the others they are text in the messages. By default a trial decides (`tried`).
         context: tokens of a prompt and its reply; by default 8,192, or the model's own limit where that is smaller.
         threads: how many threads compute; by default as many as processors are idle, at most four.
-        slots: how many prompts are answered at a time. Each has a separate context, which takes memory.
         temperature: 0 is the most likely reply; above, replies are drawn with `seed`.
-        timeout: seconds that a reply may take, the time included for which it waits for a slot.
+        timeout: seconds that a reply may take, the time included for which it waits for others.
         options: those of `OpenAIPlayer`, such as `parameters`, for whatever else llama.cpp's server takes.
     """
 
@@ -111,17 +111,16 @@ class LocalPlayer(OpenAIPlayer):
         format: Format | None = None,  # noqa: A002  # the word that users give
         context: int | None = None,
         threads: int | None = None,
-        slots: int = 1,
         temperature: float = 0.0,
         seed: int = 0,
         timeout: float = 3600.0,
         parameters: dict[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        if refused := {"base_url", "api_key", "parse_calls", "stream", "tool_choice"} & options.keys():
+        if refused := {"base_url", "api_key", "stream", "tool_choice"} & options.keys():
             raise InvalidArgumentError(f"A local model takes no {min(refused)}; leave it out, or play openai:MODEL.")
         beside = find_adapter(model) if adapter is None else Path(adapter).expanduser()
-        self.loading = Loading(find_model(model), beside, context, threads, slots)
+        self.loading = Loading(find_model(model), beside, context, threads)
         """How the model is loaded."""
         file = self.loading.check()
         if format is not None and format not in FORMATS:
@@ -163,8 +162,6 @@ class LocalPlayer(OpenAIPlayer):
             body = super().request(replace(prompt, shared=written, tools=()))
             body.pop("tool_choice", None)
             body |= {"grammar": grammar_of(prompt.tools, self.format)} if may_call else {}
-        if self.loading.slots > 1 and prompt.cache_key:
-            body["id_slot"] = shared_slots(self.loading).slot_of(prompt.cache_key)
         return body
 
     def new_client(self) -> openai.OpenAI:

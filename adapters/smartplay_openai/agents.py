@@ -47,6 +47,7 @@ with extra_named("smartplay_openai.agents", "agents"):
         ResponseUsage,
     )
 
+from smartplay_openai.fitting import offered, refuse_stored
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, Prompt, Reply, ToolSpec, Usage
 from smartplay_tools.conversation import HostChat, HostHistory
 from smartplay_tools.players import left_to_provider, reply_in
@@ -334,11 +335,9 @@ class SmartPlayModel(Model):
                 "An agent that plays has the game's tools: pass `tools=[*model.tools, ...]` to every agent with this "
                 "model."
             )
-        functions = [tool for tool in tools if isinstance(tool, FunctionTool)]
-        specs = [ToolSpec(tool.name, tool.description, tool.params_json_schema) for tool in functions]
-        specs += [ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs]
-        plays = [*((tool.name, tool.on_invoke_tool) for tool in functions), *((h.tool_name, h) for h in handoffs)]
-        check_names(plays, self._plays)
+        specs = offered(tools, handoffs)
+        plays = [*(tool.on_invoke_tool for tool in tools if isinstance(tool, FunctionTool)), *handoffs]
+        check_names(zip((spec.name for spec in specs), plays, strict=True), self._plays)
         return [spec for spec in specs if spec.name not in self._names]
 
     def _prepare(self, instructions: str | None, items: Sequence[Item], foreign: Sequence[ToolSpec]) -> AgentSession:
@@ -402,11 +401,7 @@ def _check(output_schema: Any, options: Mapping[str, Any]) -> None:
     """Refuse what an episode has no place for, before it begins."""
     if output_schema is not None and not output_schema.is_plain_text():
         raise InvalidArgumentError("An agent that plays cannot have an output_type: its run ends with the game.")
-    for option in ("previous_response_id", "conversation_id", "prompt"):
-        if options.get(option) is not None:
-            raise InvalidArgumentError(
-                f"With `{option}` the provider adds texts to the prompt that cannot be counted; leave it out."
-            )
+    refuse_stored(options)
 
 
 def _settings(own: ModelSettings, prompt: Prompt, limit_field: str, *, with_key: bool) -> ModelSettings:

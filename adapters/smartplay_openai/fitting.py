@@ -10,7 +10,8 @@ the model's input, which sees none of these and is told the tools.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+import inspect
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +24,10 @@ with extra_named("smartplay_openai.fitting", "agents"):
 
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, ToolSpec
 from smartplay_tools.players import asks_management
+
+SIGNATURE = inspect.signature(Model.get_response)
+STORED = ("previous_response_id", "conversation_id", "prompt")
+"""Parts of a request that stand for what the provider keeps."""
 
 
 class ContextManagerModel(Model):
@@ -42,46 +47,19 @@ class ContextManagerModel(Model):
         """The model; one that is named needs its key when it is first asked."""
         return MultiProvider().get_model(self._given) if isinstance(self._given, str) else self._given
 
-    async def get_response(
-        self,
-        system_instructions: str | None,
-        input: str | Sequence[Any],  # noqa: A002  # the SDK's name
-        model_settings: Any,
-        tools: list[Tool],
-        output_schema: Any,
-        handoffs: list[Any],
-        tracing: Any,
-        **stored: Any,
-    ) -> ModelResponse:
+    async def get_response(self, *given: Any, **named: Any) -> ModelResponse:
         """Ask the model with what fits."""
-        prompt = await self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
-        response = await self._model.get_response(
-            system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
-        )
-        if response.usage.input_tokens:
-            managed = asks_management(vars(model_settings))
-            self.manager.reported(prompt, response.usage.input_tokens, managed=managed)
+        prompt, request = await self._fitted(given, named)
+        response = await self._model.get_response(**request)
+        self._report(prompt, request, response.usage.input_tokens)
         return response
 
-    async def stream_response(
-        self,
-        system_instructions: str | None,
-        input: str | Sequence[Any],  # noqa: A002  # the SDK's name
-        model_settings: Any,
-        tools: list[Tool],
-        output_schema: Any,
-        handoffs: list[Any],
-        tracing: Any,
-        **stored: Any,
-    ) -> AsyncIterator[Any]:
+    async def stream_response(self, *given: Any, **named: Any) -> AsyncIterator[Any]:
         """Ask the model with what fits, and yield the events of its reply."""
-        prompt = await self._fitted(system_instructions, input, tools, output_schema, handoffs, stored)
-        async for event in self._model.stream_response(
-            system_instructions, prompt.messages, model_settings, tools, output_schema, handoffs, tracing, **stored
-        ):
+        prompt, request = await self._fitted(given, named)
+        async for event in self._model.stream_response(**request):
             if isinstance(event, ResponseCompletedEvent) and event.response.usage is not None:
-                managed = asks_management(vars(model_settings))
-                self.manager.reported(prompt, event.response.usage.input_tokens, managed=managed)
+                self._report(prompt, request, event.response.usage.input_tokens)
             yield event
 
     async def close(self) -> None:
@@ -92,29 +70,25 @@ class ContextManagerModel(Model):
         """Return the model's own advice."""
         return self._model.get_retry_advice(request)
 
-    async def _fitted(
-        self,
-        instructions: str | None,
-        given: str | Sequence[Any],
-        tools: Sequence[Tool],
-        output_schema: Any,
-        handoffs: Sequence[Any],
-        stored: dict[str, Any],
-    ) -> FittedPrompt:
-        for name, value in stored.items():
-            if value is not None:
-                raise InvalidArgumentError(
-                    f"With `{name}` the provider adds what it keeps, which cannot be counted; leave it out."
-                )
-        schema = None if output_schema is None or output_schema.is_plain_text() else output_schema.json_schema()
-        items = [{"role": "user", "content": given}] if isinstance(given, str) else given
-        offered = [
-            *map(_offered, tools),
-            *(ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs),
-        ]
-        return await self.manager.afit(
-            items, tools=offered, system=instructions, output_schema=schema, form="responses"
+    async def _fitted(self, given: Sequence[Any], named: dict[str, Any]) -> tuple[FittedPrompt, dict[str, Any]]:
+        """Return the prompt of a request, and the request with it, by the names that the SDK has for its parts."""
+        request = SIGNATURE.bind(self, *given, **named).arguments
+        del request["self"]
+        refuse_stored(request)
+        said, schema, instructions = request["input"], request["output_schema"], request["system_instructions"]
+        prompt = await self.manager.afit(
+            [{"role": "user", "content": said}] if isinstance(said, str) else said,
+            tools=offered(request["tools"], request["handoffs"]),
+            system=instructions,
+            output_schema=None if schema is None or schema.is_plain_text() else schema.json_schema(),
+            form="responses",
         )
+        return prompt, {**request, "input": prompt.messages}
+
+    def _report(self, prompt: FittedPrompt, request: dict[str, Any], tokens: int) -> None:
+        if tokens:
+            managed = asks_management(vars(request["model_settings"]))
+            self.manager.reported(prompt, tokens, managed=managed)
 
 
 def window_filter(
@@ -124,17 +98,33 @@ def window_filter(
 
     async def fitted(data: CallModelData[Any]) -> ModelInputData:
         given = data.model_data
-        offered = [_offered(tool) for tool in tools]
         prompt = await manager.afit(
-            given.input, tools=offered, system=given.instructions, output_schema=output_schema, form="responses"
+            given.input,
+            tools=offered(tools),
+            system=given.instructions,
+            output_schema=output_schema,
+            form="responses",
         )
         return ModelInputData(prompt.messages, given.instructions)
 
     return fitted
 
 
-def _offered(tool: Tool) -> Any:
-    """A tool as it is counted: one that a provider runs is named by its type."""
-    if isinstance(tool, FunctionTool):
-        return ToolSpec(tool.name, tool.description, tool.params_json_schema)
-    return {"type": tool.name}
+def offered(tools: Sequence[Tool], handoffs: Sequence[Any] = ()) -> list[Any]:
+    """Return tools and handoffs as they are counted: a tool that a provider runs is named by its type."""
+    specs: list[Any] = [
+        ToolSpec(tool.name, tool.description, tool.params_json_schema)
+        if isinstance(tool, FunctionTool)
+        else {"type": tool.name}
+        for tool in tools
+    ]
+    return [*specs, *(ToolSpec(h.tool_name, h.tool_description, h.input_json_schema) for h in handoffs)]
+
+
+def refuse_stored(request: Mapping[str, Any]) -> None:
+    """Raise an `InvalidArgumentError` for a request that names what the provider keeps."""
+    for name in STORED:
+        if request.get(name) is not None:
+            raise InvalidArgumentError(
+                f"With `{name}` the provider adds what it keeps, which cannot be counted; leave it out."
+            )

@@ -13,7 +13,6 @@ import json
 import os
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,7 +23,6 @@ with extra_named("smartplay_openai", "openai"):
     from openai.resources.chat.completions import Completions
     from openai.resources.responses import Responses
 
-from smartplay_openai.text_calls import check_parser, with_calls
 from smartplay_tools import InvalidArgumentError, Prompt, Reply
 from smartplay_tools.players import (
     BrokenAnswerError,
@@ -81,8 +79,6 @@ class OpenAIPlayer(ModelPlayer):
             1 ms for each turn in the window; False sends the body unchanged.
         cache: say to OpenAI which prompts belong together (`prompt_cache_key`), and mark the end of the part that is
             unchanged since the previous prompt for models that cache up to marks. Other servers are sent neither.
-        parse_calls: read the calls that the model writes as text, in the format "hermes", "llama" or "mistral", where
-            the server does not.
         pictures: whether the model sees pictures, which many servers accept and do not show; without it, episodes whose
             observations are pictures are refused.
         tool_choice: "required" has the server make every reply a call; a summary is asked for without tools.
@@ -92,6 +88,7 @@ class OpenAIPlayer(ModelPlayer):
     # Version 2 of the client raises the transport's own errors if a body or a stream ends early.
     failures = (openai.OpenAIError, _transport.TransportError, BrokenAnswerError, json.JSONDecodeError)
 
+    optional: OptionalFields
     _registered = "openai"
     _interface: Interface = CHAT
     _arguments_of_client = arguments_of(Completions.create)
@@ -108,7 +105,6 @@ class OpenAIPlayer(ModelPlayer):
         limit_field: str | None = None,
         typed: bool = True,
         cache: bool = True,
-        parse_calls: str | None = None,
         tool_choice: str | None = None,
         pictures: bool = False,
         **options: Any,
@@ -117,8 +113,6 @@ class OpenAIPlayer(ModelPlayer):
             raise InvalidArgumentError(f"This player needs a model: {self._registered}:MODEL.")
         super().__init__(f"{self._registered}:{model}", **options)
         self.observations = ("text", "picture", "both") if pictures else ("text",)
-        check_parser(parse_calls)
-        self._parser = parse_calls
         given = "--base-url" if base_url else "OPENAI_BASE_URL"
         base_url = base_url or os.environ.get("OPENAI_BASE_URL") or DEFAULT_BASE_URL
         check_url(base_url, given)
@@ -135,7 +129,7 @@ class OpenAIPlayer(ModelPlayer):
         usual = cap_at(base_url) if self._interface is CHAT else self._interface.limit_field
         self._limit_field = limit_field or usual
         own = [*(parameters or {}), *([] if limit_field is None else [limit_field])]
-        self._optional, self.manages_context = OptionalFields(self.name, own), asks_management(parameters)
+        self.optional, self.manages_context = OptionalFields(self.name, own), asks_management(parameters)
         self._stream, self._typed = stream, typed
         fields = openai_cache_fields(model, base_url)
         self._sends_key, self._marks = cache and fields.key, cache and fields.marks
@@ -147,11 +141,7 @@ class OpenAIPlayer(ModelPlayer):
         """Return the body of the request for a prompt."""
         own = {"prompt_cache_key": prompt.cache_key, **self._always} if self._sends_key else self._always
         request = self._interface.request(prompt, limit_field=self._limit_field, own=own, mark=self._marks)
-        return self._optional.fit(request)
-
-    def mended(self, request: dict[str, Any], error: Exception) -> bool:
-        """Whether the server refused an optional field, which is now left out."""
-        return self._optional.mend(request, error)
+        return self.optional.fit(request)
 
     def new_client(self) -> openai.OpenAI:
         """Return a synchronous client."""
@@ -194,8 +184,7 @@ class OpenAIPlayer(ModelPlayer):
     def _read(self, answer: Any) -> Reply:
         if isinstance(answer, str):
             answer = self._read_text(answer)
-        reply = self._interface.reply(answer)
-        return reply if self._parser is None else replace(reply, message=with_calls(reply.message, self._parser))
+        return self._interface.reply(answer)
 
     def _read_text(self, text: str) -> dict[str, Any]:
         """The answer in a text that the client did not read: a stream that was not asked for, or the reverse."""

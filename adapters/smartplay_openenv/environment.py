@@ -159,13 +159,6 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
             end_reason=progress.end_reason,
         )
 
-    def web_actions(self, observation: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-        """Return the buttons of the page at `/web`: the game's actions while an episode runs, and the manual."""
-        if self.episode is None or self.episode.done:
-            return []
-        acts = [(name, _call("act", {"action": name})) for name in self.episode.game.numbered_actions]
-        return [*acts, ("Read the manual", _call("read_manual", {}))]
-
     def get_metadata(self) -> EnvironmentMetadata:
         """Return the name and description of the environment."""
         return EnvironmentMetadata(
@@ -241,7 +234,3 @@ def _split(name: str) -> Split:
     if name not in SPLITS:
         raise InvalidArgumentError(f"The splits are {', '.join(SPLITS)}, and not {name!r}.")
     return SPLITS[name]
-
-
-def _call(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "call_tool", "tool_name": name, "arguments": arguments}

@@ -11,17 +11,15 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from opentelemetry import trace
 from opentelemetry.context import Context
 from opentelemetry.trace import Span, SpanKind, Status, StatusCode, Tracer, TracerProvider
 
-from smartplay_tools import Episode, EpisodeConfig, Message, Usage, read_transcript
+from smartplay_tools import Episode, EpisodeConfig, Message, Usage
 from smartplay_tools.episode import Listener, add_listener
-from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript import concerns_summary, read_times
+from smartplay_tools.transcript import concerns_summary
 from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
@@ -48,25 +46,6 @@ def instrument(tracer_provider: TracerProvider | None = None, *, content: bool =
         return lambda event: spans.note(event, time.time_ns())
 
     return add_listener(new_listener)
-
-
-def trace_record(record: str | Path, tracer_provider: TracerProvider | None = None, *, content: bool = False) -> int:
-    """Make the spans of an episode from its record and the times beside it; return how many events have no time.
-
-    The times are there if `smartplay_tools.transcript.keep_times` was on while the episode was played. An event without
-    one counts as recorded at the time of the event before. The other arguments are those of `instrument`.
-    """
-    events = read_transcript(record)
-    times = read_times(record, len(events))
-    if times[0] is None:
-        raise TranscriptError(f"The times of {record} do not have its beginning.")
-    spans = _EpisodeSpans(trace.get_tracer("smartplay_tools", tracer_provider=tracer_provider), content=content)
-    now = times[0]
-    for event, at in zip(events, times, strict=True):
-        now = now if at is None else at
-        spans.note(event, now)
-    spans.stop(now)
-    return times.count(None)
 
 
 VIEWED = ("turn", "prefix_tokens", "shown_steps", "dropped_turns")
@@ -109,12 +88,6 @@ class _EpisodeSpans:
             case "end":
                 self._end(event, now)
         self._latest = now
-
-    def stop(self, now: int) -> None:
-        """End what an unfinished record leaves open."""
-        for span in (self._chat, self._root):
-            if span is not None and span.is_recording():
-                span.end(now)
 
     def _begin(self, start: Mapping[str, Any], now: int) -> None:
         config = EpisodeConfig.from_event(start)

@@ -14,7 +14,7 @@ that are shown are put together again.
 from __future__ import annotations
 
 import warnings
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -45,7 +45,7 @@ from pydantic_ai.models.wrapper import WrapperModel
 from pydantic_ai.settings import ModelSettings
 from pydantic_ai.usage import RequestUsage
 
-from smartplay_pydantic_ai.messages import tool_spec
+from smartplay_pydantic_ai.messages import to_response, tool_spec
 from smartplay_tools import ContextManager, FittedPrompt
 from smartplay_tools.players import asks_management
 
@@ -153,7 +153,7 @@ def as_given(prompt: FittedPrompt, said: Sequence[Said]) -> list[ModelMessage]:
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
         parts: list[ModelRequestPart]
         if source is None and chat["role"] == "assistant":
-            shown.append(_response(chat))
+            shown.append(to_response(chat))
             open_request = None
             continue
         if source is None and chat["role"] != "tool":
@@ -180,14 +180,6 @@ def as_given(prompt: FittedPrompt, said: Sequence[Said]) -> list[ModelMessage]:
     originals = {id(each.message): each.message for each in said}
     whole = {tuple(map(id, message.parts)): message for message in originals.values()}
     return [whole.get(tuple(map(id, message.parts)), message) for message in shown]
-
-
-def _response(chat: Mapping[str, Any]) -> ModelResponse:
-    """A reply that a compactor has written."""
-    words = [TextPart(chat["content"])] if chat["content"] else []
-    called = [(call["id"], call["function"]) for call in chat.get("tool_calls", ())]
-    calls = [ToolCallPart(function["name"], function["arguments"], call_id) for call_id, function in called]
-    return ModelResponse([*words, *calls])
 
 
 def _shorter(part: ModelRequestPart, content: Any) -> ModelRequestPart:

@@ -17,7 +17,7 @@ def export(
     ],
     out: Annotated[Path, typer.Option(help="The new folder to write.", show_default=False)],
     format: Annotated[  # noqa: A002 - the option's name
-        str, typer.Option(help="sft (a row for every reply), sft-chains or inspect.")
+        str, typer.Option(help="sft (a row for every reply) or sft-chains.")
     ] = "sft",
     games: Annotated[str | None, typer.Option(help="Only these settings, with commas.")] = None,
     players: Annotated[str | None, typer.Option(help="Only these players, with commas.")] = None,

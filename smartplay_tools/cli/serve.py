@@ -42,7 +42,6 @@ def openai(
     context_tokens: Annotated[
         int | None, typer.Option(help="Refuse longer prompts with context_length_exceeded.", min=1)
     ] = None,
-    busy_every: Annotated[int | None, typer.Option(help="Refuse every Nth request with status 429.", min=2)] = None,
 ) -> None:
     """Serve players of this package as OpenAI's chat completions and Responses; a request's model is a player's name.
 
@@ -62,7 +61,7 @@ def openai(
     adapter = importlib.import_module(ENDPOINT)
     endpoint = adapter.LocalEndpoint(
         *players,
-        limits=adapter.SimulatedLimits(context_tokens=context_tokens, busy_every=busy_every),
+        context_tokens=context_tokens,
         host=host,
         port=port,
         api_key=api_key,

@@ -48,10 +48,6 @@ def mcp(
     allow_host: options.AllowHost = None,
     allow_origin: options.AllowOrigin = None,
     token: Annotated[str | None, typer.Option(help="The bearer token of agents.", envvar="SMARTPLAY_MCP_TOKEN")] = None,
-    operator_token: Annotated[
-        str | None,
-        typer.Option(help="The bearer token of /episodes, off without one.", envvar="SMARTPLAY_MCP_OPERATOR_TOKEN"),
-    ] = None,
     episodes: Annotated[
         int, typer.Option(help="Open this many episodes at the start, with consecutive seeds.", min=0)
     ] = 1,
@@ -83,7 +79,7 @@ def mcp(
 
     store = EpisodeStore(folder=out, most=most, idle=idle)
     names = {"hosts": allow_host or (), "origins": allow_origin or ()}
-    server = adapter.HttpServer(store, host=host, port=port, token=token, operator_token=operator_token, **names)
+    server = adapter.HttpServer(store, host=host, port=port, token=token, **names)
     for number in range(episodes):
         handle = store.open(game, seed=seed + number, **settings)
         say(f"{server.url}/mcp/{handle}  seed {seed + number}")

@@ -76,10 +76,7 @@ class Bandit(TextGame):
         (p1, r1), (p2, r2) = arms
         self._arms = (Arm(p1, r1), Arm(p2, r2))
         self.manual = with_action_list(read_text(__package__, "bandit.txt"), ACTIONS)
-        texts = [describe(action, sign * arm.reward) for action in (0, 1) for arm in self._arms for sign in (1, -1)]
-        super().__init__(
-            longest_observation=max(map(len, [START, *texts])), characters="".join([START, *texts]), **options
-        )
+        super().__init__(**options)
 
     @property
     def optimal_action(self) -> int:

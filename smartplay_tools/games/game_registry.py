@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from smartplay_tools.errors import InvalidArgumentError, UnknownNameError, warned_if_not_closed
 from smartplay_tools.games.gymnasium_names import gymnasium_is_ready
@@ -138,7 +138,6 @@ class GameSpec(Scoring):
     user has named it so; they are not given.
 
     `action_count` is how many actions the game has, for lists of settings; without it the class is asked.
-    `gymnasium_entry_point` ("module:name") says what `gymnasium.make` gives if that is more than the text game.
     """
 
     id: str
@@ -150,7 +149,6 @@ class GameSpec(Scoring):
     challenges: Mapping[str, int] = field(default_factory=dict)
     memory: int | Literal["all"] | None = None
     action_count: int | None = None
-    gymnasium_entry_point: str | None = None
     file: str | None = None
     sha256: str | None = None
 
@@ -305,8 +303,7 @@ def _load(declared: EntryPoint) -> GameSpec:
 def _register_with_gymnasium(spec: GameSpec) -> None:
     import gymnasium
 
-    name = f"smartplay/{spec.id}"
-    creator: Any = spec.gymnasium_entry_point or spec.entry_point
+    name, creator = f"smartplay/{spec.id}", cast(Any, spec.entry_point)
     gymnasium.registry.pop(name, None)  # Gymnasium warns if a name is registered twice
     gymnasium.register(
         name,

@@ -87,13 +87,7 @@ class Hanoi(TextGame):
         self._rods = start(disks)
         stack = list(self._rods[0])
         self.manual = with_action_list(read_text(__package__, "hanoi.txt").format(stack=stack), ACTIONS)
-        # Every disk that leaves a stack removes a ", " there, so the longest state is one stack and two empty rods.
-        longest = max((describe(self._rods, action) for action in range(len(MOVES))), key=len)
-        super().__init__(
-            longest_observation=len(longest),
-            characters="".join(describe(self._rods, a) for a in range(6)),
-            **options,
-        )
+        super().__init__(**options)
 
     @property
     def optimal_action(self) -> int | None:

@@ -108,10 +108,7 @@ class RockPaperScissors(TextGame):
     ) -> None:
         self._setting = self._table = Table(tuple(probabilities), tuple(scores))
         self.manual = manual(self._table.scores)
-        pairs = [(hand, other) for hand in range(HANDS) for other in range(HANDS)]
-        rewards = [sign * score for score in self._table.scores for sign in (1, -1)]
-        texts = [describe(hand, other, score) for hand, other in pairs for score in [0, *rewards]]
-        super().__init__(longest_observation=max(map(len, texts)), characters="".join(texts), **options)
+        super().__init__(**options)
 
     def drawing(self) -> dict[str, Any]:
         """The hands of the latest round, the player's first, and the opponent's true probabilities."""

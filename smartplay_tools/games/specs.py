@@ -49,7 +49,6 @@ _FAMILIES: Mapping[str, Mapping[str, Any]] = {
         "entry_point": f"{_GAMES}.crafter.game:Crafter",
         "action_count": 17,
         "worst_step": 0,
-        "gymnasium_entry_point": f"{_GAMES}.crafter.environment:make",
     },
     "minecraft": {"entry_point": f"{_GAMES}.minecraft.game:Minecraft", "action_count": 4, "two_valued": True},
 }

@@ -20,7 +20,7 @@ import time
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 from urllib.parse import urlsplit
@@ -29,6 +29,7 @@ from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.players.attempts import Attempts
 from smartplay_tools.players.cut_prompts import CutPrompts
 from smartplay_tools.players.environment import is_loopback
+from smartplay_tools.players.optional_fields import OptionalFields
 from smartplay_tools.types import Prompt, Reply
 
 _PLAYERS: weakref.WeakSet[ModelPlayer] = weakref.WeakSet()
@@ -71,6 +72,9 @@ class ModelPlayer(ABC):
     manages_context: bool = False
     """Whether each request asks the provider to manage the context, so that the model may not see the prompt."""
 
+    optional: OptionalFields | None = None
+    """The fields of a request that are left out where a server refuses them."""
+
     failures: tuple[type[Exception], ...] = ()
     """The exceptions of a failed request. Temporary ones are retried; any other exception is a bug."""
 
@@ -90,7 +94,7 @@ class ModelPlayer(ABC):
         self._lock = threading.Lock()
         self._in_threads: _Line | None = None
         # A client's connections belong to the event loop that opened them.
-        self._in_loops: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, _AsyncLine] = weakref.WeakKeyDictionary()
+        self._in_loops: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, _Line] = weakref.WeakKeyDictionary()
 
     # Methods that the player of a provider defines.
 
@@ -120,7 +124,7 @@ class ModelPlayer(ABC):
 
     def mended(self, request: Any, error: Exception) -> bool:
         """Whether the request was refused because of an optional part, which has now been removed from it."""
-        return False
+        return self.optional is not None and self.optional.mend(request, error)
 
     def check_ready(self) -> None:
         """Raise an `InvalidArgumentError` if no request can be made, for example because a key is missing."""
@@ -217,12 +221,12 @@ class ModelPlayer(ABC):
                 self._in_threads = _Line(self.new_client(), room)
             return self._in_threads
 
-    def _async_line(self) -> _AsyncLine:
+    def _async_line(self) -> _Line:
         loop = asyncio.get_running_loop()
         with self._lock:
             if loop not in self._in_loops:
                 room = nullcontext() if self._at_once is None else asyncio.BoundedSemaphore(self._at_once)
-                self._in_loops[loop] = _AsyncLine(self.new_async_client(), room)
+                self._in_loops[loop] = _Line(self.new_async_client(), room)
             return self._in_loops[loop]
 
     @staticmethod
@@ -245,10 +249,5 @@ class ModelPlayer(ABC):
 @dataclass(frozen=True)
 class _Line:
     client: Any
-    room: AbstractContextManager[Any]
-
-
-@dataclass(frozen=True)
-class _AsyncLine:
-    client: Any
-    room: AbstractAsyncContextManager[Any]
+    room: Any
+    """What a request waits for: a context manager, for event loops an asynchronous one."""

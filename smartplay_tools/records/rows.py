@@ -230,8 +230,7 @@ def without_calls(text: str) -> str:
         if pattern.search(text):
             return (
                 "writes its calls as text, which its server does not read: start vLLM with --enable-auto-tool-choice "
-                f"and --tool-call-parser {name}, or play with --player-option "
-                f"parse_calls={name}"
+                f"and --tool-call-parser {name}, and other servers with their own option for it"
             )
     return (
         "has called no tool: start a vLLM server with --enable-auto-tool-choice and --tool-call-parser, or ask for "

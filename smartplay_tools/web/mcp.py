@@ -4,7 +4,6 @@ A game is a small server: three tools that never change, a text, no session, and
 This module implements the part of the protocol that it needs, for both generations: the handshake (`initialize`, up to
 2025-11-25) and, since 2026-07-28, requests that each name their version. It does not use the official package, because
 importing it takes longer than hosts wait for a server, and because agent frameworks pin conflicting versions of it.
-`smartplay_mcp.game_server` is the same server as an object of that package.
 
 The text of a result is for the model. It is in two places, because some hosts show the content blocks to the model,
 others only the structured content. Score and reward are in neither; the operator can request them.

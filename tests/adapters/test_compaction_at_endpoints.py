@@ -13,7 +13,7 @@ import httpx2
 import openai
 import pytest
 from anthropic import types
-from smartplay_gateway import ContextEndpoint, LocalEndpoint, SimulatedLimits
+from smartplay_gateway import ContextEndpoint, LocalEndpoint
 
 import smartplay_tools as sp
 from smartplay_tools.compactors.provider_edits import INSTRUCTIONS, SUMMARY
@@ -505,7 +505,7 @@ class Clerk:
 class TestPlayers:
     @pytest.fixture
     def client(self) -> Iterator[Any]:
-        with LocalEndpoint(Clerk(), limits=SimulatedLimits(context_tokens=600)) as served:
+        with LocalEndpoint(Clerk(), context_tokens=600) as served:
             yield openai.OpenAI(base_url=served.base_url, api_key="k", max_retries=0).responses
 
     @pytest.mark.parametrize("stream", [False, True])

@@ -17,9 +17,8 @@ pytest.importorskip("inspect_ai", reason="needs smartplay-tools[inspect]; `.ci/r
 import anyio
 from inspect_ai import Task, eval as evaluate, score
 from inspect_ai.agent import AgentState, agent_bridge
-from inspect_ai.analysis import messages_df, samples_df
 from inspect_ai.dataset import Sample
-from inspect_ai.log import EvalLog, EvalSample, bundle_log_dir, read_eval_log
+from inspect_ai.log import EvalLog, EvalSample, read_eval_log
 from inspect_ai.model import (
     ChatCompletionChoice,
     ChatMessageAssistant,
@@ -36,9 +35,6 @@ from smartplay_inspect import Played, save_records, smartplay, smartplay_agent, 
 from smartplay_inspect.messages import from_inspect, from_output
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.exports import export
-from smartplay_tools.records import Record
-from smartplay_tools.types.messages import text_of
 from tests.adapters.conformance import (
     BASIC,
     BUDGETS,
@@ -332,52 +328,6 @@ def test_samples_that_run_at_once_do_not_disturb_each_other():
         return [sample.store_as(Played).result["state_hash"] for sample in log.samples]
 
     assert scores(1) == scores(3)
-
-
-def test_a_run_of_ours_is_exported_as_logs_that_inspect_reads(tmp_path):
-    """Prompts and scores, by Inspect's own readers: the log file, the data frames, the viewer's bundle."""
-    budget = sp.Budget(prompt_tokens=700)
-    sp.evaluate(["Hanoi3Disk-v0"], ["rule", "random"], budgets=[budget], trials=2, out=tmp_path / "run", workers=1)
-    assert export(tmp_path / "run", tmp_path / "data", "inspect").counts == {"episodes": 4, "logs": 2}
-    logs = sorted((tmp_path / "data").glob("*.eval"))
-    assert [log.name.split(".")[1] for log in logs] == ["random", "rule"]
-    log = read_eval_log(str(logs[1]), resolve_attachments=True)
-    assert log.eval.model == "smartplay/rule"
-    assert {score.name: score.metrics["mean"].value for score in log.results.scores}["score"] == 3.0
-    episodes = map(Record.read, (tmp_path / "run" / "episodes").glob("*.jsonl"))
-    prompts = {episode.result.seed: episode.prompts for episode in episodes if episode.player == "rule"}
-    for sample in log.samples:
-        sent = prompts[sample.metadata["seed"]]
-        shown = [[message.text for message in event.input] for event in sample.events]
-        assert shown == [[text_of(message) for message in one.prompt.messages] for one in sent]
-        assert all(event.output.usage.input_tokens <= 700 for event in sample.events)
-    files = list(map(str, logs))
-    assert len(samples_df(files)) == 4
-    assert len(messages_df(files)) > 40
-    bundle_log_dir(str(tmp_path / "data"), str(tmp_path / "site"))
-    assert (tmp_path / "site" / "index.html").exists()
-
-
-def test_the_messages_of_a_sample_have_the_manual_that_was_read(tmp_path):
-    """In MESSENGER the manual is the task."""
-    with sp.Episode("MessengerL1-v0", seed=7, split="train", transcript=tmp_path / "one.jsonl") as episode:
-        manual = episode.manual_text
-        sp.play(episode, sp.get_player("rule"))
-    export(tmp_path / "one.jsonl", tmp_path / "data", "inspect")
-    (log,) = (tmp_path / "data").glob("*.eval")
-    (sample,) = read_eval_log(str(log)).samples or []
-    assert [message.role for message in sample.messages if message.text == manual] == ["tool"]
-
-
-def test_the_record_of_a_host_is_a_sample_without_prompts(tmp_path):
-    with sp.Episode("Hanoi3Disk-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
-        answer = episode.call("act", {"action": "1"}).text
-        episode.end("host")
-    export(tmp_path / "host.jsonl", tmp_path / "data", "inspect")
-    (log,) = (tmp_path / "data").glob("*.eval")
-    (sample,) = read_eval_log(str(log)).samples or []
-    assert [message.role for message in sample.messages] == ["system", "user", "assistant", "tool"]
-    assert sample.messages[-1].text == answer
 
 
 def test_a_score_can_be_made_again_from_the_log():

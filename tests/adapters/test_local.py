@@ -12,7 +12,7 @@ pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run`
 
 from smartplay_gateway import LocalEndpoint
 from smartplay_local import LocalPlayer, LocalServer, measure
-from smartplay_local.engine import Loading, Slots, idle_threads, shared_server
+from smartplay_local.engine import Loading, idle_threads, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.player import tried
 from smartplay_local.text import as_text, call_in, grammar_of
@@ -66,7 +66,7 @@ def test_it_plays_a_short_episode_whose_calls_are_well_formed(tmp_path):
 async def test_the_taught_model_plays_two_episodes_at_once_each_from_its_own_cache():
     budget = sp.Budget(prompt_tokens=1000, slack=0.5, tool_calls=4)
     episodes = [sp.Episode(GAME, seed=seed, budget=budget) for seed in (1, 2)]
-    players = [LocalPlayer("smollm2-135m-player", threads=1, slots=2, context=2048) for _ in episodes]
+    players = [LocalPlayer("smollm2-135m-player", threads=1, context=2048) for _ in episodes]
     results = await asyncio.gather(*map(sp.aplay, episodes, players))
     for result in results:
         assert (result.error, result.illegal_actions, result.malformed_calls) == (None, 0, 0)
@@ -80,11 +80,6 @@ def test_threads_fit_the_load_of_the_machine(load, threads, monkeypatch):
     monkeypatch.setattr("os.getloadavg", lambda: (load, 0.0, 0.0), raising=False)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1}, raising=False)
     assert idle_threads() == threads
-
-
-def test_an_episode_keeps_its_slot_until_others_need_it():
-    slots = Slots(2)
-    assert [slots.slot_of(episode) for episode in ("a", "b", "a", "c", "a", "b")] == [0, 1, 0, 1, 0, 1]
 
 
 TOOLS_TEMPLATE = """
@@ -165,7 +160,6 @@ def test_speed_is_measured():
     [
         ({"context": 10_000}, "between 1 and 8,192"),
         ({"threads": 0}, "threads is at least 1"),
-        ({"slots": 0}, "slots is between 1 and 64"),
         ({"format": "hermes"}, "format must be one of template, text, call, bare, words, legal"),
         ({"format": "template"}, "has no tools; leave format out, or text"),
         ({"adapter": str(MODEL.path)}, "is not a LoRA adapter in GGUF"),

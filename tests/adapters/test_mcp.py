@@ -8,7 +8,7 @@ import io
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import httpx2
 import pytest
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, serve_stdio
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, serve_stdio
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
@@ -32,11 +32,6 @@ def text_of(result: Any) -> str:
     return part.text
 
 
-def in_memory(episode: sp.Episode) -> Any:
-    table = HostedEpisode(episode)
-    return game_server(lambda _: table)
-
-
 @asynccontextmanager
 async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
     async with (
@@ -46,11 +41,21 @@ async def http_client(url: str, headers: dict[str, str] | None = None) -> Any:
         yield streams
 
 
+@asynccontextmanager
+async def client_of(episode: sp.Episode, mode: str = "auto") -> Any:
+    """A client of a server that has an episode."""
+    store = EpisodeStore()
+    with HttpServer(store, port=0) as server:
+        handle = store.add(lambda handle: HostedEpisode(episode))
+        async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
+            yield client
+
+
 @pytest.mark.parametrize("mode", MODES)
 class TestServer:
     async def test_the_schemas_are_ours_to_the_letter(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             listed = (await client.list_tools()).tools
         assert [(t.name, t.description, t.input_schema) for t in listed] == [
             (t.name, t.description, dict(t.parameters)) for t in episode.tools
@@ -58,14 +63,14 @@ class TestServer:
 
     async def test_the_model_is_told_no_more_than_the_text(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             result = await client.call_tool(*act("A->C"))
         assert text_of(result).startswith("You tried to move")
         assert "score" not in json.dumps(result.model_dump(mode="json"))
 
     async def test_the_manual_is_a_resource_and_a_tool(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (resource,) = (await client.list_resources()).resources
             (content,) = (await client.read_resource(str(resource.uri))).contents
             assert content.text == text_of(await client.call_tool("read_manual")) == episode.game.manual
@@ -74,21 +79,21 @@ class TestServer:
 
     async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
         episode, _ = fresh(context="host", manual="none")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             assert (await client.list_resources()).resources == []
             with pytest.raises(MCPError, match="There is no resource"):
                 await client.read_resource(MANUAL)
 
     async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
         episode, _ = fresh(context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             for _ in range(3):
                 await client.call_tool(*act("A->C"), meta={CALL_KEY: "k1"})
         assert episode.stats.steps == 1
 
     async def test_calls_at_once_are_played_one_at_a_time(self, mode):
         episode, events = fresh(sp.Budget(stalled_turns=None), context="host")
-        async with Client(in_memory(episode), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             await asyncio.gather(*(client.call_tool("observe") for _ in range(20)))
         assert [event["turn"] for event in events if event["event"] == "call"] == list(range(20))
 
@@ -146,16 +151,16 @@ class TestHttp:
         await table.call(*act("A->C"), "k1")
         last = await table.call(*act("A->B"), "k2")
         written = (tmp_path / f"{handle}.jsonl").read_text()
-        boss = {"Authorization": "Bearer boss"}
-        with HttpServer(EpisodeStore(folder=tmp_path), port=0, operator_token="boss") as server:
+        after = EpisodeStore(folder=tmp_path)
+        with HttpServer(after, port=0) as server:
             async with Client(http_client(f"{server.url}/mcp/{handle}"), mode=mode) as client:
                 again = await client.call_tool(*act("A->B"), meta={CALL_KEY: "k2"})
                 more = await client.call_tool(*act("C->B"))
-            shown = httpx2.get(f"{server.url}/episodes/{handle}", headers=boss, trust_env=False, verify=False).json()
+            result = after.find(handle).episode.result
         assert (text_of(again), again.is_error) == (last.text, False)
         assert more.is_error
         assert "The episode is over" in text_of(more)
-        assert shown == {"done": True, "result": table.episode.result.model_dump()}
+        assert result == table.episode.result
         assert (tmp_path / f"{handle}.jsonl").read_text() == written
         close(before, handle)
 
@@ -178,7 +183,7 @@ class TestTheDoor:
     def test_who_may_come_in(self):
         episodes = EpisodeStore()
         names = ["play.example.org"]
-        with HttpServer(episodes, port=0, token="agents", operator_token="boss", hosts=names) as server:
+        with HttpServer(episodes, port=0, token="agents", hosts=names) as server:
             url = f"{server.url}/mcp/{episodes.open(GAME, seed=1)}"
             agent = {**ACCEPT, "Authorization": "Bearer agents"}
 
@@ -194,33 +199,6 @@ class TestTheDoor:
             assert post(f"{server.url}/mcp", json=CALL, headers=agent).status_code == 404
             assert post(f"{server.url}/elsewhere", json=CALL, headers=agent).status_code == 404
             assert post(url, json={**CALL, "pad": "x" * 100_000}, headers=ACCEPT).status_code == 401
-
-    def test_the_operator_has_a_surface_of_its_own(self, tmp_path):
-        episodes = EpisodeStore(folder=tmp_path)
-        with HttpServer(episodes, port=0, operator_token="boss") as server, ExitStack() as stack:
-            boss = {"Authorization": "Bearer boss"}
-            client = stack.enter_context(
-                httpx2.Client(base_url=server.url, headers=boss, trust_env=False, verify=False)
-            )
-            answer = client.post("/episodes/", json={"game": GAME, "seed": 3, "budget": {"history": 2}})
-            assert answer.status_code == 201
-            made = answer.json()
-            assert client.get(f"/episodes/{made['episode']}").json() == {"done": False, "result": None}
-            result = client.delete(f"/episodes/{made['episode']}").json()["result"]
-            assert (result["game"], result["seed"], result["end_reason"]) == (GAME, 3, "closed")
-            assert client.get(f"/episodes/{made['episode']}").json() == {"done": True, "result": result}
-            assert post(f"{server.url}/episodes", json={}).status_code == 401
-            assert client.post("/episodes", json={"game": "Chess", "seed": 1}).status_code == 400
-            seeds: list[Any] = ["x", "7", 1.5, True, 1e400]
-            wrongs: list[Any] = [{"game": GAME, "seed": seed} for seed in seeds]
-            for wrong in ([], {}, {"game": GAME, "seed": 1, "transcript": "/etc/x"}, *wrongs):
-                refused = client.post("/episodes", content=json.dumps(wrong))
-                assert refused.status_code == 400
-                assert "Traceback" not in refused.text
-
-    def test_without_a_token_of_his_own_there_is_no_operator(self):
-        with HttpServer(EpisodeStore(), port=0) as server:
-            assert post(f"{server.url}/episodes", json={"game": GAME, "seed": 1}).status_code == 404
 
     def test_the_path_that_some_clients_append_is_the_same_address(self):
         with HttpServer(episodes := EpisodeStore(), port=0) as server:

@@ -15,12 +15,12 @@ from urllib.parse import urlsplit
 
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, open_episode
+from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, open_episode
 
 import smartplay_tools as sp
 from smartplay_tools.web import EpisodeStore, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
-from tests.adapters.test_mcp import post
+from tests.adapters.test_mcp import client_of, post
 from tests.processes import printed_by
 
 
@@ -46,8 +46,7 @@ class TestWhatHostsShow:
     async def test_the_text_stands_where_hosts_look_for_it(self, mode):
         """pydantic-ai, Claude Code and VS Code show a model the structured content and nothing else."""
         episode, _ = fresh(context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (_, act_tool, _) = (await client.list_tools()).tools
             result = await client.call_tool(*act("A->C"))
         assert result.structured_content["text"] == result.content[0].text
@@ -70,8 +69,7 @@ class TestWhatHostsShow:
 
     async def test_the_manual_resource_is_cut_and_recorded_as_the_tool_is(self, mode):
         episode, events = fresh(sp.Budget(result_tokens=40), context="host")
-        hosted = HostedEpisode(episode)
-        async with Client(game_server(lambda _: hosted), mode=mode) as client:
+        async with client_of(episode, mode) as client:
             (content,) = (await client.read_resource(MANUAL)).contents
         assert content.text == episode.manual_text != episode.game.manual
         assert [event["name"] for event in events if event["event"] == "call"] == ["read_manual"]
@@ -197,24 +195,6 @@ class TestHttp:
         process.stdout.close()
 
     @pytest.mark.parametrize(
-        ("asked", "words"),
-        [
-            ({"budget": {"historry": 5}}, "A budget has no field 'historry'; did you mean history"),
-            ({"budget": {"history": -1}}, "history=-1 is no limit of a budget"),
-            ({"budget": {"prompt_tokens": 700, "slack": 0.5}}, "the budget cannot have prompt_tokens, slack"),
-            ({"rollout": 3}, "has no option rollout"),
-        ],
-        ids=str,
-    )
-    def test_an_operator_is_told_what_is_wrong(self, asked, words):
-        with HttpServer(EpisodeStore(), port=0, operator_token="boss") as server:
-            boss = {"Authorization": "Bearer boss"}
-            body = {"game": GAME, "seed": 1, **asked}
-            answer = post(f"{server.url}/episodes", json=body, headers=boss)
-        assert answer.status_code == 400
-        assert words in answer.text
-
-    @pytest.mark.parametrize(
         ("headers", "code"),
         [
             ({"Mcp-Protocol-Version": "2099-01-01"}, -32022),
@@ -255,12 +235,14 @@ HALF = {"action": "half \ud83d a character"}
 class TestHalfCharacters:
     """A model may write half of a surrogate pair, which JSON can carry and UTF-8 cannot."""
 
-    def test_over_http_they_are_answered(self):
-        store = EpisodeStore()
+    def test_over_http_they_are_answered_and_recorded(self):
+        store, (episode, events) = EpisodeStore(), fresh(context="host")
         with HttpServer(store, port=0) as server:
-            url = f"{server.url}/mcp/{store.open(GAME, seed=1)}"
+            url = f"{server.url}/mcp/{store.add(lambda handle: HostedEpisode(episode))}"
             body = json.dumps(request("tools/call", name="act", arguments=HALF)).encode("ascii")
             headers = {**AGENT, "content-type": "application/json"}
             answer = post(url, content=body, headers=headers)
         assert answer.status_code == 200
         assert answer.json()["result"]["isError"]
+        (call,) = (event for event in events if event["event"] == "call")
+        assert json.loads(call["arguments"]) == HALF

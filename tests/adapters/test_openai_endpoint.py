@@ -197,7 +197,10 @@ def test_unknown_models_paths_and_methods(endpoint):
 @pytest.mark.parametrize("stream", [False, True])
 def test_a_player_that_fails_is_an_error_of_the_server(endpoint, stream):
     body = {**chat(USER, stream=stream), "model": "scripted"}  # it has no reply
-    assert refusal(endpoint, "/v1/chat/completions", body) == (500, "The player failed: StopIteration: ")
+    assert refusal(endpoint, "/v1/chat/completions", body) == (
+        500,
+        "The player failed: RuntimeError: The player has no more replies.",
+    )
 
 
 def test_a_key_is_asked_for():

@@ -199,13 +199,12 @@ def test_a_tool_that_is_no_function_is_refused_in_a_true_sentence(client, tool):
         asked(client, tools=[tool])
 
 
-# Simulated limits.
+# The length of prompts.
 
 
 def test_a_prompt_can_be_too_long():
-    limits = sg.SimulatedLimits(context_tokens=400)
     with (
-        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
+        sg.LocalEndpoint(sp.get_player("rule"), context_tokens=400) as endpoint,
         sp.get_player("openai:rule", base_url=endpoint.base_url) as player,
     ):
         with sp.Episode("Hanoi3Disk-v0", seed=3) as episode:
@@ -216,23 +215,9 @@ def test_a_prompt_can_be_too_long():
             assert sp.play(episode, player).end_reason != "host", "who keeps to the limit plays"
 
 
-def test_a_service_can_be_busy():
-    limits = sg.SimulatedLimits(busy_every=3)
-    with (
-        sg.LocalEndpoint(sp.get_player("rule"), limits=limits) as endpoint,
-        sp.get_player("openai:rule", base_url=endpoint.base_url, pause=0.0) as player,
-        sp.Episode("Hanoi3Disk-v0", seed=3) as episode,
-    ):
-        result = sp.play(episode, player)
-    assert result.completed
-    requests = result.tokens.provider.requests
-    assert requests - result.turns == requests // 3
-
-
-def test_limits_that_would_refuse_everything_are_refused():
-    for limits in ({"context_tokens": 0}, {"busy_every": 1}):
-        with pytest.raises(sp.InvalidArgumentError, match="would refuse every"):
-            sg.SimulatedLimits(**limits)
+def test_a_limit_that_would_refuse_everything_is_refused():
+    with pytest.raises(sp.InvalidArgumentError, match="from 1 on"):
+        sg.LocalEndpoint(sp.get_player("rule"), context_tokens=0)
 
 
 # Whatever is sent.

@@ -249,19 +249,6 @@ def test_no_world_is_in_two_splits(game):
     assert first.stop <= second.start
 
 
-def test_the_page_has_a_button_for_every_action_while_the_game_runs():
-    environment = SmartPlayEnvironment(GAME)
-    assert environment.web_actions({}) == []
-    environment.reset(seed=7)
-    buttons = dict(environment.web_actions({}))
-    assert len(buttons) == 7
-    label = "Move the top disk of rod A to the top of rod C"
-    assert environment.step(CallToolAction(**buttons[label])).reward == pytest.approx(1 / 3)
-    environment.close()
-    assert environment.web_actions({}) == []
-    assert environment.state.end_reason == "host"
-
-
 def test_half_a_character_in_an_action_is_answered(url):
     with MCPToolClient(base_url=url).sync() as connected:
         connected.reset(seed=7)

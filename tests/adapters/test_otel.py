@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,8 +19,6 @@ from opentelemetry.semconv._incubating.attributes import gen_ai_attributes
 from opentelemetry.trace import StatusCode
 
 import smartplay_tools as sp
-from smartplay_tools.files.times import times_file
-from smartplay_tools.transcript import keep_times
 from tests.adapters.conformance import act, calling, fresh
 
 EXPORTER = InMemorySpanExporter()
@@ -179,65 +176,3 @@ def test_the_names_are_those_of_the_conventions(content):
     used |= {name for span in EXPORTER.get_finished_spans() for event in span.events for name in event.attributes}
     assert {name for name in used if name.startswith("gen_ai.")} <= conventions
     assert {name.partition(".")[0] for name in used} == {"gen_ai", "smartplay", "error"}
-
-
-# --- Afterwards --------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def record(tmp_path: Path) -> Path:
-    """A record whose times were kept."""
-    stop = keep_times()
-    path = tmp_path / "one.jsonl"
-    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=3), transcript=path) as episode:
-        sp.play(episode, sp.ScriptedPlayer(MOVES * 3))
-    stop()
-    return path
-
-
-def traced() -> list[tuple[Any, ...]]:
-    """The finished spans, without ids and times."""
-    finished = sorted(EXPORTER.get_finished_spans(), key=lambda span: (span.start_time, span.end_time, span.name))
-    return [(s.name, dict(s.attributes), s.status.status_code, s.parent is None, len(s.events)) for s in finished]
-
-
-def test_a_record_with_times_has_the_spans_of_the_episode(tmp_path):
-    EXPORTER.clear()
-    stop, stop_times = smartplay_otel.instrument(PROVIDER, content=True), keep_times()
-    path = tmp_path / "one.jsonl"
-    with sp.Episode("Hanoi3Disk-v0", seed=7, budget=sp.Budget(tool_calls=3), transcript=path) as episode:
-        sp.play(episode, sp.ScriptedPlayer(MOVES * 3))
-    stop()
-    stop_times()
-    live, (root,) = traced(), spans("invoke_agent")
-    EXPORTER.clear()
-    assert smartplay_otel.trace_record(path, PROVIDER, content=True) == 0
-    assert sorted(map(str, traced())) == sorted(map(str, live))
-    (again,) = spans("invoke_agent")
-    assert abs(again.start_time - root.start_time) < 1e9
-    assert abs(again.end_time - root.end_time) < 1e9
-    assert all(span.start_time <= span.end_time for span in EXPORTER.get_finished_spans())
-
-
-def test_an_event_without_a_time_counts_as_at_the_event_before(record):
-    EXPORTER.clear()
-    lines = times_file(record).read_text().splitlines()
-    times_file(record).write_text("\n".join([*lines[:4], *lines[6:]]) + "\n")
-    assert smartplay_otel.trace_record(record, PROVIDER) == 2
-    assert len(spans("invoke_agent")) == 1
-
-
-def test_a_record_that_is_not_finished_has_finished_spans(record):
-    EXPORTER.clear()
-    lines = record.read_bytes().splitlines(keepends=True)
-    record.write_bytes(b"".join(lines[:-1]))
-    times_file(record).write_bytes(b"".join(times_file(record).read_bytes().splitlines(keepends=True)[:-1]))
-    smartplay_otel.trace_record(record, PROVIDER)
-    assert len(spans("invoke_agent")) == 1
-
-
-def test_a_record_without_times_cannot_be_traced(record):
-    times_file(record).unlink()
-    with pytest.raises(sp.SmartPlayError, match="were not kept"):
-        smartplay_otel.trace_record(record, PROVIDER)
-    assert sp.replay(record).identical, "a record does not need its times"

@@ -158,14 +158,12 @@ def test_langchains_tools_return_content_blocks():
 
 
 async def test_mcp_has_the_picture_as_content_of_the_result():
-    mcp = pytest.importorskip("mcp")
-    smartplay_mcp = pytest.importorskip("smartplay_mcp")
-    from smartplay_tools.web import HostedEpisode
+    pytest.importorskip("mcp")
+    from tests.adapters.test_mcp import client_of
 
     episode = sp.Episode("Crafter-v0", seed=1, observation="picture", context="host")
-    hosted = HostedEpisode(episode)
     with episode:
-        async with mcp.Client(smartplay_mcp.game_server(lambda _: hosted)) as client:
+        async with client_of(episode) as client:
             result = await client.call_tool("act", {"action": "Noop"})
             text, picture = result.content
             assert text.text == SHOWN

@@ -82,11 +82,6 @@ def serve_mcp(stack: ExitStack, folder: Path, **address: Any) -> Case:
     return Case(server, f"/mcp/{store.open(GAME, seed=7)}", LIST_TOOLS)
 
 
-def serve_operator(stack: ExitStack, folder: Path, **address: Any) -> Case:
-    server = serve_mcp(stack, folder, operator_token="boss", **address).server
-    return Case(server, "/episodes", {"game": GAME, "seed": 7}, {"Authorization": "Bearer boss"})
-
-
 def view_and_play(stack: ExitStack, folder: Path, **address: Any) -> Case:
     view = pytest.importorskip("smartplay_tools.web.site")
     from smartplay_tools.web.site import BrowserGames
@@ -128,7 +123,6 @@ SERVERS: dict[str, tuple[Make, int]] = {
     "WindowEndpoint: /mcp": (serve_tools_of_a_window, CALL),
     "ContextEndpoint, passing_app": (serve_context, 32 * 1024 * 1024),
     "HttpServer, http_app": (serve_mcp, CALL),
-    "HttpServer: /episodes": (serve_operator, CALL),
     "ViewServer": (view_and_play, CALL),
     "new_app": (serve_openenv, CALL),
 }

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.command import run
 from tests.evaluation.servers import calling, completion, refusal, serving
@@ -38,7 +37,7 @@ REPLIES = {
     "an illegal action": (completion(called("act", '{"action": "Fly"}')), "cannot be played", "description"),
     "cut within words": (cut({"content": "<think>Let me see"}), "cut at its length", "--reply-tokens"),
     "cut within a call": (cut(called("act", '{"act')), "within a call", "--reply-tokens"),
-    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "parse_calls=hermes"),
+    "a call as text": (completion({"content": HERMES}), "writes its calls as text", "--tool-call-parser hermes"),
     "reasoning alone": (
         completion({"content": None, "reasoning_content": "hm " * 9}),
         "27 characters",
@@ -130,22 +129,7 @@ def test_play_warns_of_replies_beyond_their_cap_and_shows_the_cost():
     assert {body["temperature"] for body in bodies} == {0}
 
 
-# Calls that a model writes as text.
-
-
-def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
-    with serving(lambda body, number: completion({"content": f"I choose.\n{HERMES}"})) as (url, bodies):
-        record = tmp_path / "game.jsonl"
-        command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2)
-        code, _, _ = run(*command, "--player-option", "parse_calls=hermes", "--transcript", record)
-        refused = run(*command, "--player-option", "parse_calls=qwen")
-    assert code == 0
-    assert (refused[0], "hermes, llama, mistral" in refused[2]) == (2, True)
-    events = sp.read_transcript(record)
-    result = events[-1]["result"]
-    assert (result["steps"], result["deviations"]["parse_calls"]) == (2, {"paper": None, "played": "hermes"})
-    assert bodies[1]["messages"][-2]["content"] == "I choose."
-    assert sp.replay(record).identical
+# Options of the server.
 
 
 def test_tool_choice_goes_to_the_server(tmp_path):

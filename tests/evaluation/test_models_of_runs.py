@@ -100,9 +100,9 @@ def test_an_episode_without_any_action_is_flagged_with_the_likely_cause(tmp_path
     assert code == 1
     assert f"2 episodes of {MODEL} at {BANDIT} ended without any action" in stderr
     assert "it writes its calls as text" in stderr
-    assert "parse_calls=hermes" in stderr
+    assert "--tool-call-parser hermes" in stderr
     shown = run("results", tmp_path)[1]
-    assert "parse_calls=hermes" in shown
+    assert "--tool-call-parser hermes" in shown
     assert f"{MODEL}!" in shown, "it is marked in the table"
     assert "!: 2 without any action" in shown
     page = tmp_path / "page.html"

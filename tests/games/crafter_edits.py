@@ -19,10 +19,10 @@ from crafter import objects
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.fast import FastEngine
 from smartplay_tools.games.crafter.pictures import draw
-from smartplay_tools.games.crafter.reference import ReferenceEngine
 from smartplay_tools.games.crafter.text import describe
 from smartplay_tools.games.crafter.world import DIRECTIONS, Thing, place, position
 from smartplay_tools.games.crafter.worldgen import FIELDS, points
+from tests.games.reference import ReferenceEngine
 
 ACTION = {name: number for number, name in enumerate(facts.ACTIONS)}
 CREATURES = (facts.COW, facts.ZOMBIE, facts.SKELETON)
@@ -85,7 +85,7 @@ class Fast(FastEngine):
     """The engine in Python."""
 
     def __init__(self, seed: int, episode: int) -> None:
-        super().__init__(seed, episode, keep_grain=True)
+        super().__init__(seed, episode)
 
     def give(self, amounts: dict[str, int]) -> None:
         self.player.inventory.update(amounts)

@@ -9,6 +9,7 @@ from smartplay_tools.players.prompt_reading import Reading
 from smartplay_tools.players.rules.crafter import notes as crafter_notes, player as crafter
 from smartplay_tools.players.rules.crafter.home import Home
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, Map, read_frame
+from smartplay_tools.players.rules.memory import LINE
 from smartplay_tools.types import Prompt, Reply
 from smartplay_tools.types.messages import Message
 
@@ -61,13 +62,18 @@ def test_a_frame_is_read() -> None:
     assert not frame.asleep
 
 
+def notes_in(text: str) -> crafter_notes.CrafterNotes | None:
+    match = LINE.search(text)
+    return crafter_notes.notes_of(json.loads(match[1])) if match else None
+
+
 def test_notes_are_read_as_they_were_written() -> None:
     own_map = Map(
         at=(3, -2), facing="Move East", kinds={(3, -1): BIT["water"], (9, 9): ANY}, visited=[(2, -2), (3, -2)]
     )
     notes = crafter_notes.CrafterNotes(own_map, 17, False, Home(1, 2, 3, 2, "Move West"), goal=(5, 5))
-    assert crafter_notes.read_notes("Some words.\n" + notes.text()) == notes
-    assert crafter_notes.read_notes("No notes.") is None
+    assert notes_in("Some words.\n" + notes.text()) == notes
+    assert notes_in("No notes.") is None
 
 
 def test_the_player_without_notes_writes_nothing_down() -> None:
@@ -79,7 +85,7 @@ def test_the_player_without_notes_writes_nothing_down() -> None:
 
 def test_the_player_with_notes_keeps_them_in_its_replies() -> None:
     _, player = play(crafter_notes, 3, budget=sp.Budget(tool_calls=40))
-    notes = [crafter_notes.read_notes(reply["content"]) for reply in player.replies[1:]]
+    notes = [notes_in(reply["content"]) for reply in player.replies[1:]]
     assert [note.clock for note in notes] == list(range(1, 40))
 
 

@@ -25,7 +25,6 @@ The functions of `WITH_MORE` also take `summaries` and `pictures`.
 """
 
 FORMATS: dict[str, str] = {
-    "inspect": "smartplay_inspect.export:write_logs",
     "sft": "smartplay_tools.evaluation.exports.sft:write_replies",
     "sft-chains": "smartplay_tools.evaluation.exports.sft:write_chains",
 }

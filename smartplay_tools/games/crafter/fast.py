@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,6 @@ from smartplay_tools.games.crafter.world import (
     position,
 )
 
-if TYPE_CHECKING:
-    from smartplay_tools.games.crafter.reference import ReferenceEngine
-
-CrafterEngine: TypeAlias = "FastEngine | ReferenceEngine"
-"""A world that can be played; both are made with `(seed, episode, keep_grain=...)` and have the same methods."""
-
 
 class FastEngine:
     """A world, its player and its clock.
@@ -34,16 +28,14 @@ class FastEngine:
     Attributes:
         steps: the steps since the world began.
         world, player: the parts.
-
-    With `keep_grain` the draws of a step at night are kept for its picture.
     """
 
-    def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
+    def __init__(self, seed: int, episode: int) -> None:
         self.steps = 0
         self.world = World(world_seed(seed, episode))
         self.player = CrafterPlayer(self.world)
         self._grain: NDArray[np.float64] | None = None
-        self._keep_grain = keep_grain
+        """The draws of a step at night, for its picture."""
         self._last_health = self.player.health
 
     def step(self, action: int) -> float:
@@ -61,8 +53,7 @@ class FastEngine:
                 UPDATE[thing.kind](world, thing, player)
         if self.steps % INTERVAL == 0:
             balance(world, at, now)
-        grain = world.stream.uniforms(NIGHT_PIXELS) if now.night else None
-        self._grain = grain if self._keep_grain else None
+        self._grain = world.stream.uniforms(NIGHT_PIXELS) if now.night else None
         health_change = player.health - self._last_health
         self._last_health = player.health
         return health_change / 10 + (len(player.unlocked) > unlocked)

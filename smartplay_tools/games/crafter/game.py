@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import gymnasium
-
 from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.base import TextGame, read_text
 from smartplay_tools.games.crafter.facts import LENGTH, NOOP, VIEW
-from smartplay_tools.games.crafter.fast import CrafterEngine, FastEngine
-from smartplay_tools.games.crafter.text import ACTIONS, CHARACTERS, LONGEST, NUMBERED_ACTIONS, describe
+from smartplay_tools.games.crafter.fast import FastEngine
+from smartplay_tools.games.crafter.text import ACTIONS, NUMBERED_ACTIONS, describe
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.types.pictures import Picture
 
@@ -18,16 +16,6 @@ TEXTS = ("original", "corrected")
 SMALLEST_PICTURE = 64
 LARGEST_CELL = 28
 """The pixels of a cell up to which a picture that a model is shown is enlarged: a patch of Claude's."""
-
-
-def next_episode(game: gymnasium.Env[Any, Any], seed: int | None, episode: int) -> tuple[int, int]:
-    """Return the seed of the world that a reset begins, and which of its episodes it is, from those before.
-
-    Without a seed it is the one that Gymnasium has drawn, or one from the generator that a user has set.
-    """
-    if game.np_random_seed < 0:  # what Gymnasium says of a generator that was set
-        return int(game.np_random.integers(2**31 - 1)), 1
-    return (game.np_random_seed, 1) if seed is None else (seed, episode + 1)
 
 
 class Crafter(TextGame):
@@ -43,18 +31,19 @@ class Crafter(TextGame):
     `reset(seed=s)` begins the first episode of the original's `Crafter(seed=s)`, and each further reset without a seed
     begins its next one. If the first reset has no seed, `np_random_seed` is the seed of its world.
 
-    Arguments: `engine`, "fast" or "crafter" (PyPI `crafter`, slower); `text`, "original" or "corrected"
-    (see `text.py`); `picture_size`, the side of pictures in pixels (`render_mode="rgb_array"`); at 64 they are the
-    original's. Pictures that a model is shown are their cells without the border, enlarged by the largest whole number
-    with which a cell has at most 28 pixels: 252 x 252.
+    Arguments: `engine`, "fast"; `text`, "original" or "corrected" (see `text.py`); `picture_size`, the side of
+    pictures in pixels (`render_mode="rgb_array"`); at 64 they are the original's. Pictures that a model is shown are
+    their cells without the border, enlarged by the largest whole number with which a cell has at most 28 pixels:
+    252 x 252.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
     hash_every: ClassVar[int] = 100
     options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
-    engines: ClassVar[tuple[str, ...]] = ("fast", "crafter")
+    engines: ClassVar[tuple[str, ...]] = ("fast",)
     picture_engines: ClassVar[tuple[str | None, ...]] = engines
     actions = ACTIONS
+    numbered_actions = NUMBERED_ACTIONS
 
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
@@ -64,21 +53,16 @@ class Crafter(TextGame):
         if picture_size < SMALLEST_PICTURE:
             raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
         self.manual = read_text(__package__, "manual.txt")
-        super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
+        super().__init__(**options)
         self.engine = engine
         self._corrected = text == "corrected"
         self._picture_size = picture_size
         self._seed: int | None = None
         self._episode = 0
-        self._world: CrafterEngine
-
-    @property
-    def numbered_actions(self) -> tuple[str, ...]:
-        """The actions as the manual numbers them: from Move West to Noop."""
-        return NUMBERED_ACTIONS
+        self._world: FastEngine
 
     def deviations(self) -> dict[str, Any]:
-        """The corrected text, if it is played; both engines play the paper's game."""
+        """The corrected text, if it is played; the engine plays the paper's game."""
         return {"text": {"paper": "original", "played": "corrected"}} if self._corrected else {}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
@@ -88,22 +72,17 @@ class Crafter(TextGame):
         return super().reset(seed=seed, options=options)
 
     def _reset(self) -> str:
-        self._seed, self._episode = next_episode(self, self._seed, self._episode)
+        if self.np_random_seed < 0:  # what Gymnasium says of a generator that a user has set
+            self._seed, self._episode = int(self.np_random.integers(2**31 - 1)), 0
+        elif self._seed is None:
+            self._seed, self._episode = self.np_random_seed, 0
+        self._episode += 1
         self.score = 0.0
-        self._world = self._new_world(self._seed, self._episode)
+        self._world = FastEngine(self._seed, self._episode)
         self._world.step(NOOP)
         # The original records this step twice: as a step of the agent, and as the observation of the reset.
         self.before_reset = (self._describe(NOOP),)
         return self._describe(None)
-
-    def _new_world(self, seed: int, episode: int) -> CrafterEngine:
-        keep_grain = self.render_mode == "rgb_array" or self.shows_pictures
-        if self.engine == "fast":
-            return FastEngine(seed, episode, keep_grain=keep_grain)
-        # PyPI crafter is slow to load, and only its own engine needs it.
-        from smartplay_tools.games.crafter.reference import ReferenceEngine
-
-        return ReferenceEngine(seed, episode, keep_grain=keep_grain)
 
     def _step(self, action: int) -> tuple[str, float, bool, bool]:
         world = self._world

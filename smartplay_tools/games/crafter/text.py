@@ -8,11 +8,9 @@ mode fixes what hides the game: near the border it describes what can be seen, a
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
 
 from smartplay_tools.games.crafter.facts import (
     ACTIONS as ENGINE_ACTIONS,
-    CARRIED,
     ITEMS,
     MOST,
     NAMES,
@@ -71,7 +69,8 @@ def describe(sight: Sight, action: int | None = None, *, dead: bool = False, cor
     # In the original, sleep hides a death: a zombie strikes after the player's turn, in which it would have woken up.
     asleep = sight.sleeping and not (dead and corrected)
     status = _ASLEEP if asleep else _DEAD if dead else ""
-    text = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{_body(sight.inventory)}"
+    amounts = _amounts(*sight.inventory.values())
+    text = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{amounts}"
     return text.strip() if action is None else _TOOK[action] + text
 
 
@@ -88,10 +87,6 @@ def _view(surface: bytes | bytearray, at: int) -> str:
     return "You see:" + "".join(lines) if lines else _NOTHING_SEEN
 
 
-def _body(inventory: Mapping[str, int]) -> str:
-    return _amounts(*inventory.values())
-
-
 @functools.lru_cache(maxsize=4096)
 def _amounts(*amounts: int) -> str:
     """Vitals and items; cached, because the amounts rarely change from step to step."""
@@ -99,24 +94,3 @@ def _amounts(*amounts: int) -> str:
     items = [f"- {name}: {n}" for name, n in zip(ITEMS, amounts[len(VITALS) :], strict=True) if n]
     inventory = ["Your inventory:", *items] if items else [_NO_INVENTORY]
     return "\n".join(["Your status:", *vitals, "", *inventory])
-
-
-def _everything() -> tuple[str, ...]:
-    """All pieces of an observation at their longest, as if everything could be seen at the longest distance at once."""
-    return (
-        max(_TOOK, key=len),
-        _ASLEEP,
-        "\n\nYou see:",
-        *(max(_LINES[name], key=len) for name in sorted(_MENTIONED)),
-        f"\n\nYou face {max(NAMES, key=len)} at your front.\n\n",
-        _body(dict.fromkeys(CARRIED, MOST)),
-    )
-
-
-LONGEST = len("".join(_everything()))
-"""No observation has more characters."""
-CHARACTERS = "".join(
-    {*"".join((*_TOOK, _ASLEEP, _DEAD, _NOTHING_SEEN, _NO_INVENTORY, OUT_OF_MAP, *_everything())), *"0123456789"}
-    | {*"".join(line for lines in _LINES for line in lines)}
-)
-"""The characters that observations are made of."""

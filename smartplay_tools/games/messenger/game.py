@@ -54,7 +54,7 @@ class Messenger(TextGame):
         self._level, self._split, self._text = level, split, text
         self._games = rules.GAMES[split]
         self.manual = words.compose(())
-        super().__init__(longest_observation=words.longest_observation(), characters=words.CHARACTERS, **options)
+        super().__init__(**options)
 
     @classmethod
     def options_to_record(cls, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -66,15 +66,3 @@ def compose(sentences: Sequence[str]) -> str:
     """The manual: the game's context, the sentences about this episode's entities, the advice, the actions."""
     context, advice = read_text(__package__, "context.txt"), read_text(__package__, "advice.txt")
     return with_action_list("\n\n".join(filter(None, [context, "\n".join(sentences), advice])), ACTIONS)
-
-
-def longest_observation() -> int:
-    """The length of the longest text that `describe` can return."""
-    far = max(ENTITIES, key=len), 18, -9, -9  # the corner farthest away
-    lines = [_line(*far)] * 3
-    return len("\n".join([f"You took action {max(ACTIONS, key=len)}.\n\n{max(STATUS, key=len)}\n\nYou see:", *lines]))
-
-
-_FIXED = "You took action . You see: nothing away from you. - 0123456789 steps with to your north south west east\n"
-CHARACTERS = "".join([*ACTIONS, *ENTITIES, *STATUS, DEAD, CAUGHT, _FIXED])
-"""Every character that an observation can contain."""

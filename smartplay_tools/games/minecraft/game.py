@@ -11,7 +11,7 @@ from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.games.minecraft.engines import ENGINES, Engine, load_engine
 from smartplay_tools.games.minecraft.observation import VIEW, Observation, TextMode
 from smartplay_tools.games.minecraft.rules import ACTIONS, CORRECTED_GOALS, PAPER_GOALS, strides, turn
-from smartplay_tools.games.minecraft.text import CHARACTERS, LONGEST, describe
+from smartplay_tools.games.minecraft.text import LONGEST, describe
 from smartplay_tools.types.pictures import Picture
 
 PAPER_ENGINE = "minedojo"
@@ -66,7 +66,7 @@ class Minecraft(TextGame):
         self.goal = (PAPER_GOALS if self.text == "paper" else CORRECTED_GOALS)[task]
         """The goal of the task."""
         self.manual = with_action_list(read_text(__package__, "manual.txt").format(goal=self.goal.name), ACTIONS)
-        super().__init__(longest_observation=LONGEST, characters=CHARACTERS, **options)
+        super().__init__(longest_observation=LONGEST, **options)
         self.world: Engine = world(text=self.text)
         """The engine, which holds the world."""
         self._seen: Observation

@@ -26,8 +26,6 @@ LONGEST_NAME = 48
 LONGEST = 200 + (NEAR**3 + 2 * VIEW**2) * (LONGEST_NAME + 80)
 """An upper bound of an observation's lines: one for each block and each ray, and the lines around them."""
 
-CHARACTERS = "".join(map(chr, range(32, 127))) + "\n"
-
 _AROUND = (NEAR, NEAR // 2 + 1 + BELOW, NEAR)
 """The blocks that are described, by x, y, z."""
 

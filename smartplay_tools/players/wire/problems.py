@@ -26,12 +26,11 @@ class RequestError(Exception):
         *,
         param: str | None = None,
         code: str | None = None,
-        kind: str | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(message)
         self.status, self.param, self.code = status, param, code
-        self._kind = kind or ("invalid_request_error" if status < 500 else "server_error")
+        self._kind = "invalid_request_error" if status < 500 else "server_error"
         # Without a time to retry, the same request would be refused again, so clients should not retry it.
         self.headers = headers or {"x-should-retry": "false"}
 

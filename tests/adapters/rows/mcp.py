@@ -13,10 +13,10 @@ from typing import Any
 import httpx2
 from mcp import Client, StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import HttpServer, game_server
+from smartplay_mcp import HttpServer
 
-from smartplay_tools.web import EpisodeStore, HostedEpisode
-from tests.adapters.conformance import GAME, HOST_BUDGET, Host, Send, host_episode
+from smartplay_tools.web import EpisodeStore
+from tests.adapters.conformance import GAME, HOST_BUDGET, Host, Send
 
 Opened = AsyncIterator[list[Send]]
 
@@ -28,14 +28,6 @@ class ThroughClient:
     async def __call__(self, name: str, arguments: Any) -> tuple[str, bool]:
         result = await self.client.call_tool(name, arguments)
         return result.content[0].text, result.is_error
-
-
-@asynccontextmanager
-async def mcp_in_memory(seeds: Sequence[int], folder: Path, mode: str) -> Opened:
-    async with AsyncExitStack() as stack:
-        tables = [HostedEpisode(stack.enter_context(host_episode(seed, folder))) for seed in seeds]
-        servers = [game_server(lambda _, table=table: table) for table in tables]
-        yield [ThroughClient(await stack.enter_async_context(Client(server, mode=mode))) for server in servers]
 
 
 @asynccontextmanager
@@ -70,8 +62,6 @@ async def mcp_over_http(seeds: Sequence[int], folder: Path, mode: str) -> Opened
 
 row = partial(Host, through="MCP")
 HOST = {
-    "MCP in memory": row(partial(mcp_in_memory, mode="auto")),
-    "MCP in memory, legacy": row(partial(mcp_in_memory, mode="legacy")),
     "MCP on stdio": row(partial(mcp_on_stdio, mode="auto"), slow=True),
     "MCP on stdio, legacy": row(partial(mcp_on_stdio, mode="legacy"), slow=True),
     "MCP over HTTP": row(partial(mcp_over_http, mode="auto")),

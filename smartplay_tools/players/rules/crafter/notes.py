@@ -7,7 +7,6 @@ without notes, and it is visible in the transcript.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +17,7 @@ from smartplay_tools.players.rules.crafter.home import Home, dwell, find_site, h
 from smartplay_tools.players.rules.crafter.player import SOLID, WISHES
 from smartplay_tools.players.rules.crafter.sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
 from smartplay_tools.players.rules.crafter.situation import Situation
-from smartplay_tools.players.rules.memory import LINE, fits, line, recall
+from smartplay_tools.players.rules.memory import fits, line, recall
 from smartplay_tools.types.messages import Message
 
 DAY, DUSK, DAWN = 300, 130, 280
@@ -71,12 +70,6 @@ class CrafterNotes:
             "map": "/".join(row.rstrip() for row in rows),
         }
         return line(notes)
-
-
-def read_notes(text: str) -> CrafterNotes | None:
-    """Read the notes in a reply, if there are any."""
-    match = LINE.search(text)
-    return notes_of(json.loads(match[1])) if match else None
 
 
 def notes_of(notes: Mapping[str, Any]) -> CrafterNotes:

@@ -67,7 +67,7 @@ class ReferenceEngine:
         picture: the picture that the package drew in the last step, at its usual size.
     """
 
-    def __init__(self, seed: int, episode: int, *, keep_grain: bool = False) -> None:
+    def __init__(self, seed: int, episode: int) -> None:
         self.steps = 0
         # The engine has no limit of steps; the environment ends the episode.
         self.env = crafter.Env(seed=seed, length=None)
