@@ -34,7 +34,7 @@ def report(
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
 
-    Of several runs, the page has their comparison and shows pairs of episodes side by side.
+    Of several runs, the page has their comparison.
 
     Example: smartplay-tools report runs/first --out first.html
     """

@@ -30,7 +30,6 @@ from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
-from smartplay_tools.evaluation.pages.report.pairs import pairs_of
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
 from smartplay_tools.evaluation.pages.report.summary_tables import (
     failed_row,
@@ -44,7 +43,7 @@ from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.threads import thread_files
-from smartplay_tools.types import MISTAKES, Budget
+from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.quantities import figure, typeset
 
@@ -52,21 +51,9 @@ __all__ = ["render_report", "write_episode", "write_report"]
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "thread.js", "worlds.js", "drawings.js"),
-    *(
-        "live.js",
-        "episode.js",
-        "turn.js",
-        "snapshot.js",
-        "why.js",
-        "search.js",
-        "player.js",
-        "compare.js",
-        "page.js",
-    ),
+    *("live.js", "episode.js", "turn.js", "snapshot.js", "why.js", "search.js", "player.js", "page.js"),
 )
 """The page's scripts, in the order of their dependencies."""
-
-STYLES = ("page.css", "compare.css")
 
 LISTED = ("key", "run", "game", "player", "seed", "status")
 """The facts about an episode that the page needs before it is unpacked."""
@@ -151,10 +138,10 @@ def render_runs(
     title: str | None,
     *,
     plugins: bool,
-    opened: Literal["run", "first", "alone", "compared"],
+    opened: Literal["run", "first", "alone"],
     site: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page of runs, which opens with their tables, their first episode, only that, or all side by side.
+    """Return the page of runs, which opens with their tables, their first episode, or only that.
 
     `site` is what the page knows of the site that serves it (`served`).
     """
@@ -175,14 +162,12 @@ def _rendered(contents: Mapping[str, Any], site: Mapping[str, Any] | None, opene
         "typeset": typeset,
         "mistakes": lambda result: sum(result[name] for name in MISTAKES),
     }
-    scripts, style = [_static(name) for name in SCRIPTS], "".join(map(_static, STYLES))
-    keys = [episode["key"] for episode in contents["episodes"]]
+    scripts, style = [_static(name) for name in SCRIPTS], _static("page.css")
     shown = {
         "scripts": scripts,
         "style": style,
         "policy": _policy(style, scripts, is_served=site is not None),
-        "open": keys[0] if opened in ("first", "alone") else None,
-        "compared": json.dumps(keys) if opened == "compared" else None,
+        "open": contents["episodes"][0]["key"] if opened in ("first", "alone") else None,
         "site": None if site is None else json.dumps(site),
         "follows": bool(site and site.get("updates")),
         "alone": opened == "alone",
@@ -196,7 +181,6 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     """Return the variables of the templates."""
     runs = [page.run for page in pages]
     shown = [episode for page in pages for episode in page.shown]
-    episodes = [episode.facts for episode in shown]
     names = [run.path.resolve().name.removesuffix(".jsonl") for run in runs]
     return {
         "title": title or " and ".join(names),
@@ -205,7 +189,6 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
         "lines": [{**line, "run": page.run.letter} for page in pages for line in lines(page.summary)],
         "totals": [{**totals(page.summary), "run": page.run.letter} for page in pages],
         "comparison": list(_comparison(pages)),
-        "pairs": list(pairs_of(episodes)) if len(runs) > 1 else [],
         "tables": [(page.run.letter, table) for page in pages for table in _tables(page)],
         "profiles": [
             (page.run.letter, profile, profile.condition.label_among(each.condition for each in page.summary.profiles))
@@ -233,7 +216,6 @@ def _packed(shown: Sequence[ShownEpisode], part_words: Mapping[str, str]) -> dic
         "words": {version: fixed_texts(version) for version in known()},
         "mistakes": MISTAKES,
         "partWords": part_words,
-        "usual": Budget().words(),
         "episodes": [
             {name: episode[name] for name in LISTED} | {"pack": pack_of[episode["key"]]} for episode in episodes
         ],
