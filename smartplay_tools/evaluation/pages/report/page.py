@@ -20,24 +20,19 @@ from smartplay_tools.context.prompts.wording import known
 from smartplay_tools.errors import DamageError, InvalidArgumentError, warn_damaged
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
-from smartplay_tools.evaluation.analysis.details import deviations_table
+from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
-from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
+from smartplay_tools.evaluation.pages.report.figures import figures
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
-from smartplay_tools.evaluation.pages.report.summary_tables import (
-    failed_row,
-    figures,
-    interval,
-    lines,
-    totals,
-)
 from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
@@ -158,7 +153,6 @@ def _rendered(contents: Mapping[str, Any], site: Mapping[str, Any] | None, opene
     environment = template_environment(__package__, "The replay page")
     environment.filters |= {
         "number": number,
-        "interval": interval,
         "typeset": typeset,
         "mistakes": lambda result: sum(result[name] for name in MISTAKES),
     }
@@ -185,19 +179,9 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     return {
         "title": title or " and ".join(names),
         "runs": [{"letter": run.letter, "name": name} for run, name in zip(runs, names, strict=True)],
-        "failures": [(page.run.letter, failure) for page in pages for failure in page.summary.failures],
-        "lines": [{**line, "run": page.run.letter} for page in pages for line in lines(page.summary)],
-        "totals": [{**totals(page.summary), "run": page.run.letter} for page in pages],
         "comparison": list(_comparison(pages)),
+        "results": [(page.run.letter, headline(page.summary)) for page in pages if page.summary.cells],
         "tables": [(page.run.letter, table) for page in pages for table in _tables(page)],
-        "profiles": [
-            (page.run.letter, profile, profile.condition.label_among(each.condition for each in page.summary.profiles))
-            for page in pages
-            for profile in page.summary.profiles
-            if profile.capabilities.settings
-        ],
-        "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
-        "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         **_packed(shown, PARTS),
         "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
@@ -264,8 +248,14 @@ def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, plugins: bool) -
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
         facts = [episode.facts for episode in shown]
-        failures = [failed_row(each["key"], each) for each in facts if each["status"] == "failed"]
+        failures = [_failed_row(each) for each in facts if each["status"] == "failed"]
     return _RunPage(run, shown, rows, summarize(rows, failures), drawn, damaged)
+
+
+def _failed_row(episode: Mapping[str, Any]) -> Row:
+    """The row of a failed attempt that is not part of a run."""
+    reason = "exception" if episode["result"] is None else episode["result"]["end_reason"]
+    return {"end_reason": reason, **{name: episode[name] for name in ("key", "game", "player", "error")}}
 
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
@@ -277,14 +267,13 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 
 
 def _tables(page: _RunPage) -> Iterator[TextTable]:
-    """The tables below the results: what windows cost and keep, and what the paper did not do."""
-    if len(page.summary.cells) > 1:
-        comparisons = compare_windows(page.rows)
-        if any(not comparison.is_reference for comparison in comparisons):
-            yield windows_table(comparisons)
+    """The tables below the results, as `results --all` has them, and what windows cost."""
+    comparisons = compare_windows(page.rows)
+    if any(not comparison.is_reference for comparison in comparisons):
+        yield windows_table(comparisons)
+    yield from details(page.summary)
     yield from remembering_tables(page.rows)
-    if page.summary.cells:
-        yield deviations_table(page.summary.cells)
+    yield from points_tables(comparisons)
 
 
 def _static(name: str) -> str:
