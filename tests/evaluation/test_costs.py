@@ -13,7 +13,7 @@ from smartplay_tools.episode.cells import cell_config
 from smartplay_tools.evaluation.analysis.money import cell_costs, rules_table
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.costs.charges import Charge
-from smartplay_tools.evaluation.costs.tariffs import Charged, charge_records, tariffs_of
+from smartplay_tools.evaluation.costs.tariffs import Charged, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.providers.prices import Price
@@ -57,15 +57,6 @@ def test_where_prompts_are_marked_is_a_part_of_the_question(swept: str) -> None:
     assert (
         costs["stable"] < costs["none"] < costs["end"]
     )  # of a window that slides: only what is stable is worth a mark
-
-
-@pytest.mark.slow
-def test_more_processes_find_the_same(swept: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    run, tariffs = RunFolder(swept), tariffs_of([])
-    records = {row["key"]: run.transcript(row["key"]) for row in run.rows()}
-    alone = charge_records(records, tariffs, {})
-    monkeypatch.setattr("smartplay_tools.evaluation.costs.tariffs.WORTH_A_PROCESS", 1)
-    assert charge_records(records, tariffs, {}, processes=2) == alone
 
 
 @pytest.mark.parametrize(
