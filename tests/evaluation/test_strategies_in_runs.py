@@ -1,4 +1,4 @@
-"""Context strategies in whole runs: run files, estimates and caps."""
+"""Context strategies in whole runs: options, estimates and caps."""
 
 from __future__ import annotations
 
@@ -30,19 +30,16 @@ def spent(played: Run) -> int:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("slack = 0.0", "slack 0"),
-        ("summary_tokens = 5000", "summary_tokens=5000 needs"),
-        ('beyond_history = "forget"', "beyond_history"),
-        ("notes_tokens = 0", "notes_tokens"),
+        (("slack", 0.0), "slack 0"),
+        (("summary_tokens", 5000), "summary_tokens=5000 needs"),
+        (("beyond_history", "forget"), "beyond-history"),
+        (("notes_tokens", 0), "notes-tokens"),
     ],
 )
 def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line, why):
-    name, _, value = line.partition(" = ")
-    budget = {"history": 10, "prompt_tokens": 900, "slack": 0.5, "summary_tokens": 100, name: value}
-    lines = [f'games = ["{BANDIT}"]', "[[budgets]]", *(f"{name} = {value}" for name, value in budget.items())]
-    file = tmp_path / "run.toml"
-    file.write_text("\n".join(lines), encoding="utf-8")
-    code, _, stderr = run("eval", file, "--out", tmp_path / "run")
+    budget = {"history": 10, "prompt_tokens": 900, "slack": 0.5, "summary_tokens": 100} | dict([line])
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in budget.items()]
+    code, _, stderr = run("eval", "--games", BANDIT, *options, "--out", tmp_path / "run")
     assert code == 2
     assert why in stderr
     assert stderr.count("\n") == 1

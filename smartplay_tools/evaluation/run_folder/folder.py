@@ -1,6 +1,6 @@
 """Reading the folder of a run: its manifest, and its finished, running and failed episodes.
 
-    manifest.json         the plan, caps, prices, the run file; written before the first episode
+    manifest.json         the plan, caps, prices; written before the first episode
     episodes/KEY.jsonl    the records of finished episodes
     attempts/KEY.N.jsonl  the records of attempts without a result: failed, interrupted, or paused by a cap of the run
     running/KEY.N.jsonl   the records that are being written now
@@ -102,7 +102,7 @@ class Manifest(BaseModel):
     repeats: int | None = None
     """How often each world is played, one trial after the other; None for once."""
     run_file: str | None = None
-    """The text of the run file, if there is one."""
+    """In runs of earlier versions: the text of the file with the arguments of `eval`."""
     game_files: dict[str, str] | None = None
     """The paths of the files of games, by the sha256 of the file; None without such a game."""
     strategy_files: dict[str, str] | None = None

@@ -162,12 +162,11 @@ def run_plan(
     players: Players = (),
     options: RunOptions = RunOptions(),  # noqa: B008 (it is frozen)
     *,
-    run_file: str | None = None,
     display: Display | None = None,
 ) -> Run:
     """Play a plan. `players` are those of `evaluate`; one that is not listed is made by its name.
 
-    `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played.
+    `display` shows the state of the run while it is played.
     """
     folder, caps = RunWriter(out), options.caps
     plan = plan.as_recorded(folder)
@@ -181,7 +180,7 @@ def run_plan(
         (display or not_shown)() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
-        manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
+        manifest = _manifest(folder, before, plan, options, roster.prices)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
         heard = options.on_progress or (_FirstFailures() if display is None else None)
@@ -251,7 +250,6 @@ def _manifest(
     plan: Plan,
     options: RunOptions,
     given: Mapping[str, Price],
-    run_file: str | None,
 ) -> Manifest:
     """The manifest of the run. Its earlier prices are kept, unless the user gives others."""
     prices: dict[str, Price] = {}
@@ -263,13 +261,13 @@ def _manifest(
                 "version); from now on it has all episodes that are asked for.",
                 folder.path,
             )
-        prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
+        prices = dict(before.prices)
     manifest = plan.manifest(
         shard=options.shard,
         caps=asdict(options.caps),
         prices={**prices, **given},
         versions=versions(),
-        run_file=run_file,
+        run_file=None if before is None else before.run_file,
         spending=None if before is None else before.spending,
     )
     if options.run_cost is not None:
