@@ -164,18 +164,8 @@ def test_a_killed_run_is_continued_from_its_unfinished_record(copied):
 
 
 RUN = [
-    *(
-        "eval",
-        "--games",
-        f"{BANDIT},Hanoi3Disk-v0",
-        "--players",
-        "rule,random",
-        "--price",
-        "rule=0.1,0.3",
-        "--seed",
-        "3",
-    ),
-    *("--trials", "2", "--prompt-tokens", "600", "--tool-calls", "6", "--executor", "inline", "--quiet"),
+    *("eval", "--games", f"{BANDIT},Hanoi3Disk-v0", "--players", "rule,random", "--price", "rule=0.1,0.3"),
+    *("--seed", "3", "--trials", "2", "--prompt-tokens", "600", "--tool-calls", "6", "--executor", "inline", "--quiet"),
 ]
 RUNS = {
     "run": RUN,

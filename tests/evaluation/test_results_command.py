@@ -99,11 +99,6 @@ def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
         assert {line["run"] for line in csv.DictReader(file)} == {str(folder)}
 
 
-def test_the_other_weights(folder):
-    assert "degree - 1" in run(folder, "--all", "--weights", "zero-based").output
-    assert "paper, zero-based" in refused("results", folder, "--weights", "equal")
-
-
 def test_files_for_notebooks(folder, tmp_path):
     run(folder, "--csv", tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
