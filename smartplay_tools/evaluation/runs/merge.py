@@ -155,9 +155,7 @@ def audit(
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
     named = {"games": games, "strategies": strategies, "tokenizers": named_tokenizers()}
-    work = functools.partial(_audit_all, named=named)
-    for _, findings in parallel_map(work, records, processes):
-        yield from findings
+    yield from parallel_map(functools.partial(_audit, named=named), records, processes)
 
 
 def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:
@@ -212,19 +210,15 @@ def _place(strategy: str) -> str:
     return custom.parted(custom.name_on_record(strategy))[0]
 
 
-def _audit_all(
-    records: Sequence[tuple[Path, Path | None, Row]], *, named: Mapping[str, Sequence[str]]
-) -> list[EpisodeAudit]:
+def _audit(given: tuple[Path, Path | None, Row], *, named: Mapping[str, Sequence[str]]) -> EpisodeAudit:
+    """Audit a record, with that of the trial before it and its row, in any process."""
+    record, before, row = given
     import_named(named["games"], named["strategies"])
     open_tokenizers(named["tokenizers"])
-    return [_audit(record, before, row, named["strategies"]) for record, before, row in records]
-
-
-def _audit(record: Path, before: Path | None, row: Row, strategies: Sequence[str]) -> EpisodeAudit:
     differences, not_compared, not_replayed = [], None, None
     try:
         read = Record.read(record, checks_fields=False)
-        replayed = replay_record(read, calls_compactor=is_called_again(read.config, strategies))
+        replayed = replay_record(read, calls_compactor=is_called_again(read.config, named["strategies"]))
         differences, not_compared = [*replayed.differences], replayed.not_compared
         with damage_named(record):
             if replayed.complete or not read.is_complete:
