@@ -2,5 +2,4 @@
 
 folder     the manifest (what a run plays, its seeds and shards), rows, records
 follower   how far a run is
-time_left  an estimate of the rest
 """

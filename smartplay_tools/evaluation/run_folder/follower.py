@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
-from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.growing_lines import GrowingLines
 from smartplay_tools.records.record import Outcome, Record
@@ -104,7 +103,7 @@ class RunSnapshot:
     seconds_left: float | None
     """None if the pace is not known: before the first reply, or if the run is not being played."""
     latest_error: str
-    """The latest failure since the run was first looked at, or of all (`run_snapshot`); "" if there was none."""
+    """The latest failure; "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int
@@ -211,12 +210,10 @@ class _Plan(NamedTuple):
 class RunFollower:
     """Makes snapshots of a run, and reads only what was added to its folder since the one before.
 
-    The time left follows from the calls that are still expected and the caps of the run, at the rate since the first
-    snapshot (`time_left`); `clock` returns seconds. The latest failure is one since the first snapshot, so that a run
-    which is continued shows its own, unless `knows_earlier`.
+    `clock` returns seconds.
     """
 
-    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic, *, knows_earlier: bool = False) -> None:
+    def __init__(self, folder: RunFolder, clock: Callable[[], float] = time.monotonic) -> None:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
@@ -231,9 +228,9 @@ class RunFollower:
         self._attempts: dict[Path, _ReadAttempt] = {}
         self._continued: dict[str, Spent] = {}
         self._playing: dict[Path, Record] = {}
-        self._time_left = TimeLeft(clock)
-        self._earlier: frozenset[Path] | None = frozenset() if knows_earlier else None
-        self._latest: Path | None = None
+        self._clock = clock
+        self._first: tuple[float, int] | None = None
+        """The time of the first snapshot, and the replies until then."""
         self._lock = threading.Lock()
 
     def snapshot(self) -> RunSnapshot:
@@ -305,9 +302,6 @@ class RunFollower:
         cells = self._cells(plan, playing)
         spending = self._spending(playing)
         failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
-        earlier = frozenset(failed) if self._earlier is None else self._earlier
-        self._latest = max((path for path in failed if path not in earlier), key=_changed_at, default=self._latest)
-        self._earlier = earlier | set(failed)
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
             finished=sum(cell.finished for cell in cells),
@@ -318,8 +312,8 @@ class RunFollower:
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
             cost=spending.total.cost,
-            seconds_left=self._seconds_left(plan, playing, spending.total),
-            latest_error=self._latest_error(plan),
+            seconds_left=self._seconds_left(plan, playing, spending.total.replies),
+            latest_error=self._latest_error(plan, max(failed, key=_changed_at, default=None)),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             began_again=self._began_again,
             caps=plan.caps,
@@ -360,15 +354,14 @@ class RunFollower:
         others = sum((self._continued[key] for key in self._continued.keys() & self.results.keys()), others)
         return Spending(results, sum((record.own_totals for record in playing), results + others))
 
-    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], spent: Spent) -> float | None:
-        calls = self._expected_calls(plan, playing)
-        return self._time_left.look(
-            {
-                "calls": (spent.replies, None if calls is None else spent.replies + calls),
-                "tokens": (spent.tokens, plan.caps.get("tokens")),
-                "cost": (spent.cost, plan.caps.get("cost")),
-            }
-        )
+    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], replies: int) -> float | None:
+        """The time that the calls to come take at the rate since the first snapshot; None while that is not known.
+
+        Near the end, when a few long episodes are played alone, a run takes longer than its rate says.
+        """
+        now, calls = self._clock(), self._expected_calls(plan, playing)
+        began, before = self._first = self._first or (now, replies)
+        return None if calls is None or replies <= before else calls * (now - began) / (replies - before)
 
     def _expected_calls(self, plan: _Plan, playing: Sequence[Record]) -> float | None:
         """The calls to come, if episodes last as long as the finished ones of their cell, or of any; None without."""
@@ -383,10 +376,10 @@ class RunFollower:
         means = {cell: fmean(own) for cell, own in lengths.items()}
         return sum(max(0.0, means.get(cell, every) - played.get(key, 0)) for key, cell in to_come)
 
-    def _latest_error(self, plan: _Plan) -> str:
-        if self._latest is None or self._latest not in self._attempts:
+    def _latest_error(self, plan: _Plan, latest: Path | None) -> str:
+        if latest is None:
             return ""
-        row = self._attempts[self._latest].row
+        row = self._attempts[latest].row
         cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
         name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
         return f"{name}{row['error'] or row['end_reason']}"
@@ -394,7 +387,7 @@ class RunFollower:
 
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is, in one look, which knows no time left."""
-    return RunFollower(folder, knows_earlier=True).snapshot()
+    return RunFollower(folder).snapshot()
 
 
 def _changed_at(path: Path) -> float:
