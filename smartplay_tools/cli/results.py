@@ -13,7 +13,7 @@ import typer
 from smartplay_tools.cli import options, program
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
-from smartplay_tools.cli.progress import print_running, spending_sentences
+from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.cli.threads import print_threads, thread_files
 from smartplay_tools.evaluation.analysis.details import details, failures_table
@@ -143,8 +143,8 @@ def _show(console: Console, run: _Shown, *, everything: bool) -> None:
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
     say(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
-    if now.finished < now.planned:
-        print_running(console, now)
+    if now.is_live:
+        say(f"Now: {now.describe()}.\n")
     for table in run_tables(run.rows, run.summary, everything=everything):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):

@@ -126,12 +126,8 @@ def test_shards_are_merged_by_command(tmp_path):
     assert (code, output) == (1, f"{tmp_path / 'half'}: 2 of 4 episodes are finished.\n")
 
 
-def test_a_terminal_shows_a_bar_for_every_game(tmp_path, capsys):
+def test_a_terminal_shows_how_far_a_run_is(tmp_path, capsys):
     plan = plan_episodes(make_cells([BANDIT, HANOI], ["rule", "random"], [sp.Budget()]), trials=2)
     console = Console(force_terminal=True, width=120)
     run_plan(plan, tmp_path, options=RunOptions(executor="inline"), display=partial(showing, console))
-    shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "\n", capsys.readouterr().out).replace("\n", "")
-    for game, score in ((BANDIT, "score 3"), (HANOI, "score 1.50")):
-        last = shown.rpartition(game)[2]
-        assert "4/4" in last
-        assert score in last
+    assert "8/8 episodes" in re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", capsys.readouterr().out)

@@ -15,7 +15,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import fmean
@@ -40,31 +40,15 @@ silence, the clients of OpenAI and Anthropic give a request up; a model that thi
 """
 
 
-@dataclass(frozen=True)
-class CellSnapshot:
-    """The progress of one planned cell, or of several together."""
+class CellSnapshot(NamedTuple):
+    """The progress of one planned cell."""
 
     game: str
     player: str
-    asked: str
-    """A short description of its rules and its budget as given; empty for the default ones."""
     planned: int
     finished: int
-    running: int
-    paused: int
-    """Episodes without a result whose latest attempt a cap of the run paused."""
-    failed_attempts: int
     score: float
     """The sum over the finished episodes."""
-
-    @property
-    def name(self) -> str:
-        """The cell in messages: game, player, and what it is given."""
-        return ", ".join(filter(None, (self.game, self.player, self.asked)))
-
-    def __add__(self, other: CellSnapshot) -> CellSnapshot:
-        counts = ("planned", "finished", "running", "paused", "failed_attempts", "score")
-        return replace(self, **{name: getattr(self, name) + getattr(other, name) for name in counts})
 
 
 @dataclass(frozen=True)
@@ -110,6 +94,8 @@ class RunSnapshot:
     """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
     caps: Mapping[str, Any]
     """The caps of the run: tokens and cost, each None or missing if there is none."""
+    paused: int
+    """Episodes without a result whose latest attempt a cap of the run paused."""
     cells: tuple[CellSnapshot, ...]
     spending: Spending
     failed_attempts: tuple[Row, ...] = field(repr=False)
@@ -121,19 +107,6 @@ class RunSnapshot:
     def is_live(self) -> bool:
         """Whether the run is being played now, as records that grow say."""
         return any(record.silent_seconds < STALE_SECONDS for record in self.playing)
-
-    @property
-    def paused(self) -> int:
-        """Episodes that a cap of the run has paused."""
-        return sum(cell.paused for cell in self.cells)
-
-    @property
-    def games(self) -> list[CellSnapshot]:
-        """The cells of each game together."""
-        games: dict[str, CellSnapshot] = {}
-        for cell in self.cells:
-            games[cell.game] = games[cell.game] + cell if cell.game in games else cell
-        return list(games.values())
 
     def describe(self) -> str:
         """Return the figures in words."""
@@ -299,15 +272,17 @@ class RunFollower:
 
     def _count(self, plan: _Plan) -> RunSnapshot:
         playing = sorted(self._playing.values(), key=lambda record: record.last_change)
-        cells = self._cells(plan, playing)
+        to_come = plan.cell_of.keys() - self.results.keys()
+        running = to_come & {record.key for record in playing}
+        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
         spending = self._spending(playing)
         failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
-            finished=sum(cell.finished for cell in cells),
-            planned=sum(cell.planned for cell in cells),
-            running=sum(cell.running for cell in cells),
-            failed=sum(cell.failed_attempts for cell in cells),
+            finished=len(plan.cell_of) - len(to_come),
+            planned=len(plan.cell_of),
+            running=len(running),
+            failed=sum(self._attempts[path].row["key"] in plan.cell_of for path in failed),
             calls=calls,
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
@@ -317,35 +292,21 @@ class RunFollower:
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             began_again=self._began_again,
             caps=plan.caps,
-            cells=cells,
+            paused=sum(latest.get(key) == "paused" for key in to_come - running),
+            cells=self._cells(plan),
             spending=spending,
             failed_attempts=tuple(self._attempts[path].row for path in failed),
             playing=tuple(playing),
         )
 
-    def _cells(self, plan: _Plan, playing: Sequence[Record]) -> tuple[CellSnapshot, ...]:
-        cell_of = plan.cell_of
-        done = self.results.keys() & cell_of.keys()
-        running = {record.key for record in playing} & cell_of.keys() - done
-        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
-        paused = {key for key, outcome in latest.items() if outcome == "paused"} & cell_of.keys() - done - running
-        failed = [attempt.row["key"] for attempt in self._attempts.values() if _has_failed(attempt)]
-        failed = [key for key in failed if key in cell_of]
-        kinds = {"planned": cell_of, "finished": done, "running": running, "paused": paused, "failed_attempts": failed}
-        counts = {kind: Counter(cell_of[key] for key in keys) for kind, keys in kinds.items()}
-        scores: dict[int, float] = defaultdict(float)
-        for key in done:
-            scores[cell_of[key]] += self.results[key].mean_score
+    def _cells(self, plan: _Plan) -> tuple[CellSnapshot, ...]:
+        planned, scores = Counter(plan.cell_of.values()), defaultdict[int, list[float]](list)
+        for key in self.results.keys() & plan.cell_of.keys():
+            scores[plan.cell_of[key]].append(self.results[key].mean_score)
         return tuple(
-            CellSnapshot(
-                game=cell.game,
-                player=cell.player or "",
-                asked=cell.describe(),
-                score=scores[place],
-                **{kind: count[place] for kind, count in counts.items()},
-            )
+            CellSnapshot(cell.game, cell.player or "", planned[place], len(scores[place]), sum(scores[place]))
             for place, cell in enumerate(plan.cells)
-            if counts["planned"][place]
+            if planned[place]
         )
 
     def _spending(self, playing: Iterable[Record]) -> Spending:
