@@ -17,7 +17,7 @@ from smartplay_tools.cli.threads import replayed_threads, thread_files
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
+from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.terminal import Console, Text

@@ -70,7 +70,7 @@ class Spending:
 
 @dataclass(frozen=True)
 class RunSnapshot:
-    """How far a run is, or the shard of one that the folder contains."""
+    """How far a run is."""
 
     finished: int
     planned: int
