@@ -3,8 +3,7 @@
 A run plays a number of trials of each cell. A cell is an `EpisodeConfig` without its seed: the game, the player, the
 budget and the rules of the conversation. The seed of trial i depends only on the run's seed, the game and i, so that
 all cells and players have the same worlds and can be compared in pairs. The key of an episode is the digest of its
-config, so the same episode has the same key in every plan, and a run that is resumed or extended
-recognises it.
+config, so the same episode has the same key in every plan, and a run that is resumed or extended recognises it.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
 from smartplay_tools.evaluation.pages.report.figures import figures
-from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, find_runs, that_open_well
 from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
@@ -62,18 +62,16 @@ def write_report(
     out: str | Path,
     *,
     title: str | None = None,
-    episodes: str | None = None,
     plugins: bool = False,
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
-    Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
-    number (the first trials) or "all"; not given, a page of a very large run holds the first trials, with a warning. An
-    existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
-    name, are imported for the drawings and figures only with `plugins`.
+    Several runs become one page that compares them, pair by pair. A page of a very large run holds the first trials,
+    with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
+    packages, which records name, are imported for the drawings and figures only with `plugins`.
     """
     file = _html_file(out)
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins)
+    page = render_report(run, title=title, plugins=plugins)
     return _write(file, page)
 
 
@@ -108,7 +106,6 @@ def render_report(
     run: str | Path | Sequence[str | Path],
     *,
     title: str | None = None,
-    episodes: str | None = None,
     plugins: bool = False,
     open_first: bool = False,
 ) -> str:
@@ -116,7 +113,7 @@ def render_report(
     if files := thread_files([Path(run)] if isinstance(run, str | Path) else [*map(Path, run)]):
         return render_threads(files, title or Path(files[0]).parent.resolve().name)
     with importing_packages(plugins):
-        runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
+        runs = that_open_well(find_runs([run] if isinstance(run, str | Path) else run))
         opened: Literal["first", "run"] = "first" if open_first else "run"
         return render_runs(runs, title, plugins=plugins, opened=opened)
 
