@@ -23,7 +23,6 @@ RUN = ("--games", GAME, "--executor", "inline", "--trials", "2")
 COMMANDS = (
     ("games",),
     ("manual", GAME),
-    ("schema", GAME),
     ("play", GAME, "--player", "rule", "--transcript", "hanoi.jsonl"),
     ("play", GAME, "--quiet"),
     ("replay", "hanoi.jsonl"),

@@ -62,7 +62,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     "Play": {
         "games": _Entry("games:games"),
         "manual": _Entry("games:manual"),
-        "schema": _Entry("games:schema"),
         "play": _Entry("play:play"),
         "replay": _Entry("replay:replay"),
         "demo": _Entry("demo:demo"),
