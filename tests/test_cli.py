@@ -90,12 +90,10 @@ def test_replay_tells_the_first_difference_and_fails(tmp_path):
 
 @pytest.mark.slow
 def test_demo_plays_trims_and_verifies(tmp_path):
-    pytest.importorskip("openai")
     result = run("demo", "--out", tmp_path)
     assert result.exit_code == 0
-    assert result.output.count("identical") == 6
-    assert "Both players' records are equal" in result.output
-    assert len(list(tmp_path.glob("*.jsonl"))) == 6
+    assert result.output.count("identical") == 3
+    assert len(list(tmp_path.glob("*.jsonl"))) == 3
     assert result.output.count("Hanoi3Disk-v0, rule, prompts <= 600") == 1, "nothing is printed twice"
     assert "The window left out up to" in result.output
     assert "view --play any" in result.output
