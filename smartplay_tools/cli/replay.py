@@ -124,18 +124,12 @@ def _replay_run(
         _print_findings(path, findings)
         for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):
             _say(sentence)
-        _print_unfinished(folder)
+        now = run_snapshot(folder)
+        if now.paused or now.running:
+            _say(f"{now.paused} paused, {now.running} running; not replayed")
     if any(finding.differences for finding in findings):
         return DIFFERS
     return NOT_REPLAYED if any(finding.not_replayed for finding in findings) else 0
-
-
-def _print_unfinished(folder: RunFolder) -> None:
-    """List the episodes that have no result yet, which are not replayed."""
-    for cell in run_snapshot(folder).cells:
-        if cell.paused or cell.running:
-            what = f"{cell.paused} paused, {cell.running} running; not replayed"
-            _say(f"{cell.game}, {cell.player}: {what}")
 
 
 def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:
