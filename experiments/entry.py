@@ -2,7 +2,8 @@
 
     smartplay-tools model get
     python experiments/entry.py --gemma FILE --qwen FILE            # every format; continues where it stopped
-    python experiments/entry.py --qwen FILE --enter FORMAT          # all in view, and curves if the model enters
+    python experiments/entry.py --qwen FILE --enter NAME            # all in view, and curves if the model enters
+    python experiments/entry.py --adapter FILE --enter "taught 0"   # the same of an adapter of local_training.py
     python experiments/entry.py --publish                           # what was played, with three records of every cell
     python experiments/tables.py entry                              # the tables of the page, from the published rows
 
@@ -41,8 +42,11 @@ if TYPE_CHECKING:
 SEED, PAIRS, CALLS = 29_112_026, 4, 10
 LOCKERS, BANDIT = "Lockers6-v0", "BanditTwoArmedHighLowFixed-v0"
 """The games: in `CALLS` calls the first tells six things and asks for four of them."""
-GEMMA = "gemma-3-270m"
+GEMMA, LEARNED = "gemma-3-270m", "smollm2-135m-lockers"
 MODELS = UNTAUGHT, TAUGHT, GEMMA, QWEN
+CAPS, HISTORIES = (400, 500, 600, 700, 800, 900), (2, 4, 6, 8, 10, 12)
+MODEL = "model"
+"""The model that is asked, among the players of its worlds."""
 FORMATS = ("template", "text", "call", "bare", "words", "legal")
 RULES: Mapping[str, Any] = {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"}
 ENTRY, ENTRY_WORLDS = 0.9, 16
@@ -60,6 +64,7 @@ class Asking:
     seed: int
     caps: Sequence[int] = ()
     histories: Sequence[int] = ()
+    model: str = QWEN
 
     @property
     def curves(self) -> Mapping[str, Mapping[str, int]]:
@@ -73,13 +78,17 @@ ASKED = {
     "text": Asking(LOCKERS, "text", SEED),
     "fresh": Asking(LOCKERS, "text", SEED + 100),
     "four": Asking(FOUR, "text", SEED + 200, (390, 430, 470, 515, 560, 600), (1, 2, 3, 4, 5, 6)),
-    "eight": Asking(EIGHT, "legal", SEED + 300, (400, 500, 600, 700, 800, 900), (2, 4, 6, 8, 10, 12)),
+    "eight": Asking(EIGHT, "legal", SEED + 300, CAPS, HISTORIES),
+    **{
+        f"taught {number}": Asking(EIGHT, "legal", SEED + 400, CAPS, HISTORIES, f"{LEARNED}-{number}")
+        for number in range(3)
+    },
 }
 """One after the other.
 
 `text` was asked for after `call` had failed and six worlds of `text` were seen, two of which are among its own; `fresh`
 has others. A game of four things was tried in one world and asked for; then, after three worlds of six things in
-`legal`, one of eight.
+`legal`, one of eight. The last three are adapters of three trainings, in worlds of their own.
 """
 BOUNDS = {"cap": "tokens of a prompt", "history": "steps of history"}
 SCRIPTS = "reader", "random"
@@ -108,20 +117,21 @@ def play_formats(out: Path, files: Mapping[str, str]) -> None:
 def play_entry(out: Path, file: str, entry: str) -> None:
     """Play the model and the scripts with all in view, and under every cap and history if the model enters."""
     asked = ASKED[entry]
-    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(QWEN, file, asked.form))
+    players = (*(PlayerConfig(name=script) for script in SCRIPTS), player_of(asked.model, file, asked.form))
     for worlds, way in ((ENTRY_WORLDS, IN_VIEW), *product(ROUNDS, asked.curves), (ROUNDS[-1], IN_VIEW)):
         fields = {"result_tokens": MANUAL, **asked.curves.get(way, {})}
         for player in players:
             play_cell(out / entry / player.name / asked.game / way, player, asked.game, worlds, asked.seed, **fields)
-        if not enters(cells_of(rows_of(out), entry)[QWEN, IN_VIEW]):
+        if not enters(cells_of(rows_of(out), entry)[MODEL, IN_VIEW]):
             return
 
 
 def player_of(model: str, file: str, form: str) -> PlayerConfig:
-    """Return a model that plays in a format."""
+    """Return a model that plays in a format; the file of one that was taught lockers is that of its adapter."""
     from smartplay_local import LocalPlayer
 
-    return PlayerConfig(name=model, factory=LocalPlayer, options={"model": file, "format": form, "threads": 1})
+    files = {"model": UNTAUGHT, "adapter": file} if model.startswith(LEARNED) else {"model": file}
+    return PlayerConfig(name=model, factory=LocalPlayer, options={**files, "format": form, "threads": 1})
 
 
 def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: int, **fields: Any) -> None:
@@ -137,8 +147,10 @@ Cells = Mapping[tuple[str, str], list[Row]]
 
 def cells_of(rows: Iterable[Row], entry: str) -> Cells:
     """Group the rows of one time that the model was asked to enter by player and way; scripts in its worlds."""
-    cells = grouped((row for row in rows if row["worlds"] == entry), lambda row: (row["player"], row["way"]))
-    played = {way: {row["trial"] for row in own} for (player, way), own in cells.items() if player == QWEN}
+    names = {ASKED[entry].model: MODEL, **{script: script for script in SCRIPTS}}
+    own = (row for row in rows if row["worlds"] == entry)
+    cells = grouped(own, lambda row: (names[row["player"]], row["way"]))
+    played = {way: {row["trial"] for row in own} for (player, way), own in cells.items() if player == MODEL}
     return {
         (player, way): [row for row in own if row["trial"] in played[way]]
         for (player, way), own in cells.items()
@@ -179,16 +191,16 @@ def entry_table(rows: Sequence[Row]) -> str:
     lines = []
     for number, (entry, asked) in enumerate(ASKED.items(), 1):
         cells = cells_of(rows, entry)
-        if own := cells.get((QWEN, IN_VIEW)):
+        if own := cells.get((MODEL, IN_VIEW)):
             failed = "does not enter" if len(own) >= ENTRY_WORLDS else "too few worlds"
-            told = [f"{number}", f"{FACTS[asked.game]}", asked.form, *_scores(cells, IN_VIEW)]
+            told = [f"{number}", asked.model, f"{FACTS[asked.game]}", asked.form, *_scores(cells, IN_VIEW)]
             lines.append([*told, "enters" if enters(own) else failed])
-    return markdown_table(("asked", "facts", "format", "worlds", "score", *SCRIPTS, "right", "verdict"), lines)
+    return markdown_table(("asked", "model", "facts", "format", "worlds", "score", *SCRIPTS, "right", "verdict"), lines)
 
 
 def _scores(cells: Cells, way: str) -> list[str]:
     """The worlds, the scores of the model and of the scripts, and its right answers where what they need is in view."""
-    own = cells[QWEN, way]
+    own = cells[MODEL, way]
     scripts = (interval(mean_score(cells[script, way])) for script in SCRIPTS)
     return [f"{len(own)}", interval(mean_score(own)), *scripts, _right(own)]
 
@@ -198,21 +210,22 @@ def curves_table(rows: Sequence[Row]) -> str:
     lines = []
     for entry, asked in ASKED.items():
         cells = cells_of(rows, entry)
-        ways = [way for way in asked.curves if (QWEN, way) in cells]
-        lines += [[f"{FACTS[asked.game]}", way, *_scores(cells, way)] for way in (*[IN_VIEW] * bool(ways), *ways)]
-    return markdown_table(("facts", "way", "worlds", "score", *SCRIPTS, "right where in view"), lines)
+        ways = [way for way in asked.curves if (MODEL, way) in cells]
+        who = asked.model, f"{FACTS[asked.game]}"
+        lines += [[*who, way, *_scores(cells, way)] for way in (*[IN_VIEW] * bool(ways), *ways)]
+    return markdown_table(("model", "facts", "way", "worlds", "score", *SCRIPTS, "right where in view"), lines)
 
 
-def points(rows: Sequence[Row]) -> Mapping[tuple[int, str], Mapping[str, Mapping[float, MeanEstimate]]]:
-    """Return the means of whole curves by facts and bound, player, and cap or history; the last has all in view."""
-    found: dict[tuple[int, str], Mapping[str, Mapping[float, MeanEstimate]]] = {}
+def points(rows: Sequence[Row]) -> Mapping[tuple[str, str], Mapping[str, Mapping[float, MeanEstimate]]]:
+    """Return the means of whole curves by time and bound, player, and cap or history; the last has all in view."""
+    found: dict[tuple[str, str], Mapping[str, Mapping[float, MeanEstimate]]] = {}
     for (entry, asked), bound in product(ASKED.items(), BOUNDS):
         cells = cells_of(rows, entry)
         ways = {way: float(way.split()[1]) for way in asked.curves if way.startswith(bound)}
-        if ways and all((QWEN, way) in cells for way in ways):
-            found[FACTS[asked.game], bound] = {
+        if ways and all((MODEL, way) in cells for way in ways):
+            found[entry, bound] = {
                 player: {at: mean_score(cells[player, way]) for way, at in (*ways.items(), (IN_VIEW, math.inf))}
-                for player in (QWEN, *SCRIPTS)
+                for player in (MODEL, *SCRIPTS)
             }
     return found
 
@@ -230,24 +243,31 @@ def knee(curve: Mapping[float, MeanEstimate]) -> str:
 def knees_table(rows: Sequence[Row]) -> str:
     """The knees of the model beside those of `reader`."""
     lines = (
-        [f"{facts}", bound, knee(curves[QWEN]), knee(curves["reader"])]
-        for (facts, bound), curves in points(rows).items()
+        [ASKED[entry].model, f"{FACTS[ASKED[entry].game]}", bound, knee(curves[MODEL]), knee(curves["reader"])]
+        for (entry, bound), curves in points(rows).items()
     )
-    return markdown_table(("facts", "bound", "its knee", "reader's"), lines)
+    return markdown_table(("model", "facts", "bound", "its knee", "reader's"), lines)
 
 
 @figure
 def drawn_curves(rows: Sequence[Row]) -> Figure:
     """Draw the scores of the model and of the scripts over the cap and the history."""
     found, counts = points(rows), set[int]()
-    drawn, axes = panels(len(found), columns=len(found), size=(4.6, 3.6))
-    for panel, ((facts, bound), curves) in zip(axes, found.items(), strict=True):
+    drawn, axes = panels(len(found), columns=min(3, len(found)), size=(4.6, 3.6))
+    for panel, ((entry, bound), curves) in zip(axes, found.items(), strict=True):
+        asked = ASKED[entry]
+        facts = FACTS[asked.game]
         for look, (player, curve) in enumerate(curves.items()):
             at = [at for at in curve if at < math.inf]
             draw_estimates(panel, at, [curve[each] for each in at], Series.number(look), player)
             counts |= {curve[each].episodes for each in at}
-        knees = f"knee at {knee(curves[QWEN])}, reader's at {knee(curves['reader'])}"
-        panel.set(title=f"{facts} things: {knees}", xlabel=BOUNDS[bound], ylabel="right answers", ylim=(0, facts))
+        knees = f"knee at {knee(curves[MODEL])}, reader's at {knee(curves['reader'])}"
+        panel.set(
+            title=f"{asked.model}, {facts} things:\n{knees}",
+            xlabel=BOUNDS[bound],
+            ylabel="right answers",
+            ylim=(0, facts),
+        )
     legend_below(drawn, note=sample_note(counts))
     return drawn
 
@@ -270,13 +290,15 @@ def main() -> None:
     parser = arguments(__doc__, "runs/entry")
     for model in ("gemma", "qwen"):
         parser.add_argument(f"--{model}", help="its file, which is played by its path")
-    parser.add_argument("--enter", choices=ASKED, help="ask whether Qwen enters")
+    parser.add_argument("--adapter", help="the file of an adapter that was taught lockers")
+    parser.add_argument("--enter", choices=ASKED, help="ask whether a model enters")
     asked = parser.parse_args()
     files = {UNTAUGHT: UNTAUGHT, TAUGHT: TAUGHT, GEMMA: asked.gemma, QWEN: asked.qwen}
     if asked.publish:
-        write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz", MODELS)
+        models = (*MODELS, *(each.model for each in ASKED.values()))
+        write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz", models)
     elif asked.enter:
-        play_entry(asked.out, asked.qwen, asked.enter)
+        play_entry(asked.out, asked.qwen if ASKED[asked.enter].model == QWEN else asked.adapter, asked.enter)
     else:
         play_formats(asked.out, {model: file for model, file in files.items() if file})
     EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)

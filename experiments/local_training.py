@@ -1,17 +1,16 @@
-"""The training of the model in the box: a LoRA adapter of SmolLM2-135M, by a teacher's replies and then by reward.
+"""The training of the model in the box: a LoRA adapter of SmolLM2-135M, by a teacher's replies.
 
     pip install 'smartplay-tools[train,local]' accelerate gguf
     smartplay-tools model get
     python experiments/local_training.py teach --out runs/taught    # rule plays worlds that nobody is evaluated on
     python experiments/local_training.py tune --out runs/taught     # learns its replies; --rewritten 0.3, --seed 1
-    python experiments/local_training.py reward --out runs/taught   # GRPO, in the exact windows that it plays in
     smartplay-tools play RockPaperScissorBasic-v0 --player local --player-option adapter=runs/taught/adapter.gguf
 
-The same commands run on CUDA where there is an accelerator, and on the processor, where `--tokens` and `--updates`
-have to be small. `tune` and `reward` begin with the adapter of the folder, if it has one, and save it every few minutes
-in the form that llama.cpp loads beside the model. A prompt is exactly the text that the player `local` sends. With
-`--rewritten` that share of the earlier results in each row is masked, drawn by the seed, so that the model meets
-histories that a compactor has changed.
+The same commands run on CUDA where there is an accelerator, and on the processor, where `--tokens` has to be small.
+`tune` begins with the adapter of the folder, if it has one, and saves it every few minutes in the form that llama.cpp
+loads beside the model. A prompt is exactly the text that the player `local` sends. With `--rewritten` that share of the
+earlier results in each row is masked, drawn by the seed, so that the model meets histories that were compacted.
+`--lesson lockers` teaches the game of lockers, in `reader`'s replies.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ import json
 import random
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain, count, repeat
 from pathlib import Path
 from statistics import fmean
@@ -30,46 +30,63 @@ import gguf
 import numpy as np
 import torch
 from smartplay_local.model_files import find_model
-from smartplay_local.text import as_text, call_in
+from smartplay_local.text import Format, as_text
 from torch.nn.functional import cross_entropy
-from torch.nn.utils import parametrize
 from transformers import AutoModelForCausalLM, AutoTokenizer
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
-from smartplay_tools.players.prompt_reading import call as call_message
 
 MODEL = "smollm2-135m"
 RANK, ALPHA = 16, 32
-TEACHING_SEED, REWARDED = 1, 2_000_000
-"""The first seeds of the worlds of teaching and of reward; the experiments play others."""
-TAUGHT = {
-    "RockPaperScissorBasic-v0": 40,
-    "RockPaperScissorDifferentScore-v0": 40,
-    "BanditTwoArmedHighLowFixed-v0": 20,
-    "BanditTwoArmedHighHighFixed-v0": 20,
-    "BanditTwoArmedLowLowFixed-v0": 20,
-    "BanditTwoArmedDeterministicFixed-v0": 20,
-    "Hanoi3Disk-v0": 4,
-    "MessengerL1-v0": 40,
-    "MessengerL2-v0": 40,
+TEACHING_SEED = 1
+"""The first seed of the worlds of teaching; the experiments play others."""
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What is taught: the games and how many worlds of each under every budget, the teacher, the format of calls."""
+
+    worlds: Mapping[str, int]
+    teacher: str
+    budgets: Sequence[sp.Budget]
+    form: Format = "text"
+    rules: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of `evaluate` that are not its defaults."""
+
+
+LESSONS = {
+    "games": Lesson(
+        {
+            "RockPaperScissorBasic-v0": 40,
+            "RockPaperScissorDifferentScore-v0": 40,
+            "BanditTwoArmedHighLowFixed-v0": 20,
+            "BanditTwoArmedHighHighFixed-v0": 20,
+            "BanditTwoArmedLowLowFixed-v0": 20,
+            "BanditTwoArmedDeterministicFixed-v0": 20,
+            "Hanoi3Disk-v0": 4,
+            "MessengerL1-v0": 40,
+            "MessengerL2-v0": 40,
+        },
+        "rule",
+        [
+            *(sp.Budget(prompt_tokens=cap, slack=0.5) for cap in (700, 1_000, 1_500)),
+            sp.Budget(),
+            sp.Budget(prompt_tokens=1_000, slack=0.5, notes_tokens=60),
+        ],
+    ),
+    "lockers": Lesson(
+        {"Lockers4-v0": 1_000, "Lockers8-v0": 1_000},
+        "reader",
+        [sp.Budget(history=None)],
+        "legal",
+        {"manual": "pinned", "first_observation": "prompt", "offered_tools": "useful"},
+    ),
 }
-"""The games, and how many worlds of each are taught under every budget."""
-BUDGETS = [
-    *(sp.Budget(prompt_tokens=cap, slack=0.5) for cap in (700, 1_000, 1_500)),
-    sp.Budget(),
-    sp.Budget(prompt_tokens=1_000, slack=0.5, notes_tokens=60),
-]
-REWARDED_GAMES = ("RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0")
-GROUP = 8
-"""Episodes of a world in an update by reward."""
-TOGETHER = 256
-"""Replies that are drawn at once."""
 SAVED_EVERY = 240.0
 """Seconds between two saved adapters."""
 MASKED = "This result was removed."
 """What a rewritten result says in training."""
-
 MATRICES = {
     "self_attn.q_proj": "attn_q",
     "self_attn.k_proj": "attn_k",
@@ -85,38 +102,38 @@ Sample = tuple[list[int], list[float]]
 """Tokens, and the weight of each in the loss: 0 where it is not the model's."""
 
 
-def teach(out: Path, most: int) -> None:
-    """Let `rule` play at most so many worlds of each game under every budget, and export its records."""
-    for game, worlds in TAUGHT.items():
-        given = {"budgets": BUDGETS, "trials": min(worlds, most), "seed": TEACHING_SEED, "executor": "inline"}
-        sp.evaluate([game], ["rule"], out=out / "played" / game, **given)
+def teach(lesson: Lesson, out: Path, most: int) -> None:
+    """Let the teacher play at most so many worlds of each game under every budget, and export its records."""
+    for game, worlds in lesson.worlds.items():
+        given: Any = {"trials": min(worlds, most), "seed": TEACHING_SEED, "executor": "inline", **lesson.rules}
+        sp.evaluate([game], [lesson.teacher], budgets=lesson.budgets, out=out / "played" / game, **given)
         if not (out / "data" / game).exists():
             export(out / "played" / game, out / "data" / game, "sft-chains")
 
 
 class LowRank(torch.nn.Module):
-    """The sum of a matrix and of the product of two small ones, which are trained."""
+    """The product of two small matrices, which is trained and added to a matrix of the model."""
 
     def __init__(self, like: torch.Tensor) -> None:
         super().__init__()
         self.a = torch.nn.Parameter(torch.randn(RANK, like.shape[1], device=like.device) / like.shape[1] ** 0.5)
         self.b = torch.nn.Parameter(torch.zeros(like.shape[0], RANK, device=like.device))
 
-    def forward(self, matrix: torch.Tensor) -> torch.Tensor:
-        """Return the sum."""
-        return matrix + (ALPHA / RANK * self.b @ self.a).to(matrix.dtype)
+    def add(self, layer: torch.nn.Module, given: tuple[torch.Tensor], result: torch.Tensor) -> torch.Tensor:
+        """Return the result of a layer with this one's share; a hook of the layer."""
+        return result + ALPHA / RANK * given[0] @ self.a.to(result.dtype).T @ self.b.to(result.dtype).T
 
 
 class Student:
     """The model with its adapter, on the device of this machine."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, form: Format, dtype: str) -> None:
         torch.manual_seed(seed)
+        self._form = form
         self.device = "cuda" if torch.cuda.is_available() else "cpu"
         source = find_model(MODEL)
-        kind = torch.bfloat16 if self.device == "cuda" else torch.float32
         self._tokenizer = AutoTokenizer.from_pretrained(source.parent, gguf_file=source.name)
-        self._model: Any = AutoModelForCausalLM.from_pretrained(source.parent, gguf_file=source.name, dtype=kind)
+        self._model: Any = AutoModelForCausalLM.from_pretrained(source.parent, gguf_file=source.name, dtype=dtype)
         self._model.requires_grad_(False).to(self.device)
         self._end = self._tokenizer.convert_tokens_to_ids("<|im_end|>")
         self._ids_of: dict[str, list[int]] = {}
@@ -125,7 +142,7 @@ class Student:
             for name, matrix in MATRICES.items():
                 linear = layer.get_submodule(name)
                 self._parts[f"blk.{number}.{matrix}"] = LowRank(linear.weight)
-                parametrize.register_parametrization(linear, "weight", self._parts[f"blk.{number}.{matrix}"])
+                linear.register_forward_hook(self._parts[f"blk.{number}.{matrix}"].add)
         weights = chain.from_iterable(part.parameters() for part in self._parts.values())
         self._weights = list(weights)
         self._optimizer = torch.optim.AdamW(self._weights, betas=(0.9, 0.98), weight_decay=0.0)
@@ -139,7 +156,7 @@ class Student:
         """Return the tokens of messages as the chat template writes them; the last `taught` replies are trained."""
         ids: list[int] = []
         weights: list[float] = []
-        written = as_text(messages, tools)
+        written = as_text(messages, tools, self._form)
         untaught = sum(message["role"] == "assistant" for message in written) - taught
         for message in written:
             is_reply = message["role"] == "assistant"
@@ -165,33 +182,6 @@ class Student:
         torch.nn.utils.clip_grad_norm_(self._weights, 1.0)
         self._optimizer.step()
         return float(loss.item())
-
-    @torch.no_grad()
-    def replies(self, prompts: Sequence[sp.Prompt], temperature: float = 1.0) -> list[Sample]:
-        """Draw a reply to every prompt; return the tokens of both, those of the reply with weight 1."""
-        asked = [
-            [*self.encode(each.messages, each.tools)[0], *self._ids("<|im_start|>assistant\n")] for each in prompts
-        ]
-        longest = max(map(len, asked))
-        ids = torch.tensor([[*[self._end] * (longest - len(own)), *own] for own in asked], device=self.device)
-        is_own = torch.tensor([[*[0] * (longest - len(own)), *[1] * len(own)] for own in asked], device=self.device)
-        given = {"max_new_tokens": 100, "eos_token_id": self._end, "pad_token_id": self._end, "top_k": 0}
-        with parametrize.cached():
-            drawn = self._model.generate(
-                input_ids=ids, attention_mask=is_own, do_sample=True, temperature=temperature, **given
-            )
-        said = [row[: row.index(self._end) + 1] if self._end in row else row for row in drawn[:, longest:].tolist()]
-        return [([*own, *row], [*[0.0] * len(own), *[1.0] * len(row)]) for own, row in zip(asked, said, strict=True)]
-
-    def message(self, sample: Sample, number: int) -> sp.Message:
-        """Return the reply of a sample as a message."""
-        own = [token for token, weight in zip(*sample, strict=True) if weight]
-        text = self._tokenizer.decode(own, skip_special_tokens=True)
-        if (called := call_in(text)) is None:
-            return {"role": "assistant", "content": text}
-        message = call_message(called["name"])
-        message["tool_calls"][0] |= {"id": f"c{number}", "function": called}
-        return message
 
     def load(self, file: Path) -> None:
         """Take over the adapter in a file."""
@@ -276,71 +266,27 @@ def batches(samples: Sequence[Sample], tokens: int, draw: random.Random) -> list
     return made
 
 
-def reward(student: Student, out: Path, *, updates: int, rate: float, worlds: int, calls: int, seed: int) -> None:
-    """Learn by reward: of several episodes of a world, the replies of those that score above their mean (GRPO)."""
-    draw = random.Random(seed)
-    budgets = [sp.Budget(prompt_tokens=700, slack=0.5, tool_calls=calls), sp.Budget(tool_calls=calls)]
-    for update in range(updates):
-        first = REWARDED + 1_000 * update
-        plan = [
-            (game, budget, first + world) for game in REWARDED_GAMES for budget in budgets for world in range(worlds)
-        ]
-        episodes = [sp.Episode(game, seed=own, budget=budget) for game, budget, own in plan for _ in range(GROUP)]
-        played = play(student, episodes)
-        scores = np.array([episode.result.score if episode.result else 0.0 for episode in episodes]).reshape(-1, GROUP)
-        advantages = (scores - scores.mean(1, keepdims=True)) / (scores.std(1, keepdims=True) + 1e-4)
-        learned = [
-            (ids, [advantage * weight for weight in weights])
-            for advantage, turns in zip(advantages.flat, played, strict=True)
-            for ids, weights in draw.sample(turns, min(16, len(turns)))
-            if abs(advantage) > 1e-3
-        ]
-        for batch in batches(learned, 32_768 if student.device == "cuda" else 4_096, draw) if learned else ():
-            student.learn(batch, rate)
-        print(f"update {update}: mean scores {scores.mean(1).round(1).tolist()}", flush=True)
-        student.save(out / "adapter.gguf")
-
-
-def play(student: Student, episodes: Sequence[sp.Episode]) -> list[list[Sample]]:
-    """Play episodes together, in their exact windows; return the prompts and replies of each."""
-    conversations = [sp.Conversation(episode, player=MODEL) for episode in episodes]
-    turns: list[list[Sample]] = [[] for _ in episodes]
-    for number in count():
-        asked = [(at, prompt) for at, one in enumerate(conversations) if (prompt := one.prompt()) is not None]
-        if not asked:
-            return turns
-        for some in (asked[first : first + TOGETHER] for first in range(0, len(asked), TOGETHER)):
-            for (at, _), sample in zip(some, student.replies([prompt for _, prompt in some]), strict=True):
-                turns[at].append(sample)
-                conversations[at].receive(student.message(sample, number))
-    return turns
-
-
 def main() -> None:
-    """Teach, tune or reward."""
+    """Teach or tune."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("teach", "tune", "reward"))
+    parser.add_argument("what", choices=("teach", "tune"))
     parser.add_argument("--out", type=Path, default=Path("runs/taught"), help="the folder of data and adapter")
+    parser.add_argument("--lesson", choices=LESSONS, default="games", help="what is taught")
+    parser.add_argument("--worlds", type=int, default=1_000, help="the most worlds of each game and budget of `teach`")
     parser.add_argument("--tokens", type=int, default=18_000_000, help="tokens that `tune` reads")
-    parser.add_argument("--updates", type=int, default=30, help="updates of `reward`")
-    parser.add_argument("--worlds", type=int, help="worlds of each game and budget: 6 in an update, 40 of `teach`")
-    parser.add_argument("--calls", type=int, default=50, help="calls of an episode in an update")
     parser.add_argument("--rewritten", type=float, default=0.0, help="the share of earlier results that is masked")
-    parser.add_argument("--rate", type=float, help="the learning rate: 1e-3 for `tune`, 5e-5 for `reward`")
+    parser.add_argument("--rate", type=float, default=1e-3, help="the learning rate of `tune`")
+    parser.add_argument("--dtype", default="float32", help="of the weights: bfloat16 on CUDA and newer processors")
     parser.add_argument("--seed", type=int, default=0, help="of the weights and of all that is drawn")
     asked = parser.parse_args()
+    lesson = LESSONS[asked.lesson]
     if asked.what == "teach":
-        teach(asked.out, asked.worlds or 40)
+        teach(lesson, asked.out, asked.worlds)
         return
-    student = Student(asked.seed)
+    student = Student(asked.seed, lesson.form, asked.dtype)
     if (adapter := asked.out / "adapter.gguf").exists():
         student.load(adapter)
-    drawn = {"seed": asked.seed}
-    if asked.what == "tune":
-        tune(student, asked.out, tokens=asked.tokens, rate=asked.rate or 1e-3, rewritten=asked.rewritten, **drawn)
-    else:
-        given = {"updates": asked.updates, "worlds": asked.worlds or 6, "calls": asked.calls}
-        reward(student, asked.out, rate=asked.rate or 5e-5, **given, **drawn)
+    tune(student, asked.out, tokens=asked.tokens, rate=asked.rate, rewritten=asked.rewritten, seed=asked.seed)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
     from smartplay_tools.records.replays import replay as replay
     from smartplay_tools.records.resumption import fork as fork, resume as resume
-    from smartplay_tools.training.text_env import TextEnv as TextEnv
     from smartplay_tools.transcript.file import read_transcript as read_transcript
     from smartplay_tools.types import (
         AsyncPlayer as AsyncPlayer,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import inspect
 import json
 
@@ -224,15 +223,6 @@ class TestCuts:
             assert kept == lines[: len(kept)]
             assert below.splitlines() == lines[-len(below.splitlines()) :]
 
-    def test_auto_is_a_quarter_of_the_room_and_a_third_for_the_manual(self):
-        with sp.Episode(HANOI, seed=1, budget=sp.Budget(prompt_tokens=1_000)) as episode:
-            counter = TokenCounter()
-            room = 1_000 - counter.messages(episode.head) - counter.tools(episode.tools)
-            assert episode.budget.result_tokens == room // 4
-            assert episode.budget.manual_tokens == room // 3
-        with sp.Episode(HANOI, seed=1) as episode:
-            assert episode.budget.result_tokens is None
-
 
 class TestHostContext:
     """If a host's agent manages the context, the history is in the result of `observe`."""
@@ -267,27 +257,6 @@ def test_the_functions_are_plain_annotated_documented_callables(episode):
     assert act(action="9").startswith("Error: ")
     assert observe().startswith("You chose Rock")
     assert read_manual() == episode.game.manual
-
-
-def test_acall_is_first_in_first_out():
-    async def play(episode: sp.Episode) -> list[int]:
-        results = await asyncio.gather(*(episode.acall("act", {"action": "1"}) for _ in range(30)))
-        return [result.data["step"] for result in results]
-
-    with sp.Episode(RPS, seed=1) as episode:
-        assert asyncio.run(play(episode)) == list(range(1, 31))
-
-
-def test_a_game_that_fails_is_a_record_not_a_crash(tmp_path):
-    with sp.Episode(RPS, seed=1, transcript=tmp_path / "failed.jsonl") as episode:
-        del episode.game._table
-        result = episode.call("act", {"action": "1"})
-        assert result.is_error
-        assert result.done
-    assert episode.result.end_reason == "game_error"
-    assert episode.result.error.startswith("AttributeError")
-    end = sp.read_transcript(tmp_path / "failed.jsonl")[-1]
-    assert "Traceback" in end["traceback"]
 
 
 def test_closing_ends_and_may_be_done_twice():

@@ -46,17 +46,6 @@ TOGETHER: tuple[dict[str, Any], ...] = (
     {"beyond_result": "offload", "result_tokens": 22},
 )
 """Strategies alone and with others."""
-WINDOW = (
-    sp.Budget(),
-    sp.Budget(slack=0.5),
-    sp.Budget(beyond_history="mask", history=2, slack=0.3),
-    sp.Budget(notes_tokens=20),
-    sp.Budget(recall_tokens=80, history=2),
-    sp.Budget(memory_tokens=40),
-    sp.Budget(own_words=1, first_turns=2, history=3),
-    sp.Budget(beyond_result="offload", result_tokens=30),
-    sp.Budget(notes_tokens=20, summary_tokens=30, slack=0.5, history=None, prompt_tokens=1_200),
-)
 
 
 def named(name: str) -> sp.Budget:
@@ -97,11 +86,6 @@ def test_what_keeps_the_contract_passes():
 @pytest.mark.parametrize("name", ["Good", "Batches:share=0.5"])
 def test_what_keeps_the_contract_passes_in_the_same_process(name):
     held_to_it(named(name), 8)
-
-
-@pytest.mark.parametrize("budget", WINDOW, ids=lambda budget: budget.describe() or "dropping")
-def test_the_strategies_of_the_window_keep_it(budget):
-    digests(budget, 4)
 
 
 @pytest.mark.parametrize("asked", TOGETHER, ids=" and ".join)

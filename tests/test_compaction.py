@@ -274,19 +274,6 @@ def test_other_messages_are_its_own_and_show_no_observation():
     assert conversation.episode.stats.blind_prompts == 2
 
 
-def test_ids_that_it_made_up_are_replaced_and_keep_what_replaces_them():
-    made_up = call("search", query="x")
-    made_up["tool_calls"][0]["id"] = "x " * 60
-    result: sp.Message = {"role": "tool", "tool_call_id": "x " * 60, "content": ""}
-
-    conversation = begin(lambda self, h, r: [*h, made_up, result, user("Go on.")])
-    prompts = play(conversation, 3)
-    ids = [each["id"] for each in prompts[-1].messages for each in each.get("tool_calls", ())]
-    assert len({*ids}) == len(ids) == 5
-    assert all(each.isalnum() and len(each) == 9 for each in ids if each != "call_0")
-    assert [m["tool_call_id"] for m in prompts[-1].messages if m["role"] == "tool"] == ids
-
-
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -365,14 +352,6 @@ def test_what_stands_before_the_first_reply_leaves_after_the_turns_and_the_task_
     assert texts(play(conversation, 3)[-1])[0] == texts(play(begin(same), 1)[0])[0]
 
 
-def test_the_episode_ends_where_the_newest_turn_does_not_fit():
-    conversation = begin(after(2, lambda h: [*h, user("word " * 500)]), prompt_tokens=700)
-    play(conversation, 5)
-    assert conversation.result.end_reason == "prompt_tokens"
-    assert conversation.result.over_prompts == 1
-    assert replay(events_of(conversation)).identical
-
-
 # Age.
 
 
@@ -389,19 +368,6 @@ def test_results_age_by_the_date_of_their_call_and_words_do_not():
     assert [text == MARKER for text in results] == [True, True, False, False]
     assert texts(prompt).count("Words of old.") == 5
     assert all(sent.sha256 == sent.recorded_sha256 for sent in sent_prompts(events_of(conversation)))
-
-
-def test_an_old_copy_of_a_masked_result_is_sent_masked():
-    kept: dict[str, Any] = {}
-
-    def compact(self, history, room):
-        for message in history:
-            if message["role"] == "tool":
-                message["content"] = kept.setdefault(message["tool_call_id"], message["content"])
-        return history
-
-    prompt = play(begin(compact, history=0), 4)[-1]
-    assert [text == MARKER for text in texts(prompt)[2::2]] == [True, True, False]
 
 
 # Questions.
@@ -695,25 +661,6 @@ def test_a_thread_that_asks_ends_once_the_generator_is_closed():
 
 
 # Record, replay, resume.
-
-
-def test_every_prompt_is_rebuilt_without_the_compactor_and_replay_calls_it_where_asked():
-    calls: list[int] = []
-
-    def compact(self, history, room):
-        calls.append(1)
-        return (yield from summing(self, history, room)) if len(history) > 6 else history
-
-    conversation = begin(compact, prompt_tokens=800)
-    prompts = play(conversation, 12)
-    events = events_of(conversation)
-    calls.clear()
-    rebuilt = [sent.prompt.messages for sent in sent_prompts(events) if sent.prompt.purpose == "play"]
-    assert rebuilt == [prompt.messages for prompt in prompts]
-    assert not replay(events).differences
-    assert calls == []
-    assert not replay(events, calls_compactor=True).differences
-    assert len(calls) == 12
 
 
 def test_a_compactor_that_rewrites_otherwise_differs_where_it_is_called_and_is_resumed():

@@ -6,7 +6,6 @@ import asyncio
 import copy
 import dataclasses
 import pickle
-import random
 
 import pytest
 
@@ -15,7 +14,6 @@ from smartplay_tools.conversation import AgentSession, PaperConversation
 from smartplay_tools.conversation.base import CheckedReply
 from smartplay_tools.records.driver import unchained
 from smartplay_tools.transcript.file import MemoryRecord
-from tests import checker, scripts
 
 RPS, HANOI = "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 
@@ -58,37 +56,11 @@ class TestEnds:
             result = sp.play(episode, sp.ScriptedPlayer([calling(("observe", ""))] * 1_000))
         assert (result.end_reason, result.tool_calls) == ("tool_calls", 4 * 50 + 16)
 
-    @pytest.mark.parametrize("seed", range(3))
-    def test_turns_in_a_row_that_bring_nothing_are_those_of_the_definition(self, seed):
-        chance, events, counts = random.Random(seed), [], []
-        looks = [("observe", ""), ("read_manual", ""), ("note", ""), ("act", "not JSON"), ("dance", "{}")]
-        budget = sp.Budget(notes_tokens=12, stalled_turns=None)
-        with sp.Episode(RPS, seed=0, budget=budget, tokenizer=scripts.Words(), transcript=events) as episode:
-            conversation = sp.Conversation(episode, foreign_tools=[scripts.NOTE])
-            while conversation.prompt() is not None:
-                calls = chance.choices(
-                    [*looks * 4, *scripts.NOTES, ("act", '{"action": "1"}')], k=chance.choice([1, 2])
-                )
-                conversation.receive(calling(*calls))
-                for call in conversation.latest_turn.calls:
-                    if call.name == "note":
-                        conversation.add({"role": "tool", "tool_call_id": call.id, "content": "noted"})
-                counts.append(episode.stats.stalled)
-        assert counts == checker.stalled(scripts.as_json(events))
-        assert sp.replay(events, tokenizer=scripts.Words()).identical
-
     def test_the_last_result_says_that_stalled_turns_have_ended_the_episode(self):
         with sp.Episode(RPS, seed=0, context="host", budget=sp.Budget(stalled_turns=2)) as episode:
             results = [episode.call("fly") for _ in range(2)]
             assert [result.done for result in results] == [False, True]
             assert episode.call("act", {"action": "1"}).text.startswith("Error: The episode is over (stalled_turns)")
-
-    def test_episode_tokens_are_never_passed(self):
-        with sp.Episode(RPS, seed=0, budget=sp.Budget(episode_tokens=2_000, reply_tokens=40)) as episode:
-            result = sp.play(episode, sp.get_player("rule"))
-        assert result.end_reason == "episode_tokens"
-        assert result.tokens.prompt + result.tokens.reply <= 2_000
-        assert result.tokens.overruns == 0
 
     def test_three_idle_replies_in_a_row(self):
         player = sp.ScriptedPlayer([saying("Hm."), saying("Hm."), acting(), saying("1"), saying("2"), saying("3")])
@@ -97,24 +69,8 @@ class TestEnds:
         assert (result.end_reason, result.idle_replies, result.steps) == ("no_tool_call", 5, 1)
         assert player.prompts[1].messages[-1]["content"].startswith("Your reply called no tool.")
 
-    def test_player_error(self, tmp_path):
-        path = tmp_path / "error.jsonl"
-        with sp.Episode(RPS, seed=0, transcript=path) as episode:
-            result = sp.play(episode, sp.ScriptedPlayer([acting()]))
-        assert (result.end_reason, result.steps) == ("player_error", 1)
-        assert result.error.startswith("StopIteration")
-        assert "Traceback" in sp.read_transcript(path)[-1]["traceback"]
-
 
 class TestBudgets:
-    def test_a_reply_longer_than_allowed_is_charged_in_full_and_counted(self):
-        with sp.Episode(RPS, seed=0, budget=sp.Budget(reply_tokens=30)) as episode:
-            conversation = sp.Conversation(episode)
-            assert conversation.prompt().max_tokens == 30
-            conversation.receive(acting(say="word " * 100))
-            assert episode.stats.tokens.overruns == 1
-            assert episode.stats.tokens.reply > 100
-
     def test_the_providers_usage_stands_beside_our_count(self):
         usage = sp.Usage(prompt=500, reply=20, cached=400, requests=2)
         with sp.Episode(RPS, seed=0) as episode:
@@ -122,44 +78,13 @@ class TestBudgets:
         assert result.tokens.provider == sp.Usage(prompt=1000, reply=40, cached=800, requests=4)
 
 
-class TestForeignTools:
-    """Tools of the host's agent: counted and shown, but not ours to answer."""
-
+def test_a_foreign_call_is_not_idle():
     search = sp.ToolSpec("search", "Search the web.", {"type": "object", "properties": {"query": {"type": "string"}}})
-
-    def test_the_host_answers_them(self):
-        with sp.Episode(RPS, seed=0) as episode:
-            conversation = sp.Conversation(episode, foreign_tools=[self.search])
-            message = calling(("search", '{"query": "odds"}'), ("act", '{"action": "1"}'))
-            message["tool_calls"][0]["id"] = "call_s"
-            assert len(conversation.receive(message)) == 1
-            with pytest.raises(sp.InvalidArgumentError, match="call_s have no result yet"):
-                conversation.prompt()
-            conversation.add({"role": "tool", "tool_call_id": "call_s", "content": "Rock is common."})
-            conversation.add({"role": "user", "content": "Go on."})
-            assert [m["role"] for m in conversation.prompt().messages[2:]] == ["assistant", "tool", "tool", "user"]
-            assert episode.stats.tool_calls == 1
-
-    def test_a_foreign_call_is_not_idle(self):
-        with sp.Episode(RPS, seed=0) as episode:
-            conversation = sp.Conversation(episode, foreign_tools=[self.search])
-            conversation.receive(calling(("search", "{}")))
-            conversation.add({"role": "tool", "tool_call_id": "call_0", "content": "Nothing."})
-            assert episode.stats.idle_replies == 0
-
-    def test_names_may_not_clash(self):
-        mine = sp.ToolSpec("act", "Mine.", {})
-        with sp.Episode(RPS, seed=0) as episode, pytest.raises(sp.InvalidArgumentError, match="rename yours"):
-            sp.Conversation(episode, foreign_tools=[mine])
-
-
-def test_what_the_host_says_first_belongs_to_every_head():
-    head = [{"role": "user", "content": "Be brief."}]
-    with sp.Episode(RPS, seed=0, budget=sp.Budget(history=0)) as episode:
-        conversation = sp.Conversation(episode, head=head)
-        for _ in range(4):
-            conversation.receive(acting())
-        assert conversation.prompt().messages[2] == head[0]
+    with sp.Episode(RPS, seed=0) as episode:
+        conversation = sp.Conversation(episode, foreign_tools=[search])
+        conversation.receive(calling(("search", "{}")))
+        conversation.add({"role": "tool", "tool_call_id": "call_0", "content": "Nothing."})
+        assert episode.stats.idle_replies == 0
 
 
 def test_a_conversation_needs_the_window():
@@ -234,18 +159,10 @@ def test_a_prompt_is_the_same_before_and_after_its_messages_are_read():
         assert pickle.loads(pickle.dumps(unread)) == unread == read == copy.deepcopy(read)
         assert dataclasses.replace(conversation.prompt(), tools=()).messages == read.messages
         read.messages[0]["content"] = "changed"
+        assert read == unread
         assert "changed" not in (unread.messages[0]["content"], conversation.prompt().messages[0]["content"])
         with pytest.raises(AttributeError, match="no attribute 'message'"):
             _ = unread.message
-
-
-def test_prompts_with_the_same_messages_are_equal_whatever_a_player_changes():
-    prompt, other = (
-        sp.Prompt([{"role": "user", "content": "Play."}]),
-        sp.Prompt(({"role": "user", "content": "Play."},)),
-    )
-    prompt.messages[0]["content"] = "Stop."
-    assert prompt == other
 
 
 @pytest.mark.parametrize("kind", [sp.Conversation, AgentSession, PaperConversation])

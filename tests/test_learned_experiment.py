@@ -47,12 +47,6 @@ def test_notes_of_three_digits_are_worth_more_than_dropping():
     assert scores[1] > scores[0]
 
 
-def test_past_nine_all_counts_are_halved():
-    tallied = importlib.import_module("learned_teacher").tallied
-    assert tallied({"Rock": 9, "Paper": 3, "Scissor": 0}, "Rock") == {"Rock": 5, "Paper": 1, "Scissor": 0}
-    assert tallied({"Rock": 9, "Paper": 3, "Scissor": 0}, "Paper") == {"Rock": 9, "Paper": 4, "Scissor": 0}
-
-
 @pytest.mark.parametrize(
     "record", sorted((EXPERIMENTS / "learned" / "records").glob("*.jsonl")), ids=lambda path: path.stem
 )

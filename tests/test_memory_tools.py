@@ -57,12 +57,3 @@ def test_every_answer_is_what_the_definition_says(seeds):
     counts = [judged_episode(seed)[1] for seed in seeds]
     assert sum(count["recalls"] for count in counts) > 20
     assert sum(count["pages"] for count in counts) > 3
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_their_records_replay_and_are_continued(seed):
-    played, _ = judged_episode(seed)
-    assert sp.replay(played.events, tokenizer=WORDS).identical
-    half = played.events[: len(played.events) // 2]
-    with sp.records.resume(half, transcript=[], tokenizer=WORDS) as resumed:
-        assert resumed.conversation is not None

@@ -259,9 +259,3 @@ def test_it_plays_on_an_event_loop_too():
             return await sp.aplay(episode, Thinker(*["Noop"] * 30), protocol="paper")
 
     assert asyncio.run(play_it()).fallback_actions == 30
-
-
-def test_the_cost_of_a_prompt_is_counted_as_what_a_cache_could_serve():
-    result = play(HANOI, Thinker(*["?"] * 30))
-    # A second prompt repeats all of the first except thoughts and question; a first one at least the manual.
-    assert 0.5 < result.tokens.prefix / result.tokens.prompt < 0.95

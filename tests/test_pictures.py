@@ -200,16 +200,6 @@ def test_a_record_that_names_another_picture_is_found_out():
         recorded_pictures(events)
 
 
-def test_prompts_are_rebuilt_with_their_pictures():
-    events = played(6, observation="both", budget={"history": 2})
-    for sent in sent_prompts(events, pictures=recorded_pictures(events)):
-        assert sent.sha256 == sent.recorded_sha256
-        named = [part["sha256"] for message in sent.prompt.messages for part in pictures_of(message)]
-        assert set(sent.prompt.pictures) == set(named)
-    assert len(named) == 3  # the current one, and two of the past
-    assert not any(sent.prompt.pictures for sent in sent_prompts(events))
-
-
 def test_a_prompts_sha256_depends_on_its_pictures():
     shas = []
     for seed in (1, 2):  # two worlds, whose words here are the same
@@ -253,15 +243,6 @@ def test_auto_gives_a_result_the_room_of_its_picture_in_addition():
         with sp.Episode("Crafter-v0", seed=1, observation=form, budget=sp.Budget(prompt_tokens=900)) as episode:
             caps[form] = episode.budget.result_tokens, episode.budget.manual_tokens
     assert caps["picture"] == (caps["text"][0] + 81, caps["text"][1])
-
-
-def test_an_old_observation_is_masked_with_its_picture():
-    budget = {"history": 1, "beyond_history": "mask"}
-    events = played(5, observation="both", budget=budget)
-    *_, last = sent_prompts(events)
-    results = [message for message in last.prompt.messages if message["role"] == "tool"]
-    assert [len(pictures_of(message)) for message in results] == [0, 0, 1, 1]
-    assert {text_of(message) for message in results[:2]} == {"[observation left the history window]"}
 
 
 def shown_as(message):

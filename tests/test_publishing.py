@@ -234,13 +234,6 @@ def test_each_file_is_what_its_schema_says(file, schema):
     assert is_valid(schema, ROOT / file)
 
 
-def test_a_file_that_is_not_what_its_schema_says_is_found(tmp_path):
-    broken = tmp_path / "checks.yml"
-    written = (ROOT / ".github/workflows/checks.yml").read_text(encoding="utf-8")
-    broken.write_text(f"{written}\nno-such-field: 1\n", encoding="utf-8")
-    assert not is_valid("vendor.github-workflows", broken)
-
-
 def test_actions_are_named_by_their_commit():
     workflow = (ROOT / ".github/workflows/checks.yml").read_text(encoding="utf-8")
     used = re.findall(r"uses: (\S+)", workflow)

@@ -13,9 +13,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import smartplay_tools as sp
-from smartplay_tools.context import TurnBuilder
-from smartplay_tools.context.prompts.wording import Wording
-from smartplay_tools.episode import EpisodeStats
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.players import get_player
 from smartplay_tools.records import Record, driver
@@ -183,22 +180,6 @@ def replay_or_sentence(events: list[dict[str, Any]]) -> Any:
     return sentence
 
 
-def test_a_record_whose_calls_were_played_out_of_order_differs():
-    events: list[dict[str, Any]] = []
-    with sp.Episode(HANOI, seed=2, transcript=events) as episode:
-        conversation = sp.Conversation(episode)
-        conversation.prompt()
-        function = {"name": "act", "arguments": '{"action": "1"}'}
-        calls = [{"id": call_id, "type": "function", "function": function} for call_id in "abc"]
-        conversation.receive({"role": "assistant", "content": None, "tool_calls": calls})
-    first, second = (at for at, event in enumerate(events) if event["event"] == "call" and event["position"] < 2)
-    events[first], events[second] = events[second], events[first]
-    replayed = sp.replay(events)
-    assert not replayed.identical
-    assert re.search(r"chain is broken", replayed.differences[0])
-    assert re.search(r"event 7 \(call\): The call a comes before one that has been answered", replayed.differences[-1])
-
-
 def test_a_record_without_its_end_is_incomplete_at_every_length(recorded, tmp_path):
     for length in range(1, len(recorded)):
         replay = sp.replay(write(tmp_path / "short.jsonl", recorded[:length]))
@@ -217,19 +198,6 @@ def test_what_makes_no_sense_is_a_difference_that_names_event_and_field(recorded
     replayed = sp.replay(write(tmp_path / "wrong.jsonl", events))
     assert not replayed.identical
     assert f"({kind}" in " ".join(replayed.differences)
-
-
-def test_counters_and_turns_are_folds_over_the_events(recorded):
-    stats = EpisodeStats.of(recorded)
-    result = recorded[-1]["result"]
-    counts = {name: getattr(sp.EpisodeResult(**result), name) for name in stats.counts()}
-    assert counts == stats.counts()
-    assert stats.tokens.model_dump() == result["tokens"]
-    builder = TurnBuilder(Wording.recorded(recorded[0]))
-    for event in recorded:
-        builder.apply(event)
-    assert len(builder.turns) + 1 == result["turns"]
-    assert builder.step == result["steps"]
 
 
 def test_kinds_of_events_are_those_that_are_typed_and_documented():

@@ -16,7 +16,6 @@ import smartplay_tools as sp
 from smartplay_tools.errors import MissingExtraError, UnknownNameError
 from smartplay_tools.evaluation.exports.export import FORMATS
 from smartplay_tools.evaluation.runs.executors import EXECUTORS
-from smartplay_tools.games import GAMES
 from smartplay_tools.games.game_registry import Games
 from smartplay_tools.games.minecraft.engines import ENGINES
 from smartplay_tools.players.player_registry import PLAYERS
@@ -55,12 +54,6 @@ Install = Callable[..., None]
 )
 def test_everything_that_is_named_by_its_place_is_there(place):
     assert callable(resolve(place))
-
-
-@pytest.mark.parametrize("spec", GAMES.values(), ids=GAMES)
-def test_a_setting_names_classes_that_are_there(spec):
-    places = [spec.entry_point, spec.gymnasium_entry_point]
-    assert all(callable(resolve(place)) for place in places if place)
 
 
 @pytest.fixture

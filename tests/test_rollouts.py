@@ -78,13 +78,6 @@ def test_tokens_and_their_probabilities_belong_together():
         sp.Conversation(episode).receive(sp.Reply(sp.call("act", action="Rock"), sampled=[1, 2]))
 
 
-def test_a_step_of_an_environment_takes_them():
-    env = sp.TextEnv(GAME, budget=BUDGET)
-    env.reset(seed=3)
-    env.step(sp.Reply(sp.call("act", action="Rock"), sampled=sp.SampledTokens(reply=[5])))
-    assert env.episode.stats.turns == 1
-
-
 def test_a_server_that_sends_token_ids_is_read():
     answer = {
         "choices": [

@@ -134,13 +134,6 @@ def test_every_page_is_in_the_contents(site):
     ] == []
 
 
-def test_the_landing_page_has_pictures(site):
-    contents = (site / "index.html").read_text(encoding="utf-8")
-    pictures = re.findall(r'<img [^>]*src="([^"]+)"', contents)
-    assert len(pictures) >= 2
-    assert all((site / picture).is_file() for picture in pictures)
-
-
 def test_signatures_have_fields_and_examples_have_titles(site):
     assert_signatures_have_fields("".join(page.read_text(encoding="utf-8") for page in sorted(site.glob("api*.html"))))
     assert_every_example_has_a_title(site / "interfaces.html")

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.games import PAPER_RESULTS, get_spec
+from smartplay_tools.games import PAPER_RESULTS
 from smartplay_tools.games.messenger import rules
 from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_SETTINGS
 
@@ -109,8 +108,3 @@ def test_at_level_3_three_things_can_touch_the_avatar_at_once():
     state = rules.State((enemy, elsewhere, elsewhere, *decoys), ("chaser",) * 5, (4, 4))
     outcome = rules.settle(state, 4, [rules.STAY] * 5)
     assert (outcome.reward, 1) == sp.GAMES["MessengerL3-v0"].score_bounds
-
-
-def test_an_unknown_game_lists_near_names():
-    with pytest.raises(UnknownNameError, match="did you mean Hanoi3Disk-v0"):
-        get_spec("Hanoi3Disks-v0")

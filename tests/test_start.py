@@ -7,7 +7,6 @@ import importlib
 import json
 import subprocess
 import sys
-from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -141,12 +140,6 @@ class TestLateNames:
         imports = (node for node in guarded.body if isinstance(node, ast.ImportFrom))
         assert {alias.asname for node in imports for alias in node.names} == set(module.__all__)
         assert set(module.__all__) <= set(dir(module))
-
-    def test_the_version_is_an_attribute(self):
-        assert sp.__version__ == metadata.version("smartplay-tools")
-
-    def test_a_name_that_is_not_there_is_no_attribute(self):
-        assert not hasattr(sp, "Episodes")
 
 
 class TestCommands:

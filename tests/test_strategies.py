@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.context import ContextWindow, Item, Turn, strategies
-from smartplay_tools.context.prompts.wording import VERSION, Wording
+from smartplay_tools.context import strategies
 from smartplay_tools.context.strategies import KINDS
-from smartplay_tools.context.tokens import TokenCounter
 from tests import scripts
 from tests.test_conversation import acting, calling, saying
 
@@ -46,23 +44,6 @@ def summarised(events: list[Any] | None = None, **budget: Any) -> sp.Conversatio
 
 
 class TestMasking:
-    def test_with_slack_masking_moves_in_blocks_so_that_the_beginning_stays(self):
-        conversation = begin(history=4, beyond_history="mask", slack=0.5)
-        oldest = []
-        for _ in range(9):
-            conversation.receive(acting())
-            conversation.prompt()
-            oldest.append(conversation.view.selection.oldest)
-        assert oldest == [0, 0, 0, 0, 3, 3, 3, 6, 6]
-
-    def test_with_slack_old_words_leave_in_blocks(self):
-        conversation, kept = begin(history=None, own_words=3, slack=0.5), []
-        for number in range(9):
-            conversation.receive(acting(say=f"{number}"))
-            replies = [one["content"] for one in conversation.prompt().messages if one["role"] == "assistant"]
-            kept.append(sum(words is not None for words in replies))
-        assert kept == [1, 2, 3, 3, 4, 3, 4, 3, 4]
-
     @pytest.mark.parametrize(
         ("budget", "dropped"),
         [
@@ -80,23 +61,8 @@ class TestMasking:
             seen.append(conversation.view.dropped_turns)
         assert seen == dropped
 
-    def test_the_newest_observation_takes_its_room_though_later_turns_have_none(self):
-        conversation = begin(**room(120, history=None))
-        for message in (acting(), acting(), saying("word " * 10), saying("word " * 10)):
-            conversation.receive(message)
-        assert conversation.prompt() is not None
-        assert conversation.view.selection.turns == [range(1, 2), range(3, 4)]
-
 
 class TestNotes:
-    def test_they_stay_when_older_turns_leave(self):
-        conversation = begin(**room(200, notes_tokens=10))
-        conversation.receive(calling(noting("He likes Rock.")))
-        for _ in range(12):
-            conversation.receive(acting())
-        assert "He likes Rock." in str(conversation.prompt().messages)
-        assert conversation.view.dropped_turns > 3
-
     @pytest.mark.parametrize("arguments", ['{"text": 5}', '{"text": null}', "{}", '{"notes": "x"}', '{"text": "x"', ""])
     def test_notes_that_are_no_text_are_malformed(self, arguments):
         conversation = begin(notes_tokens=5)
@@ -169,21 +135,6 @@ class TestSummaries:
             assert resumed.conversation.prompt().purpose == "play"
         assert sp.replay(again, tokenizer=WORDS).identical
 
-    def test_an_empty_one_leaves_the_earlier_one_and_is_not_asked_for_again(self):
-        conversation = summarised()
-        conversation.receive(saying("He likes Rock."))
-        while conversation.prompt().purpose == "play":
-            conversation.receive(acting(say="Rock it is."))
-        conversation.receive(saying(" \n"))
-        assert conversation.prompt().purpose == "play"
-        assert "He likes Rock." in conversation.prompt().messages[2]["content"]
-
-    def test_one_stands_behind_the_first_turns_that_stay(self):
-        conversation = summarised(first_turns=2, **room(300))
-        conversation.receive(saying("He likes Rock."))
-        roles = [one["role"] for one in conversation.prompt().messages]
-        assert roles[2:7] == ["assistant", "tool", "assistant", "tool", "user"]
-
     @pytest.mark.parametrize(
         ("text", "cut", "empty"),
         [("He likes Rock.", False, False), ("word " * 30, True, False), ("", False, True), (" \n" * 40, False, True)],
@@ -246,12 +197,6 @@ class TestSummaries:
             begin(**{"summary_tokens": 12, **budget})
         assert "\n" not in str(refused.value)
 
-    def test_a_host_that_does_not_make_the_extra_call_refuses(self):
-        episode = sp.Episode(RPS, seed=1, budget=sp.Budget(history=10, slack=0.5, summary_tokens=12))
-        with pytest.raises(sp.InvalidArgumentError, match="additional model calls"):
-            sp.AgentSession(episode)
-        assert sp.AgentSession(episode, summaries=True).prompt().purpose == "play"
-
 
 @pytest.mark.parametrize(
     "strategy",
@@ -305,20 +250,3 @@ def test_two_strategies_that_decide_the_same_are_refused(monkeypatch):
 def test_where_nothing_leaves_what_would_keep_something_is_refused(budget, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         begin(history=None, **budget)
-
-
-def test_the_sums_that_decide_a_view_grow_with_the_logarithm_only(monkeypatch):
-    budget = sp.Budget(history=8, prompt_tokens=900, slack=0.5, summary_tokens=30)
-    episode = sp.Episode(RPS, seed=1, tokenizer=WORDS, budget=budget)
-    sums, most, tokens = [], 0, ContextWindow.prompt_tokens
-    monkeypatch.setattr(ContextWindow, "prompt_tokens", lambda *given: sums.append(1) or tokens(*given))
-    window = ContextWindow(episode.head, episode.tools, episode.budget, TokenCounter(WORDS))
-    for number in range(1_000):
-        sums.clear()
-        result: sp.Message = {"role": "tool", "content": f"Round {number} was tied.", "tool_call_id": f"{number}"}
-        item = Item(result, number + 1, number + 1, 0, words=Wording.of(VERSION))
-        window.append(Turn(number, acting(say="Rock it is."), (item,), number))
-        most = max(most, len(sums))
-        if window.view().purpose != "play":
-            window.answer("It goes on.")
-    assert 0 < most <= 2 * 10 + 6

@@ -62,41 +62,6 @@ def test_a_message_costs_what_its_formula_says():
     )
 
 
-@pytest.mark.parametrize("sent", ['{"action":"Rock"}', '{ "action" : "Rock" }', {"action": "Rock"}])
-def test_arguments_count_alike_however_they_are_spelled(sent):
-    call = {"id": "x", "type": "function", "function": {"name": "act", "arguments": sent}}
-    spelled = {**call, "function": {"name": "act", "arguments": '{"action": "Rock"}'}}
-    message = {"role": "assistant", "content": "", "tool_calls": [call]}
-    assert WORDS.message(message) == WORDS.message({**message, "tool_calls": [spelled]})
-
-
-@pytest.mark.parametrize("sent", ['{"a": 1, "a": 1}', '{"a": NaN}', "[1,2]", '{"a"', '{"a": 1e999}'])
-def test_arguments_that_are_no_object_count_as_sent(sent):
-    call = {"id": "x", "type": "function", "function": {"name": "act", "arguments": sent}}
-    message = {"role": "assistant", "content": None, "tool_calls": [call]}
-    assert WORDS.message(message) == 3 + WORDS.text("assistant") + 3 + 8 + WORDS.text("act") + WORDS.text(sent)
-
-
-def test_reasoning_counts_its_visible_text():
-    plain = {"role": "assistant", "content": "Rock."}
-    item = {"type": "reasoning", "summary": [{"type": "summary_text", "text": "Think."}], "encrypted_content": "gAAA"}
-    assert WORDS.message({**plain, "provider_items": [item]}) == WORDS.message(plain) + WORDS.text("Think.")
-    assert WORDS.message({**plain, "reasoning_content": "Think."}) == WORDS.message(plain) + WORDS.text("Think.")
-    thought = {"type": "thinking", "thinking": "Rock.", "signature": "gAAA"}  # goes back beside the same words
-    assert WORDS.message({**plain, "provider_items": [thought]}) == WORDS.message(plain) + WORDS.text("Rock.")
-
-
-def test_tools_cost_the_cookbooks_formula():
-    with sp.Episode("RockPaperScissorBasic-v0", seed=0) as episode:
-        observe, act, manual = episode.tools
-        n = WORDS.text
-        functions = sum(7 + n(f"{tool.name}:{tool.description.removesuffix('.')}") for tool in (observe, act, manual))
-        action = act.parameters["properties"]["action"]
-        expected = functions + 3 + 3 + n(f"action:string:{action['description'].removesuffix('.')}") + 12
-        assert WORDS.tools(episode.tools) == expected
-    assert WORDS.tools([]) == 0
-
-
 def test_special_tokens_are_text():
     assert WORDS.text("<|endoftext|>") > 1
 
@@ -105,12 +70,6 @@ def test_long_runs_are_counted_in_pieces():
     text = "x" * 120_000
     encode = o200k_base().encode_ordinary
     assert WORDS.text(text) == 2 * len(encode("x" * 50_000)) + len(encode("x" * 20_000))
-
-
-def test_a_damaged_vocabulary_is_one_sentence(monkeypatch):
-    monkeypatch.setattr("smartplay_tools.context.tokens.o200k.UNPACKED_SHA256", "0" * 64)
-    with pytest.raises(sp.SmartPlayError, match=r"damaged: .*pip install"):
-        tokens.vocabulary()
 
 
 # Invalid text: a model's JSON can contain a lone surrogate.
@@ -146,20 +105,6 @@ def test_a_pair_is_its_character_and_a_lone_one_the_replacement_character():
     assert well_formed("a\ud83d") == "a\ufffd"
     assert well_formed("\ude00\ud83db") == "\ufffd\ufffdb"
     assert WORDS.text("\ud83d" + "\ude00") == WORDS.text("\N{GRINNING FACE}")
-
-
-def test_no_text_is_tokenised_twice():
-    class Counting:
-        name, texts = "counting", []
-
-        def count(self, text: str) -> int:
-            self.texts.append(text)
-            return len(text.split())
-
-    budget = sp.Budget(prompt_tokens=300)
-    with sp.Episode("RockPaperScissorBasic-v0", seed=3, tokenizer=Counting(), budget=budget) as episode:
-        sp.play(episode, sp.get_player("random"))
-    assert 0 < len(Counting.texts) == len(set(Counting.texts))
 
 
 def test_the_memory_of_long_texts_is_bounded():
@@ -229,13 +174,6 @@ def test_offline_a_missing_vocabulary_is_one_sentence_before_the_episode_begins(
     environment = {**os.environ, **OFFLINE, **folders}
     shown = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert shown.stderr.splitlines()[-1].startswith(f"smartplay_tools.errors.InvalidArgumentError: {sentence}")
-
-
-@pytest.mark.slow
-def test_the_shipped_vocabulary_loads_with_the_first_text():
-    script = "import sys, smartplay_tools as sp; sp.Episode('Hanoi3Disk-v0', seed=1); print('tiktoken' in sys.modules)"
-    shown = printed_by(sys.executable, "-c", script)
-    assert shown == "False\n"
 
 
 SCHEMAS = st.recursive(

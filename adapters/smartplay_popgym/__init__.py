@@ -1,13 +1,9 @@
-"""POPGym's games of memory in words: seven families in three sizes.
+"""POPGym's games of memory in words: five families in three sizes.
 
-A game shows its cards or its maze piece by piece, and what was shown has to be remembered. Every observation is one
-sentence with the number of its card and the question that the next action answers, so that the numbers of steps and of
-cards cannot be confused. Rules, rewards and worlds are POPGym's; the words are ours.
-
-    CARDS        the families with cards: RepeatFirst, RepeatPrevious, Autoencode, CountRecall, Concentration
-    LABYRINTHS   LabyrinthExplore and LabyrinthEscape, whose mazes come from the package `mazelib`
-
-This module imports neither package; a game does when it is made.
+A game shows its cards one by one, and what was shown has to be remembered. Every observation is one sentence with the
+number of its card and the question that the next action answers, so that the numbers of steps and of cards cannot be
+confused. Rules, rewards and worlds are POPGym's; the words are ours. This module does not import POPGym; a game does
+when it is made.
 """
 
 from __future__ import annotations
@@ -18,7 +14,7 @@ from typing import Any
 from smartplay_tools.games import GameSpec
 from smartplay_tools.games.game_registry import Pack
 
-__all__ = ["CARDS", "LABYRINTHS"]
+__all__ = ["CARDS"]
 
 SIZES = ("Easy", "Medium", "Hard")
 TRIALS = 20
@@ -59,15 +55,5 @@ def _cards() -> Iterator[GameSpec]:
         yield _setting("Concentration", size, "concentration", 104 * decks, -2 / (104 * decks), **facts)
 
 
-def _labyrinths() -> Iterator[GameSpec]:
-    for family in ("LabyrinthExplore", "LabyrinthEscape"):
-        for size, side in zip(SIZES, (10, 14, 18), strict=True):
-            facts = {"kwargs": {"side": side}, "action_count": 4}
-            yield _setting(family, size, "labyrinths", 1023, -1 / 1024, **facts)
-
-
 CARDS = Pack("popgym", ("popgym",), tuple(_cards()))
-"""The families with cards."""
-
-LABYRINTHS = Pack("popgym", ("popgym", "mazelib"), tuple(_labyrinths()))
-"""The families with mazes."""
+"""RepeatFirst, RepeatPrevious, Autoencode, CountRecall and Concentration."""

@@ -183,7 +183,6 @@ def close_game(game: TextGame) -> None:
 PACKS = (
     "smartplay_tools.games.specs:LOCKERS",
     "smartplay_popgym:CARDS",
-    "smartplay_popgym:LABYRINTHS",
     "smartplay_minigrid:ROOMS",
 )
 """The packs of games that come with this package and are not the benchmark's."""

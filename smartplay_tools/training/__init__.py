@@ -1,4 +1,4 @@
-"""Episodes for trainers of language models: seed by seed, with a reward, or as an environment of `reset` and `step`."""
+"""Episodes for trainers of language models: seed by seed, with a reward."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         RewardName as RewardName,
         reward_of as reward_of,
     )
-    from smartplay_tools.training.text_env import TextEnv as TextEnv
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -31,8 +31,6 @@ PACKED = [*POPGYM, *MINIGRID]
 if not PACKED:
     pytest.skip("needs popgym or minigrid; `.ci/run` has an environment with them", allow_module_level=True)
 
-READ = [game for game in POPGYM if "Labyrinth" not in game]
-"""The games of which the right actions follow from what was seen."""
 FAST = [game for game in PACKED if any(part in game for part in ("Easy", "MemoryS7", "LockedRoom", "GoToLocal"))]
 """One size of each family."""
 CONTRACT = [(game, check) for game in PACKED for check in CHECKS if game in FAST or check is not is_alike_elsewhere]
@@ -53,7 +51,7 @@ def test_it_keeps_the_contract_of_games(game, check):
     check(game)
 
 
-@pytest.mark.parametrize("game", [game for game in READ if "RepeatFirstHard" not in game])  # of 830 turns
+@pytest.mark.parametrize("game", [game for game in POPGYM if "RepeatFirstHard" not in game])  # of 830 turns
 def test_who_sees_everything_makes_no_mistake_that_seeing_avoids(game):
     result = play(game, history=None)
     assert result.completed
@@ -72,7 +70,7 @@ def test_the_score_jumps_where_the_window_holds_k_less_one_past_steps(k):
     assert play(spec, history=k - 2).score < 0.5
 
 
-@pytest.mark.parametrize("game", [game for game in READ if game in FAST])
+@pytest.mark.parametrize("game", [game for game in POPGYM if game in FAST])
 def test_the_observations_that_an_action_needs_are_enough_to_play_it_rightly(game):
     made, chance, texts = GAMES[game].make(), random.Random(0), {}
     text, _ = made.reset(seed=5)
@@ -90,7 +88,7 @@ def test_the_observations_that_an_action_needs_are_enough_to_play_it_rightly(gam
     assert made.score > 0
 
 
-@pytest.mark.parametrize("game", [game for game in FAST if "Concentration" in game or "Labyrinth" in game])
+@pytest.mark.parametrize("game", [game for game in FAST if "Concentration" in game])
 def test_what_breaks_the_rules_gains_nothing(game):
     made, chance = GAMES[game].make(), random.Random(0)
     made.reset(seed=5)

@@ -40,3 +40,18 @@ def failed_row(row: dict[str, Any], attempt: int = 1) -> dict[str, Any]:
     """Return the row of `RunFolder.failures` for an attempt, from the row of an episode that ended in an exception."""
     names = ("key", "end_reason", "error", "game", "player", "seed")
     return {**{name: row[name] for name in names}, "attempt": attempt}
+
+
+def under_way(folder: Path, key: str, count: int | None = None) -> tuple[list[str], Path]:
+    """Leave the first lines of an episode's record, or half of them, as while it is played or when it was killed.
+
+    Returns all lines of the record, and the path of what is left.
+    """
+    finished, left = folder / "episodes" / f"{key}.jsonl", folder / "running" / f"{key}.1.jsonl"
+    lines = finished.read_text().splitlines(keepends=True)
+    count = len(lines) // 2 if count is None else count
+    left.write_text("".join(lines[:count]) + lines[count][:30])
+    finished.unlink()
+    rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text("".join(row for row in rows if key not in row))
+    return lines, left

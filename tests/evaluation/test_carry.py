@@ -13,15 +13,12 @@ from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
-from smartplay_tools.registry import read_file
 from smartplay_tools.types.messages import text_of
 from tests.evaluation.command import result_of
 from tests.evaluation.players import BrokenOnce
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 NOTING = sp.Budget(notes_tokens=100, prompt_tokens=900, tool_calls=12)
-ROOT = Path(__file__).parents[2]
-EXPERIMENT = ROOT / "experiments" / "carry.py"
 
 
 def run(out: Path, **options) -> Run:
@@ -120,20 +117,6 @@ def test_the_unit_of_every_interval_is_the_chain(played, tmp_path):
     difference = paired_difference(played.rows, without.rows, MEASURES["score"])
     assert difference is not None
     assert difference.episodes == 2
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not EXPERIMENT.exists(), reason="not in a checkout")
-def test_the_figure_has_a_place_for_every_trial_of_a_chain(played, tmp_path):
-    score_against_trial = read_file(f"{EXPERIMENT}:score_against_trial").value
-    without = run(tmp_path / "without", carry=None, chain=None)
-    (panel,) = score_against_trial([*without.rows, *played.rows]).axes
-    assert [label.get_text() for label in panel.get_xticklabels()] == ["1", "2", "3"]
-    assert len(panel.get_legend_handles_labels()[1]) == 2
-    (begun,) = score_against_trial([row for row in played.rows if row["trial"] < 2]).axes
-    assert [label.get_text() for label in begun.get_xticklabels()] == ["1", "2", "3"]
-    with pytest.raises(sp.InvalidArgumentError, match="chains of one length"):
-        score_against_trial(without.rows)
 
 
 def test_a_rule_learns_from_trial_to_trial_how_often_a_better_machine_wins(played):

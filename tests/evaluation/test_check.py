@@ -158,18 +158,9 @@ def test_calls_in_a_text_are_read_if_asked_for_and_that_is_on_record(tmp_path):
 
 def test_tool_choice_goes_to_the_server(tmp_path):
     with serving(lambda body, number: completion(calling("act", action="1"))) as (url, bodies):
-        command = ("eval", "--games", BANDIT, "--players", f"{MODEL},rule", "--base-url", url, "--trials", 1)
-        options = (
-            "--player-option",
-            f"{MODEL}.tool_choice=required",
-            "--tool-calls",
-            3,
-            "--executor",
-            "inline",
-            "--out",
-            tmp_path,
-        )
-        assert run(*command, *options)[0] == 0
+        command = f"eval --games {BANDIT} --players {MODEL},rule --base-url {url} --trials 1 --tool-calls 3"
+        option = f"--player-option {MODEL}.tool_choice=required"
+        assert run(*command.split(), *option.split(), "--executor", "inline", "--out", tmp_path)[0] == 0
     assert {body["tool_choice"] for body in bodies} == {"required"}
     model, rule = RunFolder(tmp_path).rows()
     assert model["deviations"]["tool_choice"] == {"paper": "auto", "played": "required"}

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from tests.evaluation.players import FirstMoves, Moody
+from tests.evaluation.runs import under_way
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
 
-def interrupt(folder: RunFolder, key: str, keep: float) -> None:
-    """Restore the state of an episode whose process was killed after a share of its events."""
-    record = folder.transcript(key)
-    lines = record.read_text().splitlines(keepends=True)
-    count = max(2, int(len(lines) * keep))
-    (folder.path / "running" / f"{key}.1.jsonl").write_text("".join(lines[:count]) + lines[count][:40])
-    record.unlink()
-
-
-@pytest.mark.parametrize(("player", "keep"), [("rule", 0.3), ("oracle", 0.0)])
-def test_an_interrupted_run_has_the_bytes_of_one_that_was_not(tmp_path, player, keep):
-    """`keep` is the share of the record that was left."""
+@pytest.mark.parametrize(("player", "count"), [("rule", 20), ("oracle", 2)])
+def test_an_interrupted_run_has_the_bytes_of_one_that_was_not(tmp_path, player, count):
+    """`count` lines of the record were left."""
     arguments = {"games": [BANDIT, HANOI], "players": [player], "trials": 2, "executor": "inline"}
     run = sp.evaluate(out=tmp_path, **arguments)
     whole = (tmp_path / "results.jsonl").read_bytes()
     for row in run.rows[::2]:
-        interrupt(run.folder, row["key"], keep)
+        under_way(tmp_path, row["key"], count)
     again = sp.evaluate(out=tmp_path, **arguments)
     assert again.complete
     assert (tmp_path / "results.jsonl").read_bytes() == whole
@@ -41,7 +30,7 @@ def test_a_record_says_where_it_was_resumed_and_what_it_repeats_is_counted_once(
     arguments = {"games": [BANDIT], "players": ["random"], "trials": 1, "executor": "inline", "out": tmp_path}
     run = sp.evaluate(**arguments)
     before = run.spending
-    interrupt(run.folder, run.rows[0]["key"], 0.5)
+    under_way(tmp_path, run.rows[0]["key"])
     again = sp.evaluate(**arguments)
     events = sp.read_transcript(run.folder.transcript(run.rows[0]["key"]))
     (place,) = [at for at, event in enumerate(events) if event["event"] == "resume"]
@@ -57,7 +46,7 @@ def test_a_player_that_replies_differently_begins_anew_and_both_costs_are_shown(
     arguments = {"games": [BANDIT], "players": {"moody": Moody}, "trials": 1, "executor": "inline"}
     arguments |= {"player_options": {"mood": str(mood)}, "out": tmp_path / "run"}
     run = sp.evaluate(**arguments)
-    interrupt(run.folder, run.rows[0]["key"], 0.5)
+    under_way(tmp_path / "run", run.rows[0]["key"])
     mood.write_text("2")
     again = sp.evaluate(**arguments)
     assert again.complete
@@ -70,12 +59,10 @@ def test_a_player_that_replies_differently_begins_anew_and_both_costs_are_shown(
 def test_a_reply_on_record_whose_call_was_not_played_is_played_on(tmp_path):
     arguments = {"games": [BANDIT], "players": {"counts": Counting}, "trials": 1, "executor": "inline", "out": tmp_path}
     run = sp.evaluate(**arguments)
-    record = run.folder.transcript(run.rows[0]["key"])
-    lines = record.read_text().splitlines(keepends=True)
-    place = [at for at, line in enumerate(lines) if json.loads(line)["event"] == "message"][25]
-    (tmp_path / "running" / f"{record.stem}.1.jsonl").write_text("".join(lines[: place + 2]))  # and its usage
-    record.unlink()
-    whole = (tmp_path / "results.jsonl").read_bytes()
+    key, whole = run.rows[0]["key"], (tmp_path / "results.jsonl").read_bytes()
+    events = sp.read_transcript(run.folder.transcript(key))
+    place = [at for at, event in enumerate(events) if event["event"] == "message"][25]
+    under_way(tmp_path, key, place + 2)  # and its usage
     Counting.asked = 0
     assert sp.evaluate(**arguments).complete
     assert Counting.asked == 50 - 26

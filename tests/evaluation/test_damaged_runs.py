@@ -213,33 +213,3 @@ def test_a_record_in_running_that_cannot_be_read_costs_its_episode_alone(tmp_pat
     assert again.rows == run.rows
     assert again.folder.running() == []
     assert running.name in caplog.text or key in caplog.text
-
-
-RARELY = """
-import smartplay_tools as sp
-
-class Game(sp.TextGame):
-    actions, manual = ("Go", "Stay"), "Go."
-    def _reset(self):
-        self.n, self.is_odd = 0, self.np_random.random() < 0.5
-        return "Dark."
-    def _step(self, action):
-        self.n += 1
-        return "Dark.", float("nan") if self.is_odd and self.n == 3 else 1, self.n == 5, False
-    def _state(self):
-        return self.n
-
-SPEC = sp.GameSpec(id="Rarely-v0", family="rarely", entry_point=Game, history=1, rollout=9, trials=8)
-"""
-
-
-def test_a_reward_that_is_no_number_is_the_result_of_its_world_and_the_run_goes_on(tmp_path, caplog):
-    (tmp_path / "rarely.py").write_text(RARELY)
-    game = f"{tmp_path / 'rarely.py'}:SPEC"
-    run = sp.evaluate([game], ["random"], out=tmp_path / "run", executor="inline")
-    assert (len(run.rows), run.failures) == (8, [])
-    ends = {(row["end_reason"], row["steps"], row["score"], row["error"]) for row in run.rows if row["error"]}
-    why = "GameValueError: The reward of step 3 is nan, and not a finite number of at most 1e+15."
-    assert ends == {("game_error", 2, 0.0, why)}
-    assert why in caplog.text
-    assert command("replay", tmp_path / "run", "--game", game)[0] == 0

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from smartplay_tools.statistics.distributions import t_power, tango
-from smartplay_tools.statistics.intervals import Method, mean_estimate
 
 power = pytest.importorskip("statsmodels.stats.power")
 resampling = pytest.importorskip("evalstats.core.resampling")
@@ -28,9 +27,3 @@ def test_intervals_of_paired_shares(first, second, n, confidence):
     other = np.array([0.0] * first + [1.0] * second + [0.0] * (n - first - second))
     expected = resampling.tango_scc_paired_ci(one, other, 1 - confidence, c=0)
     assert tango(first, second, n, confidence) == pytest.approx(expected, abs=1e-6)
-
-
-def test_intervals_of_means():
-    scores = [3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0]
-    ours = mean_estimate(scores, method=Method(bootstrap=False))
-    assert (ours.low, ours.high) == pytest.approx(resampling.t_interval_ci_1d(np.array(scores), 0.05), abs=1e-6)

@@ -10,21 +10,6 @@ from smartplay_tools.statistics.intervals import mean_estimate
 from tests.evaluation.window_rows import row
 
 
-def test_each_episode_is_compared_with_that_of_its_seed():
-    small = [row(seed=1, score=10), row(seed=2, score=20), row(seed=3, score=30)]
-    full = [row(seed=3, score=31), row(seed=1, score=15), row(seed=2, score=20)]
-    assert pairs.differences(small, full, pairs.score) == [-5, 0, -1]
-    difference = pairs.paired_difference(small, full, pairs.score)
-    assert (difference.mean, difference.episodes) == (-2, 3)
-    assert difference.low < -2 < difference.high
-
-
-def test_an_episode_without_counterpart_is_in_no_pair():
-    small, full = [row(seed=1, score=10), row(seed=2, score=99)], [row(seed=1, score=15), row(seed=3, score=0)]
-    assert pairs.differences(small, full, pairs.score) == [-5]
-    assert pairs.paired_difference([row(seed=2)], full, pairs.score) is None
-
-
 def test_tokens_are_never_negative_and_have_no_upper_limit():
     few = pairs.sample([row(seed=0, tokens=100), row(seed=1, tokens=6_000), row(seed=2, tokens=200)], pairs.tokens)
     estimate = mean_estimate(few.values, few.bounds)

@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
 from tests.evaluation.command import shown_by
+from tests.evaluation.runs import under_way
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 
@@ -28,12 +29,7 @@ BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 def half_played(tmp_path) -> RunFolder:
     """A run's folder as it stands while its second episode is being played."""
     run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=2, executor="inline")
-    record = run.folder.transcript(run.rows[1]["key"])
-    lines = record.read_text().splitlines(keepends=True)
-    (tmp_path / "running" / f"{record.stem}.1.jsonl").write_text("".join(lines[: len(lines) // 2]) + lines[-1][:30])
-    record.unlink()
-    results = tmp_path / "results.jsonl"
-    results.write_text(results.read_text().splitlines(keepends=True)[0])
+    under_way(tmp_path, run.rows[1]["key"])
     return run.folder
 
 

@@ -93,9 +93,9 @@ def rows_of(packed: Any) -> list[Any]:
     return rows
 
 
-def page_of(run: Path, *, draw: bool = False, **options: Any) -> Page:
-    """The page of a run, without figures unless they are to be drawn: where there are some, no others are."""
-    if run.is_dir() and not draw and not (run / "figures").exists():
+def page_of(run: Path, **options: Any) -> Page:
+    """The page of a run without figures to be drawn: where there are some, no others are."""
+    if run.is_dir() and not (run / "figures").exists():
         without_figures(run)
     return Page(write_report(run, run.parent / "page.html", **options))
 
@@ -137,23 +137,22 @@ def test_every_script_is_one_that_a_browser_can_read():
     printed_by(NODE, "-e", program, *sorted(PAGES.rglob("*.js")))
 
 
-def test_what_a_model_writes_never_becomes_markup(tmp_path):
-    page = page_of(hostile(tmp_path / "hostile.jsonl"), title=HOSTILE)
-    assert [tag for tag, _ in page.elements if tag == "img"] == []
-    assert len(page.scripts) == len([tag for tag, _ in page.elements if tag == "script"]) - len(page.packed)
-    assert not any("document.title='taken'" in script for script in page.scripts)
+def test_what_a_model_or_a_user_writes_never_becomes_markup(tmp_path):
+    """In an episode, in the name of its file, and in a thread of a context manager."""
+    name = "a\"><img src=x onerror='x'>&b"
+    manager = sp.ContextManager(None, record=tmp_path / "threads")
+    manager.fit([{"role": "user", "content": HOSTILE}], system=HOSTILE, thread="hostile")
+    thread = page_of(tmp_path / "threads", title=HOSTILE)
+    page = page_of(hostile(tmp_path / f"{name}.jsonl"), title=HOSTILE)
+    for one in (thread, page):
+        assert [tag for tag, _ in one.elements if tag == "img"] == []
+        assert len(one.scripts) == len([tag for tag, _ in one.elements if tag == "script"]) - len(one.packed)
+        assert not any("document.title='taken'" in script for script in one.scripts)
     assert page.words.count(HOSTILE) >= 3  # the title and the player, as words
-    turns = page.episode("hostile")["turns"]
+    turns = page.episode(name)["turns"]
     assert turns[0]["message"]["content"] == turns[0]["message"]["reasoning_content"] == HOSTILE
     assert turns[1]["message"]["tool_calls"][0]["function"]["name"] == HOSTILE
     assert "\ud800" in turns[2]["message"]["content"]
-
-
-def test_a_hostile_file_name_is_a_key_like_any_other(tmp_path):
-    name = "a\"><img src=x onerror='x'>&b"
-    page = page_of(record(tmp_path / f"{name}.jsonl", HANOI))
-    assert page.episode(name)["key"] == name
-    assert "img" not in {tag for tag, _ in page.elements}
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path):
@@ -174,16 +173,6 @@ def test_prompts_are_not_stored_but_what_they_showed_is(tmp_path):
 
 
 # Runs.
-
-
-@pytest.mark.slow
-def test_a_run_shows_its_results_in_the_order_of_the_plan(tmp_path):
-    run = sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
-    page = page_of(tmp_path / "run")
-    assert [episode["key"] for episode in page.unpack("index")["episodes"]] == [row["key"] for row in run.rows]
-    assert page.episode(run.rows[1]["key"])["trial"] == 1
-    assert "8 episodes." in page.words
-    assert "% human" in page.words
 
 
 def test_failed_unfinished_and_lost_attempts_are_shown_as_such(tmp_path):
@@ -226,7 +215,9 @@ def test_many_episodes_are_in_packs_and_their_turns_in_columns(tmp_path, monkeyp
     monkeypatch.setattr("smartplay_tools.evaluation.pages.report.episode_reading.PACK", 30_000)
     for name in "abcd":
         record(tmp_path / "run" / f"{name}.jsonl", BANDIT)
+    (tmp_path / "run" / "notes.jsonl").write_text('{"event": "other"}\n')  # which is no transcript
     page = page_of(tmp_path / "run")
+    assert [episode["key"] for episode in page.unpack("index")["episodes"]] == [*"abcd"]
     assert list(page.packed) == ["index", "pack-0", "pack-1"]
     assert page.episode("d")["turns"][3]["items"][0]["call"]["step"] == 4
     for rows in ([], [{}], [{"a": None}, {}, {"a": 1}], [{"a": {"b": 1}}, {"a": {}}], [{"a": [{}]}, 2], [[1], {}]):
@@ -245,19 +236,7 @@ def test_an_attempt_that_was_stopped_and_played_again_leaves_nothing_unfinished(
     assert "unfinished" not in page.words.partition("Episodes")[0]
     status = {episode["key"]: episode["status"] for episode in page.unpack("index")["episodes"]}
     assert status == {key: "finished", run.rows[1]["key"]: "finished", f"{key}.1": "interrupted"}
-
-
-def test_a_failed_attempt_does_not_cost_what_the_finished_one_did(tmp_path):
-    run = sp.evaluate([BANDIT], ["rule"], out=tmp_path / "run", trials=1, executor="inline")
-    (row,) = run.rows
-    finished = (tmp_path / "run" / "episodes" / f"{row['key']}.jsonl").read_text()
-    broken = (
-        "".join(finished.splitlines(keepends=True)[:20]) + '{"event": "exception", "error": "E", "traceback": ""}\n'
-    )
-    (tmp_path / "run" / "attempts" / f"{row['key']}.1.jsonl").write_text(broken)
-    page = page_of(tmp_path / "run")
-    assert page.episode(row["key"])["cost"] == 0
-    assert page.episode(f"{row['key']}.1")["cost"] is None
+    assert (page.episode(key)["cost"], page.episode(f"{key}.1")["cost"]) == (0, None), "not what the finished one did"
 
 
 def test_a_page_says_caps_differences_and_deviations(tmp_path):
@@ -281,14 +260,6 @@ def test_a_page_says_caps_differences_and_deviations(tmp_path):
         assert words in page.words, words
 
 
-def test_a_folder_of_transcripts_is_a_run_too(tmp_path):
-    record(tmp_path / "run" / "b.jsonl", HANOI)
-    record(tmp_path / "run" / "a.jsonl", BANDIT)
-    (tmp_path / "run" / "notes.jsonl").write_text('{"event": "other"}\n')
-    page = page_of(tmp_path / "run")
-    assert [episode["key"] for episode in page.unpack("index")["episodes"]] == ["a", "b"]
-
-
 def test_a_host_s_episode_has_calls_and_no_prompts(tmp_path):
     with sp.Episode(HANOI, seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
         episode.call("act", {"action": "1"})
@@ -297,14 +268,6 @@ def test_a_host_s_episode_has_calls_and_no_prompts(tmp_path):
     assert [("view" in turn, "message" in turn) for turn in data["turns"]] == [(False, False)] * 2
     assert data["turns"][1]["items"][0]["call"]["is_error"]
     assert len(data["drawing"]["changes"]) == 2
-
-
-@pytest.mark.slow
-def test_figures_that_nobody_has_drawn_are_drawn_for_the_page(tmp_path):
-    sp.evaluate([HANOI, BANDIT], ["rule", "random"], out=tmp_path / "run", trials=2, executor="inline")
-    page = page_of(tmp_path / "run", draw=True)
-    assert "Figure: capabilities" in [attributes["alt"] for tag, attributes in page.elements if tag == "img"]
-    assert not (tmp_path / "run" / "figures").exists(), "a report writes its page and nothing else"
 
 
 # What is checked when a page is made.
@@ -380,13 +343,6 @@ def test_a_game_that_is_not_registered_here_is_shown_without_a_drawing(tmp_path)
     assert data["drawing"]["kind"] is None
     assert "Hanoi9Disk-v0" in data["drawing"]["source"]
     assert len(data["turns"]) == 8
-
-
-def test_results_that_were_cut_are_drawn_all_the_same(tmp_path):
-    path = record(tmp_path / "hanoi.jsonl", HANOI, "random", result_tokens=20)
-    assert "tokens cut]" in path.read_text()
-    drawing = page_of(path).episode("hanoi")["drawing"]
-    assert len(drawing["changes"]) == 31
 
 
 class Written(Hanoi):

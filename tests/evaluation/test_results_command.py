@@ -11,10 +11,8 @@ import sys
 import pytest
 from typer.testing import Result
 
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.runner import evaluate
 from tests.evaluation.command import refused, result_of
-from tests.evaluation.players import Broken
 
 GAMES = ["Hanoi3Disk-v0", "MessengerL1-v0"]
 
@@ -81,29 +79,17 @@ def test_it_fits_eighty_columns_and_cuts_no_number(folder, tmp_path):
     assert "123,457 (all 2 equal)" in run(wide).output
 
 
-def test_tables_of_several_runs_are_named_in_every_format(folder, tmp_path):
+def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
     other = tmp_path / "other"
     other.symlink_to(folder)
     shown = run(folder, other, "--format", "markdown").output
     assert [line for line in shown.splitlines() if line.startswith("**")] == [f"**{folder}**", f"**{other}**"]
-    assert f"\\caption{{{other}.}}" in run(folder, other, "--format", "latex").output.replace("\\_", "_")
-    assert run(folder, "--format", "markdown").output.startswith("| game and player |")
-
-
-def test_several_runs_are_shown_beneath_each_other(folder, tmp_path):
     shown = run(folder, folder, "--csv", tmp_path / "both.csv").output
     assert shown.count("8 of 8 episodes finished") == 2
     assert f"smartplay-tools compare {folder} {folder}" in shown.replace("\n", "")
     assert [one["finished"] for one in json.loads(run(folder, folder, "--json").output)] == [8, 8]
     with (tmp_path / "both.csv").open(encoding="utf-8", newline="") as file:
         assert {line["run"] for line in csv.DictReader(file)} == {str(folder)}
-
-
-def test_files_for_notebooks(folder, tmp_path):
-    run(folder, "--csv", tmp_path / "run.csv")
-    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
-        keys = [line["key"] for line in csv.DictReader(file)]
-    assert keys == [row["key"] for row in RunFolder(folder).rows()]
 
 
 def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
@@ -118,14 +104,6 @@ def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
     assert re.search(r"finished +planned +running +paused +failed attempts", shown.output)
     (there / "results.jsonl").unlink()
     assert "0 of 8 episodes finished" in run(there).output
-
-
-def test_failures_are_shown_apart(tmp_path):
-    path = tmp_path / "run"
-    evaluate([GAMES[0]], {"unlucky": Broken}, out=path, trials=1, executor="inline")
-    shown = run(path)
-    assert "0 of 1 episodes finished, 3 failed attempts" in shown.output
-    assert "RuntimeError: no more ideas" in shown.output
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):

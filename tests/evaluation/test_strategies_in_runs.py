@@ -27,25 +27,6 @@ def spent(played: Run) -> int:
     return sum(event["prompt"] + event["reply"] for event in events if event["event"] == "usage")
 
 
-@pytest.mark.parametrize(
-    ("line", "why"),
-    [
-        (("slack", 0.0), "slack 0"),
-        (("summary_tokens", 5000), "summary_tokens=5000 needs"),
-        (("beyond_history", "forget"), "beyond-history"),
-        (("notes_tokens", 0), "notes-tokens"),
-    ],
-)
-def test_what_cannot_be_played_is_one_sentence_and_leaves_nothing(tmp_path, line, why):
-    budget = {"history": 10, "prompt_tokens": 900, "slack": 0.5, "summary_tokens": 100} | dict([line])
-    options = [f"--{name.replace('_', '-')}={value}" for name, value in budget.items()]
-    code, _, stderr = run("eval", "--games", BANDIT, *options, "--out", tmp_path / "run")
-    assert code == 2
-    assert why in stderr
-    assert stderr.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_what_is_then_played_is_within_the_estimate(strategy, tmp_path):

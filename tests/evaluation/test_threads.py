@@ -11,13 +11,11 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.pages.report.page import write_report
 from smartplay_tools.evaluation.pages.report.threads import thread_data
 from smartplay_tools.manager.record import read_thread
 from smartplay_tools.records.threads import thread_requests, thread_row
 from smartplay_tools.transcript.hashing import chained_lines
 from tests.evaluation.command import result_of
-from tests.evaluation.report_runs import HOSTILE
 from tests.manager.histories import FORMS
 from tests.manager.test_fit import steps
 
@@ -182,16 +180,9 @@ def test_characters_that_are_not_seen_are_written_as_escapes(tmp_path: Path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
-def test_the_page_shows_each_prompt_word_for_word_and_what_left_it(browser: Any, tmp_path: Path, form: str):
-    file = written(tmp_path, form, "reader")
-    thread = read_thread(file)
-    path = write_report(tmp_path, tmp_path / "page.html")
-    page = browser.new_page(viewport={"width": 390, "height": 844})
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    page.goto(f"{path.as_uri()}#episode=reader&turn=9")
-    page.wait_for_selector("body[data-ready=true]")
+def test_the_page_shows_each_prompt_word_for_word_and_what_left_it(show: Any, tmp_path: Path, form: str):
+    thread = read_thread(written(tmp_path, form, "reader"))
+    page = show(tmp_path, "#episode=reader&turn=9", viewport={"width": 390, "height": 844})
     sent = "promptParts(shown.episode, null, at).map(({ message }) => message.sent).filter(Boolean)"
     shown = page.evaluate(f"shown.episode.turns.map((_, at) => {sent})")
     assert shown == [json.loads(json.dumps(list(prompt.messages))) for prompt in thread.prompts]
@@ -204,22 +195,6 @@ def test_the_page_shows_each_prompt_word_for_word_and_what_left_it(browser: Any,
     assert "OVER THE CAP by that count" in page.locator("#allowed").inner_text()
     assert "rebuilt and found" in page.locator("#rules").evaluate("box => box.textContent")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    assert not errors
-    page.close()
-
-
-@pytest.mark.slow
-def test_a_thread_runs_nothing_on_the_page(browser: Any, tmp_path: Path):
-    manager = sp.ContextManager(None, record=tmp_path)
-    manager.fit([{"role": "user", "content": HOSTILE}], system=HOSTILE, thread="hostile")
-    page = browser.new_page()
-    page.goto(f"{write_report(tmp_path, tmp_path / 'page.html').as_uri()}#episode=hostile&turn=0")
-    page.wait_for_selector("body[data-ready=true]")
-    page.evaluate("document.getElementById('prompt').open = true")
-    page.wait_for_selector("#messages pre")
-    assert page.title() == "hostile"
-    assert HOSTILE in page.locator("#messages").inner_text()
-    page.close()
 
 
 def test_the_site_shows_threads_beside_runs(tmp_path: Path):

@@ -177,16 +177,6 @@ def test_cells_with_the_same_window_are_told_apart_by_their_other_caps():
     ]  # fmt: skip
 
 
-def test_families_of_one_player_are_told_apart_by_what_its_options_are():
-    warm, cold = ({"player_options": {"parameters": {"temperature": t, "top_p": 1}, "n": 1}} for t in (1, 0))
-    comparisons = compare_windows([*cell([1, 2], history=5, **warm), *cell([1, 2], history=5, **cold)])
-    assert [line[0] for line in windows_table(comparisons).rows if not line[1:]] == [
-        'BanditTwoArmedHighLowFixed-v0, rule, parameters={"temperature":1,"top_p":1}',
-        'BanditTwoArmedHighLowFixed-v0, rule, parameters={"temperature":0,"top_p":1}',
-    ]
-    assert len({as_row(comparison)["player_options"] for comparison in comparisons}) == 2
-
-
 def test_other_caps_are_not_named_where_windows_tell_cells_apart():
     comparisons = compare_windows(cell([1], history=5, tool_calls=20) + cell([1], history=1, tool_calls=90))
     assert [line[0].strip() for line in windows_table(comparisons).rows if line[1:]] == ["history 5", "history 1"]

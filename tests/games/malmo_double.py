@@ -5,7 +5,7 @@ script to the observation. The world is that of the mission's seed, entered wher
 tick is a tick of `VoxelEngine`'s walker: whatever an engine over MineDojo sees has to be what `VoxelEngine` sees.
 
 The environment says the rest: `MALMO_DOUBLE_GOAL`, the biomes that a start keeps away from; `MALMO_DOUBLE_FAULT`,
-what goes wrong: `start` (it does not), `exit:N` (gone in the N-th tick), `hang:N` (silent from then on).
+what goes wrong: `start` (it does not), `exit:N` (gone in the N-th tick).
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import re
 import socket
 import struct
 import sys
-import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -180,7 +179,7 @@ def serve(connection: Connection, client: Client, fault: tuple[str, int]) -> Non
         if message.startswith(b"<StepClient0>"):
             serve.ticks += 1
             if serve.ticks == fault[1]:
-                sys.exit() if fault[0] == "exit" else time.sleep(3600)
+                sys.exit()
             client.tick(message.removeprefix(b"<StepClient0>").removesuffix(b"</StepClient0 >").decode())
             connection.send(client.picture(), struct.pack("!dbb", 0, 0, 1), client.facts())
         elif message.startswith(b"<MissionInit"):

@@ -49,19 +49,18 @@ def thinking(more: str) -> list[tuple[str, str]]:
     return [(THINKS, f"self._secret = self._think()\n        {more}\n        return START")]
 
 
+def overriding(head: str, value: str, decorator: str = "") -> tuple[str, str]:
+    return THINK, f"{decorator}    def {head}:\n        return {value}\n\n{THINK}"
+
+
 def declaring(name: str, value: str) -> tuple[str, str]:
-    return THINK, f"    @property\n    def {name}(self):\n        return {value}\n\n{THINK}"
+    return overriding(f"{name}(self)", value, "    @property\n")
 
 
 IN_A_TEXT_GAME = {
     "another source of randomness": (
         [(INTEGERS, "__import__('random').randint(1, HIGHEST)")],
         "global stream of random",
-    ),
-    "numpy's global source": ([(INTEGERS, "int(__import__('numpy').random.randint(1, 17))")], "stream of numpy.random"),
-    "an unseeded generator": (
-        [(INTEGERS, "__import__('random').SystemRandom().randint(1, 16)")],
-        f"{SEED}|{DIFFERS}|{SURVIVES}",
     ),
     "a clock in the text": (
         [(RETURNS, RETURNS.replace("describe(guess", "describe(1 + __import__('time').time_ns() // 100 % 9"))],
@@ -89,29 +88,27 @@ IN_A_TEXT_GAME = {
         [(BOUNDS, f"{BOUNDS} best_step=0,")],
         "A step adds 1 to the score, and best_step is 0",
     ),
-    "two values without bounds": ([(BOUNDS, "two_valued=True,")], "two-valued and declares no score_bounds"),
     "a step below the worst": (
         [("self.score += 1\n", "self.score -= 3\n"), (BOUNDS, "worst_step=-1,")],
         "adds -3 to the",
     ),
-    "a score of NumPy's without an end": (
-        [("self.completed = self.score == GOAL", "self.score = __import__('numpy').float32('inf')")],
-        "The score of step [0-9]+ is .*inf.*, and not a finite number",
+    "a seed that is not refused": (
+        [overriding("reset(self, *, seed=None, options=None)", "super().reset(seed=0 if seed == 'x' else seed)")],
+        "The seed 'x' is not refused",
     ),
-    "a state of NumPy's": (
-        [("return self._secret\n", "return __import__('numpy').int64(1)\n")],
-        "`_state` is not JSON",
+    "a hash without the seed": (
+        [(INTEGERS, "3"), overriding("state_hash(self)", "f'{self._steps:016}{self.score:016}'")],
+        "everal seeds give the same state hash",
+    ),
+    "a step of its own": (
+        [overriding("step(self, action)", "super().step(0)")],
+        "HigherOrLower overrides step of TextGame: define `_step` instead",
     ),
     "a state that changes when asked": (
         [("return self._secret\n", f"return {INTEGERS}\n")],
         "sking for the state hash changes it",
     ),
-    "a reward that is no number": (
-        [(RETURNS, RETURNS.replace('verdict == "right"', "'x'"))],
-        "The reward of step 1 is 'x', and not a finite number",
-    ),
     "a drawing that changes the game": ([(DRAWS, f"self._secret = 1 + self._secret % HIGHEST; {DRAWS}")], LOOKING),
-    "a drawing that draws numbers": ([(DRAWS, f"self.np_random.integers(3); {DRAWS}")], LOOKING),
     "a drawing that raises": ([(DRAWS, f"1 / 0; {DRAWS}")], "Asking for `drawing` raises ZeroDivisionError"),
     "a drawing that is no JSON": ([(DRAWN, "return {'text': {1, 2}}")], "`drawing` is not JSON"),
     "needs that are not yet": (
@@ -128,24 +125,9 @@ IN_A_TEXT_GAME = {
         counting(RETURNS.replace("False", "self.n >= 7")),
         SURVIVES,
     ),
-    "a counter that is not reset": (
-        counting(RETURNS.replace('verdict == "right"', "float(self.n > 3)")),
-        SURVIVES,
-    ),
-    "an earlier episode that decides": (
-        thinking("self.n = getattr(self, 'n', 0) + 1; self._secret = 1 + (self._secret + self.n) % HIGHEST"),
-        SURVIVES,
-    ),
     "a counter of the class": (
         thinking("type(self).n = getattr(self, 'n', 0) + 1; self._secret = 1 + (self._secret + self.n) % HIGHEST"),
         SEED,
-    ),
-    "hits that the state misses": (
-        [
-            ("self.score += 1\n", "self.hits = getattr(self, 'hits', 0) + 1\n"),
-            ("self.completed = self.score == GOAL", "self.completed = self.hits == GOAL"),
-        ],
-        f"{MISSES}|{SURVIVES}",
     ),
     "guesses that the state misses": (
         [
@@ -156,7 +138,6 @@ IN_A_TEXT_GAME = {
         MISSES,
     ),
     "the order of a set": ([('START = f"', "START = ' '.join({*map(str, range(20))}) + f\"")], PROCESS),
-    "the number of the process": ([('START = f"', "START = f\"{__import__('os').getpid()} ")], PROCESS),
 }
 
 COUNTS = "self.n = getattr(self, 'n', 0) + 1"

@@ -15,17 +15,6 @@ def make(level: int, **options: object) -> TextGame:
     return sp.GAMES[f"MessengerL{level}-v0"].make(**options)
 
 
-def play(game: TextGame, seed: int, steps: int = 40) -> list[tuple[object, ...]]:
-    observation, info = game.reset(seed=seed)
-    events: list[tuple[object, ...]] = [(observation, info["manual"], game.state_hash())]
-    for number in range(steps):
-        observation, reward, terminated, _, info = game.step((seed + number * number) % 5)
-        events.append((observation, reward, terminated, info["history"], info["score"], game.state_hash()))
-        if terminated:
-            break
-    return events
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_the_score_is_the_last_reward_and_a_win_completes(level: int) -> None:
     game = make(level)

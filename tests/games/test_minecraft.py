@@ -10,7 +10,6 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.games.minecraft.engines import ENGINES, check_engines
 from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
-from tests.evaluation.command import shown_by
 
 BIOMES = """
 0 Ocean, 1 Plains, 2 Desert, 3 Extreme Hills, 4 Forest, 5 Taiga, 6 Swampland, 7 River, 8 Hell, 9 The End,
@@ -131,16 +130,6 @@ def test_a_start_in_the_goal_is_won_by_the_first_action():
 def test_the_same_world_is_played_whatever_the_goal():
     games = [sp.GAMES[f"MinedojoCreative{task}-v0"].make(start="anywhere") for task in (0, 9)]
     assert len({game.reset(seed=3)[0] for game in games}) == 1
-
-
-def test_a_start_is_on_the_record_and_is_replayed(tmp_path):
-    path = tmp_path / "run.jsonl"
-    command = f"play MinedojoCreative9-v0 --player random --option start=anywhere --tool-calls 3 --transcript {path}"
-    shown_by(*command.split())
-    config, *_, result = sp.read_transcript(path)
-    assert config["config"]["options"] == {"start": "anywhere"}
-    assert "start" not in result["result"]["deviations"]
-    assert sp.replay(path).identical
 
 
 @pytest.mark.parametrize(

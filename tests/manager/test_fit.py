@@ -7,7 +7,6 @@ import io
 import json
 import threading
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -107,17 +106,6 @@ def test_history_zero_shows_the_newest_result_alone():
     assert [m["content"] for m in prompt.messages if m["role"] == "tool"] == ["Page 2 of the book."]
 
 
-def test_with_slack_the_beginning_stays_for_a_while_and_never_shows_older_results():
-    messages, firsts = steps(40), []
-    window = manager(400, slack=0.5, result_tokens=None)
-    for end in range(4, len(messages) + 1, 2):
-        prompt = window.fit(messages[:end])
-        assert prompt.tokens <= 400
-        firsts.append(len(prompt.dropped))
-    moves = sum(one != other for one, other in pairwise(firsts))
-    assert 0 < moves < len(firsts) / 3
-
-
 def test_the_users_newest_words_stay_and_older_ones_age():
     messages = [*steps(3), {"role": "user", "content": "Now the index."}, *steps(30)[2:]]
     prompt = manager(300).fit(messages)
@@ -126,12 +114,6 @@ def test_the_users_newest_words_stay_and_older_ones_age():
     again = manager(300).fit(later)
     assert {"role": "user", "content": "Now the index."} not in again.messages
     assert {"role": "user", "content": "And the cover."} in again.messages
-
-
-def test_the_operators_newest_instruction_stays():
-    correction = {"role": "system", "content": "Skip the pictures."}
-    prompt = manager(300).fit([*steps(3), correction, *steps(30)[2:]])
-    assert correction in prompt.messages
 
 
 def test_the_head_may_be_the_system_message_alone():

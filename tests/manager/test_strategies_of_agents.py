@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import random
 from pathlib import Path
 from typing import Any
@@ -205,37 +204,6 @@ def test_a_question_without_anybody_to_ask_is_an_error_whatever_becomes_of_other
         manager.fit(steps(8))
 
 
-def uses(form: str, messages: Messages) -> tuple[list[str], list[dict[str, Any]]]:
-    """The results and the arguments of calls in messages of a form."""
-    blocks = [block for each in messages if isinstance(each.get("content"), list) for block in each["content"]]
-    found = {
-        "chat": (
-            [each["content"] for each in messages if each.get("role") == "tool"],
-            [call["function"]["arguments"] for each in messages for call in each.get("tool_calls", ())],
-        ),
-        "responses": (
-            [each["output"] for each in messages if "output" in each],
-            [each["arguments"] for each in messages if "arguments" in each],
-        ),
-        "anthropic": (
-            [block["content"] for block in blocks if block["type"] == "tool_result"],
-            [json.dumps(block["input"]) for block in blocks if block["type"] == "tool_use"],
-        ),
-    }
-    return found[form][0], [json.loads(given) for given in found[form][1]]
-
-
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize(("options", "count"), [("trigger=100,keep=2", 2), ("trigger=tool_uses=8,keep=2", 8)])
-def test_tool_uses_are_cleared_in_every_form(form: str, options: str, count: int):
-    strategy = f"clear_tool_uses_20250919:{options},clear_tool_inputs=true"
-    given = FORMS[form](steps(8))
-    prompt = sp.ContextManager(None, tokenizer=Letters(), strategy=strategy).fit(given, form=form)
-    before, after = uses(form, given), uses(form, prompt.messages)
-    assert after[0] == ["[cleared]"] * (8 - count) + before[0][8 - count :]
-    assert after[1] == [{}] * (8 - count) + before[1][8 - count :]
-
-
 def without_old_thoughts(messages: Messages, keep: int) -> Messages:
     """The messages with the thoughts of all turns but the newest that have any cleared."""
     turns: list[Messages] = [[]]
@@ -303,4 +271,4 @@ def test_conversations_are_compacted_in_every_form(form: str, strategy: str):
     ]
     assert words.count("A summary stands in place of the conversation before this message:\nPage 7 is next.") == 1
     assert prompt.messages[-1] is given[-1]
-    assert len(uses(form, prompt.messages)[0]) < 3
+    assert len(prompt.messages) < len(given) / 2

@@ -10,7 +10,6 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.record import read_thread
 from tests.manager.histories import anthropic, responses
 from tests.manager.judge import SUMMARY, Letters
 from tests.manager.test_fit import HEAD, Messages, cost, manager, step, steps
@@ -72,14 +71,6 @@ def test_another_process_with_the_memo_asks_nothing_and_shows_the_same(form: Any
     assert [again.fit(messages[:end]) for end in ends(messages)] == shown
     assert (len([*tmp_path.iterdir()]), nobody.asked) == (len(model.asked), [])
     assert shown[-1].messages[2].items() >= {"role": "user", "content": shown[-1].summary}.items()
-
-
-def test_a_long_conversation_gets_the_summaries_that_it_would_have_got_as_it_grew():
-    grown, at_once, messages = Model(), Model(), steps(60)
-    window = summarising(grown)
-    prompts = [window.fit(messages[:end]) for end in ends(messages)]
-    assert summarising(at_once).fit(messages) == prompts[-1]
-    assert at_once.asked == grown.asked
 
 
 def test_a_part_that_is_longer_than_a_question_is_asked_in_pieces_and_whole():
@@ -170,12 +161,6 @@ async def test_an_asynchronous_model_is_awaited(is_asynchronous: bool):
     assert await window.afit(steps(20)) == summarising(Model()).fit(steps(20))
     with pytest.raises(ValueError, match="broken"):
         await summarising(Model(ValueError("broken"))).afit(steps(20))
-
-
-def test_a_summary_is_recorded_as_a_message_that_was_made(tmp_path: Path):
-    prompt = summarising(Model(), record=tmp_path).fit(steps(20))
-    (recorded,) = read_thread(next(tmp_path.iterdir())).prompts
-    assert list(recorded.messages) == prompt.messages
 
 
 def test_the_budget_of_games_asks_for_the_same_summaries():

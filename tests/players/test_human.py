@@ -308,15 +308,3 @@ def test_a_run_with_a_person_stops_when_the_person_leaves(tmp_path):
     (row,) = RunFolder(out).rows()
     assert (row["steps"], row["completed"], row["player"]) == (7, True, "human")
     assert RunFolder(out).failures() == [], "nothing was played in the second episode, so there is nothing to keep"
-
-
-@pytest.mark.slow
-def test_piped_through_the_command_line():
-    """The screen goes to standard error, so that standard output has only results."""
-    words = [sys.executable, "-m", "smartplay_tools", "play", HANOI, "--player", "human", "--json"]
-    answers = "\n".join(["o", "2", "1", "6", "2", "3", "4", "2"]) + "\n"
-    done = subprocess.run(words, input=answers, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    result = sp.EpisodeResult.model_validate_json(done.stdout)
-    assert (result.steps, result.completed) == (7, True)
-    assert "bottom, [2, 1, 0], top" in done.stderr
