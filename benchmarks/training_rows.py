@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.records import Record
 
 GAMES = {"Hanoi3Disk-v0": 800, "RockPaperScissorBasic-v0": 1500, "MessengerL2-v0": 1000}

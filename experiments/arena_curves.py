@@ -31,10 +31,10 @@ from page_tables import (
 )
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.analysis.names import way_name
 from smartplay_tools.evaluation.costs.tariffs import tariffs_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.records import Record
 from smartplay_tools.records.rows import Row, row_of
 from smartplay_tools.types import MEMORY_TOOL, NOTES_TOOL, PAGES_TOOL, RECALL_TOOL, STRATEGIES

@@ -10,8 +10,8 @@ from typing import Any, Literal
 from learned_swapped import SWAPPED
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.runs.players import PlayerConfig
+from smartplay_tools.games.seeds import trial_seed
 
 GAME, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 CAPS = (600, 800, 1_200, None)

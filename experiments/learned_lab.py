@@ -27,8 +27,8 @@ from learned_tables import Played
 from transformers import LlamaForCausalLM, PreTrainedTokenizerFast
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.exports import export
+from smartplay_tools.games.seeds import trial_seed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from smartplay_tools.conversation.loop import aplay as aplay, play as play
     from smartplay_tools.episode.config import EpisodeConfig as EpisodeConfig
     from smartplay_tools.episode.episode import Episode as Episode
-    from smartplay_tools.episode.tools import schema as schema
     from smartplay_tools.errors import (
         InvalidArgumentError as InvalidArgumentError,
         PromptOverflowError as PromptOverflowError,
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from smartplay_tools.players.scripted import ScriptedPlayer as ScriptedPlayer
     from smartplay_tools.records.replays import replay as replay
     from smartplay_tools.records.resumption import fork as fork, resume as resume
+    from smartplay_tools.tool_formats.schemas import schema as schema
     from smartplay_tools.transcript.file import read_transcript as read_transcript
     from smartplay_tools.types import (
         AsyncPlayer as AsyncPlayer,

@@ -2,14 +2,14 @@
 
     SmartPlayError
     ├── InvalidArgumentError  an argument or a budget is invalid; also a ValueError
-    │   └── DamageError       a file of a run is damaged
+    │   └── DamageError       a file of a run is damaged (in `records.damage`)
     ├── UnknownNameError      no game, player or tokenizer has that name; the message lists similar ones
     ├── ResetNeededError      a step of a game that is over, or was never reset
     ├── EngineError           a game's engine, a separate program, does not start or has stopped
     ├── GameValueError        a game handed out a value that no record can hold; ends an episode as game_error
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
-    ├── DiskFullError         a disk has no space left for the records of a run
+    ├── DiskFullError         a disk has no space left for the records of a run (in `evaluation.runs.full_disk`)
     ├── PromptOverflowError   what a prompt cannot leave out does not fit its cap; ends an episode
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question
@@ -23,15 +23,14 @@ errors above, with one sentence that names the remedy. Any other exception is a 
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
+from smartplay_tools.installation import install_command
 from smartplay_tools.visible import visible
 
 __all__ = [
     "ContextOverflowError",
-    "DiskFullError",
     "EngineError",
     "GameValueError",
     "InvalidArgumentError",
@@ -61,19 +60,11 @@ class InvalidArgumentError(SmartPlayError, ValueError):
     """An argument is invalid; the message says what is valid."""
 
 
-class DamageError(InvalidArgumentError):
-    """A file of a run is damaged, or cannot be read; the message names it."""
-
-
 class SmartPlayWarning(UserWarning):
     """What a user should know of and what is no error; the command line says it as a sentence."""
 
     def __str__(self) -> str:
         return visible(super().__str__())
-
-
-class DamageWarning(SmartPlayWarning):
-    """A damaged part of a run was left out, and the rest was read; the message names the part."""
 
 
 class ClosingWarning(SmartPlayWarning):
@@ -115,10 +106,6 @@ class PlayerLeftError(SmartPlayError):
     """The person who plays has left: neither an error of the player nor a result of the game."""
 
 
-class DiskFullError(SmartPlayError):
-    """A disk has no space left for the records of a run."""
-
-
 class PromptOverflowError(SmartPlayError):
     """The parts of a prompt that cannot be left out need more than `prompt_tokens`.
 
@@ -156,42 +143,6 @@ class TranscriptError(SmartPlayError, ValueError):
     """A file is not a transcript, or cannot be written, read or replayed here."""
 
 
-def install_command(extra: str = "") -> str:
-    """Return the command that installs this package with one more extra, from where it was installed and as it was.
-
-    Without an extra, it installs the package again.
-    """
-    import json
-    import sys
-    import tomllib
-    from importlib.metadata import distribution
-    from importlib.util import find_spec
-    from pathlib import Path
-    from urllib.parse import urlsplit
-    from urllib.request import url2pathname
-
-    # https://packaging.python.org/specifications/direct-url: without the file, it came from a package index.
-    origin = json.loads(distribution(PACKAGE).read_text("direct_url.json") or "{}")
-    receipt = Path(sys.prefix, "uv-receipt.toml")
-    extras = {extra} - {""}
-    if receipt.exists():
-        tool = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]
-        extras.update(*(each.get("extras", ()) for each in tool["requirements"] if each["name"] == PACKAGE))
-        command = "uv tool install --force"
-    else:
-        python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
-        command = f"{python} -m pip install" if find_spec("pip") else f"uv pip install --python {python}"
-        command += "" if extra else " --force-reinstall"
-    wanted, url = f"[{','.join(sorted(extras))}]" if extras else "", origin.get("url", "")
-    if "dir_info" in origin:
-        editable = "--editable " if origin["dir_info"].get("editable") else ""
-        return f'{command} {editable}"{url2pathname(urlsplit(url).path)}{wanted}"'
-    vcs = origin["vcs_info"]["vcs"] + "+" if "vcs_info" in origin else ""
-    return f'{command} "{PACKAGE}{wanted}{f" @ {vcs}{url}" if url else ""}"'
-
-
-PACKAGE = "smartplay-tools"
-
 PACKAGES = frozenset({"site-packages", "dist-packages"})
 """The folders of installed packages."""
 
@@ -221,25 +172,6 @@ def similar(name: object, registered: Iterable[str]) -> str:
     return f"known: {', '.join(names[:MOST_NAMES])}{more}."
 
 
-FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
-"""The errors of a disk that is full, or of a user's quota on it."""
-
-
-LONGEST_CHAIN = 20
-"""How many causes of an error are looked at."""
-
-
-def is_disk_full(error: BaseException | None) -> bool:
-    """Return whether an error was caused by a disk without space."""
-    for _ in range(LONGEST_CHAIN):
-        if error is None:
-            return False
-        if isinstance(error, DiskFullError) or (isinstance(error, OSError) and error.errno in FULL):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
 SENSELESS = (
     ArithmeticError,
     AssertionError,
@@ -251,47 +183,6 @@ SENSELESS = (
     ValueError,
 )
 """The exceptions that Python raises if events have values that do not fit each other, or come in another order."""
-
-
-@contextmanager
-def record_named() -> Iterator[None]:
-    """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
-    try:
-        yield
-    except SmartPlayError:
-        raise
-    except SENSELESS as error:
-        why = f"{type(error).__name__}: {in_one_line(error)}"
-        raise TranscriptError(f"The record cannot be replayed: {why}.") from error
-
-
-@contextmanager
-def damage_named(what: object) -> Iterator[None]:
-    """Turn the errors raised while a record is used whose events are out of place into a `DamageError` that names it.
-
-    Each event of a record is checked when it is read; only using them all shows whether they fit each other.
-    """
-    try:
-        yield
-    except TranscriptError as error:
-        raise DamageError(str(error)) from error
-    except SmartPlayError:
-        raise
-    except SENSELESS as error:
-        reason = f"{type(error).__name__}: {in_one_line(error)[:200]}"
-        raise DamageError(f"{what} is damaged: {reason}.") from error
-    except OSError as error:
-        raise DamageError(f"{what} cannot be read: {error.strerror}.") from None
-
-
-@contextmanager
-def damage_left_out(what: object) -> Iterator[None]:
-    """Leave out what `damage_named` finds damaged, with a warning."""
-    try:
-        with damage_named(what):
-            yield
-    except DamageError as error:
-        warn_damaged(error)
 
 
 @contextmanager
@@ -318,13 +209,6 @@ def place_of(error: BaseException) -> str:
         if not is_ours and module not in sys.stdlib_module_names and PACKAGES.isdisjoint(file.parts):
             return f" ({file.name}, line {line})"
     return ""
-
-
-def warn_damaged(why: SmartPlayError | str) -> None:
-    """Warn that a damaged part of a run is left out."""
-    import warnings
-
-    warnings.warn(str(why), DamageWarning, stacklevel=3)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from typing import Any
 import smartplay_tools as sp
 from smartplay_tools.context.strategies.custom import load_strategy
 from smartplay_tools.players.prompt_reading import call
+from smartplay_tools.records import replay
 from tests.counting import Json, message_tokens, tools_tokens
 from tests.scripts import GAMES, Words
 
@@ -197,7 +198,8 @@ def play(seed: int, found: Counter[str]) -> None:
     cap = chance.choice([None, least + 250, least + 600, least + 2000])
     sp.register_strategy(f"edit-{seed}", lambda: load_strategy(kind).make(**parameters))
     budget = sp.Budget(**given, prompt_tokens=cap, question_tokens=100_000, strategy=f"edit-{seed}")
-    edited = sp.Conversation(sp.Episode(game, budget=budget, **options))
+    record: list[Any] = []
+    edited = sp.Conversation(sp.Episode(game, budget=budget, transcript=record, **options))
     for _ in range(chance.randrange(4, 30)):
         every = [plain(message) for message in getattr(whole.prompt(), "messages", ())]
         prompt = edited.prompt()
@@ -242,6 +244,9 @@ def play(seed: int, found: Counter[str]) -> None:
         reply = draw(chance)
         whole.receive(reply)
         edited.receive(reply)
+    edited.episode.close()
+    replayed = replay(record, tokenizer=Words())
+    assert replayed.identical, replayed.differences
 
 
 def draw(chance: random.Random) -> sp.Message:

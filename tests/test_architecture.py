@@ -23,10 +23,13 @@ PACKAGE = Path(sp.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LAYERS = (
+    "installation",
     "visible",
     "errors",
+    "threads",
     "streams",
     "registry",
+    "files",
     "providers",
     "terminal",
     "types",
@@ -37,6 +40,7 @@ LAYERS = (
     "compactors",
     "costs",
     "manager",
+    "tool_formats",
     "episode",
     "conversation",
     "training",

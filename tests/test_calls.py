@@ -287,14 +287,6 @@ def test_what_a_user_gets_wrong_is_one_sentence(settings, sentence):
         sp.Episode(RPS, **{"seed": 1, **settings})
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"slack": 1.5}, {"slack": float("nan")}, {"history": -1}, {"prompt_tokens": 0}, {"x": 1}]
-)
-def test_a_budget_that_cannot_be_is_refused(wrong):
-    with pytest.raises(sp.InvalidArgumentError, match=r"no limit of a budget|has no field"):
-        sp.Budget(**wrong)
-
-
 def test_schemas_in_every_form(episode):
     act = episode.tools[1]
     parameters = {

@@ -143,22 +143,23 @@ def test_a_key_answers_the_same_call_again_and_no_other(
     sent: list[tuple[str | None, str, Any]],
 ) -> None:
     """The model of a transport's retries: a dictionary from key to the first call under it and its result."""
-    episode = sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=1, tokenizer=scripts.Words())
+    budget = sp.Budget(result_tokens=3)
+    episode = sp.Episode("BanditTwoArmedHighLowFixed-v0", seed=1, budget=budget, tokenizer=scripts.Words())
     seen: dict[str, tuple[Any, sp.ToolResult]] = {}
     for key, name, arguments in sent:
         same = json.loads(arguments) if isinstance(arguments, str) and arguments else arguments or ""
-        counted = episode.stats.tool_calls
+        counted = episode.stats.counts()
         result = episode.call(name, arguments, key)
         if key and key in seen:
             call, first = seen[key]
-            assert episode.stats.tool_calls == counted
+            assert episode.stats.counts() == counted
             if call == (name, same):
                 assert (result.text, result.is_error, result.done) == (first.text, first.is_error, first.done)
                 assert result.data == {**first.data, "replayed": True}
             else:
                 assert result.is_error
         else:
-            assert episode.stats.tool_calls == counted + 1
+            assert episode.stats.tool_calls == counted["tool_calls"] + 1
             assert "replayed" not in result.data
             if key:
                 seen[key] = (name, same), result

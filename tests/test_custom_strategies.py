@@ -62,13 +62,8 @@ def test_its_record_is_replayed_resumed_and_counted(file):
     result, events = played(f"{file}:turns=2", notes_tokens=60)
     assert result.end_reason == "rollout"
     assert result.deviations["strategy"] == {"paper": None, "played": f"{file}:turns=2"}
-    assert replay(events).identical
-    with resume(events[: len(events) // 2], transcript=[]) as resumed:
-        assert resumed.conversation is not None
-    record = Record(events)
-    accounts = Accounts.of(record)
-    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
-    assert {departure.reason for departure in accounts.departures()} == {"choice"}
+    scripts.check_record(events)
+    assert {departure.reason for departure in Accounts.of(Record(events)).departures()} == {"choice"}
 
 
 def test_notes_beside_an_observation_are_rebuilt_as_they_were_shown(file):

@@ -13,7 +13,7 @@ import smartplay_tools as sp
 SCRIPT = """
 import dataclasses, hashlib, json
 import smartplay_tools as sp
-from smartplay_tools.transcript.file import comparable
+from smartplay_tools.records.replays import comparable
 
 for spec in sp.GAMES.values():
     spec = dataclasses.replace(spec, rollout=min(spec.rollout, 20))

@@ -63,13 +63,6 @@ def test_history_rollout_slack_and_a_player_that_knows_more():
     assert deviations(player="oracle")["player"]["played"].startswith("privileged")
 
 
-def test_what_keeps_more_of_the_past_than_the_paper_is_one_too():
-    budget = sp.Budget(history=2, beyond_history="mask", notes_tokens=50)
-    fields = deviations(budget=budget)
-    assert fields["beyond_history"] == {"paper": "drop", "played": "mask"}
-    assert fields["notes_tokens"] == {"paper": None, "played": 50}
-
-
 def test_a_host_decides_itself_what_its_model_sees():
     with sp.Episode(HANOI, seed=1, context="host") as episode:
         episode.call("act", {"action": "1"})

@@ -339,17 +339,6 @@ def test_an_episode_cannot_be_pickled_and_says_what_can():
             assert again.game.state_hash() == episode.game.state_hash()
 
 
-def test_a_call_id_that_is_used_again_is_counted_nowhere(tmp_path):
-    path = tmp_path / "clash.jsonl"
-    budget = sp.Budget(result_tokens=3)
-    with sp.Episode(RPS, seed=1, context="host", budget=budget, transcript=path) as episode:
-        episode.call("act", {"action": "1"}, "key")
-        cut = episode.stats.cut_results
-        assert episode.call("act", {"action": "2"}, "key").is_error
-        assert episode.stats.cut_results == cut
-    assert sp.replay(path).identical
-
-
 class TestTokenizersOfRecords:
     """A record that was counted with a tokenizer object of yours replays only with that object."""
 

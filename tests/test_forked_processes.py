@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.runs.audit import audit
+from smartplay_tools.threads import SerialQueue
 from smartplay_tools.transcript.file import read_transcript
 from tests.adapters.openai_stub import OpenAIStub
 from tests.processes import needs_unix

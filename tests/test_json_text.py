@@ -8,7 +8,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from smartplay_tools.transcript.lines import parse_json
+from smartplay_tools.files.lines import parse_json
 from smartplay_tools.types.arguments import encoder, object_in, value_in
 
 VALUES = st.recursive(

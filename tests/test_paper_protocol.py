@@ -20,7 +20,6 @@ from smartplay_tools.records.prompts import sent_prompts
 from tests.games.recorded import MANUALS, begin, episodes
 
 DATA = Path(__file__).parent / "data"
-CHOICE = "Choose the best executable action from the list of all actions. Write the exact chosen action."
 HANOI = "Hanoi3Disk-v0"
 
 
@@ -102,37 +101,6 @@ def test_crafters_history_begins_with_the_noop_of_the_reset(seed):
         title = f"Most recent {len(shown)} steps of the player's in-game observation:"
         assert contents(prompt)[2] == "\n\n".join([title, *shown])
         assert contents(prompt)[3] == f"current step observation: {texts[step + 1]}"
-
-
-@pytest.mark.parametrize("game", sp.GAMES)
-def test_every_game_s_prompt_is_made_of_the_game_s_own_texts(game):
-    env = get_spec(game).make()
-    obs, info = env.reset(seed=7)
-    past = list(env.before_reset)
-    conversation = PaperConversation(sp.Episode(game, seed=7))
-    for action in [*env.actions[:3], None]:
-        history = history_text(list(enumerate(past))[-env.history :])
-        assert env.before_reset or history == info["history"]
-        texts = [info["manual"], *([history] if history else []), f"current step observation: {obs}"]
-        asked = conversation.prompt()
-        assert contents(asked)[1:-1] == texts
-        assert [message["role"] for message in asked.messages] == ["system"] * (len(texts) + 1) + ["user"]
-        conversation.receive({"role": "assistant", "content": "Hm."})
-        again = conversation.prompt()
-        assert again.messages[: len(asked.messages)] == asked.messages
-        assert again.messages[len(asked.messages) :] == [
-            {"role": "assistant", "content": "Hm."},
-            {"role": "user", "content": CHOICE},
-        ]
-        assert again.tools == ()
-        if action is None or conversation.episode.done:
-            break
-        conversation.receive({"role": "assistant", "content": f"I choose: {action.upper()}!"})
-        past.append(obs)
-        obs, _, _, _, info = env.step(env.actions.index(action))
-        if conversation.episode.done:
-            break
-    conversation.episode.close()
 
 
 # The answer.

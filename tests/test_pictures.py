@@ -218,15 +218,6 @@ def test_a_prompts_sha256_depends_on_its_pictures():
 # Caps.
 
 
-def test_words_are_cut_beside_a_picture_and_the_picture_is_not():
-    budget = sp.Budget(result_tokens=81 + 20)
-    with sp.Episode("Crafter-v0", seed=1, observation="both", budget=budget) as episode:
-        result = episode.call("act", {"action": "Noop"})
-        assert "tokens cut]" in result.text
-        assert episode.counter.text(result.text) <= 20
-        assert result.picture.width == 252
-
-
 @pytest.mark.parametrize(("field", "least"), [("result_tokens", 81 + 12), ("prompt_tokens", None)])
 def test_a_picture_that_does_not_fit_is_refused_when_the_episode_is_made(field, least):
     if least is None:

@@ -7,7 +7,6 @@ import re
 import pytest
 
 import smartplay_tools as sp
-from tests.test_conversation import calling
 
 RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 
@@ -15,15 +14,6 @@ RPS, BANDIT = "RockPaperScissorBasic-v0", "BanditTwoArmedHighLowFixed-v0"
 def begin(events=None, game=RPS, **budget):
     asked = {"recall_tokens": 400, "history": 1, "stalled_turns": None, **budget}
     return sp.Conversation(sp.Episode(game, seed=1, transcript=events, budget=sp.Budget(**asked)))
-
-
-@pytest.mark.parametrize("arguments", ['{"query": 5}', "{}", '{"query": "1", "more": "2"}', "[]", ""])
-def test_a_query_that_is_no_text_is_malformed(arguments):
-    conversation = begin()
-    (result,) = conversation.receive(calling(("recall", arguments)))
-    assert result.is_error
-    assert 'Call recall with {"query": "..."}.' in result.text
-    assert (conversation.episode.stats.malformed_calls, conversation.episode.stats.recalls) == (1, 0)
 
 
 def test_without_a_prompt_there_is_nothing_to_compare_with():

@@ -190,7 +190,14 @@ def test_a_record_without_its_end_is_incomplete_at_every_length(recorded, tmp_pa
 
 @pytest.mark.parametrize(
     ("kind", "field", "value"),
-    [("view", "masked", [1]), ("call", "position", 5), ("message", "turn", 9), ("view", "turns", None)],
+    [
+        ("view", "masked", [1]),
+        ("view", "turns", None),
+        ("view", "tokens", 5),
+        ("call", "position", 5),
+        ("call", "text", "You win."),
+        ("message", "turn", 9),
+    ],
 )
 def test_what_makes_no_sense_is_a_difference_that_names_event_and_field(recorded, tmp_path, kind, field, value):
     events = copy.deepcopy(recorded)

@@ -14,7 +14,7 @@ from typer.main import get_command
 
 import smartplay_tools as sp
 from smartplay_tools import cli
-from smartplay_tools.errors import install_command
+from smartplay_tools.installation import install_command
 from tests import core_alone
 from tests.processes import printed_by
 

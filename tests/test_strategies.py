@@ -62,16 +62,23 @@ class TestMasking:
         assert seen == dropped
 
 
-class TestNotes:
-    @pytest.mark.parametrize("arguments", ['{"text": 5}', '{"text": null}', "{}", '{"notes": "x"}', '{"text": "x"', ""])
-    def test_notes_that_are_no_text_are_malformed(self, arguments):
-        conversation = begin(notes_tokens=5)
-        (result,) = conversation.receive(calling(("take_notes", arguments)))
-        assert result.is_error
-        assert "take_notes" in result.text
-        assert conversation.episode.stats.malformed_calls == 1
-        assert conversation.latest_turn.notes is None
+@pytest.mark.parametrize(
+    ("tool", "budget"), [("take_notes", {"notes_tokens": 5}), ("recall", {"recall_tokens": 400, "history": 1})]
+)
+@pytest.mark.parametrize(
+    "arguments", ['{"text": 5}', '{"query": null}', "{}", '{"text": "1", "query": "2"}', "[]", "{", ""]
+)
+def test_arguments_that_are_no_text_are_malformed(tool, budget, arguments):
+    conversation = begin(**budget)
+    (result,) = conversation.receive(calling((tool, arguments)))
+    assert result.is_error
+    assert f"Call {tool} with" in result.text
+    stats = conversation.episode.stats
+    assert (stats.malformed_calls, stats.refused_notes, stats.recalls) == (1, 0, 0)
+    assert conversation.latest_turn.notes is None
 
+
+class TestNotes:
     @pytest.mark.parametrize(
         ("text", "kept", "counted", "answer"),
         [

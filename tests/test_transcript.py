@@ -13,11 +13,12 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.records.growing_lines import GrowingLines
+from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.records.prompts import recorded_turns
+from smartplay_tools.records.replays import comparable
 from smartplay_tools.transcript import lines as appended
 from smartplay_tools.transcript.events import event_fault
-from smartplay_tools.transcript.file import TranscriptWriter, comparable
+from smartplay_tools.transcript.file import TranscriptWriter
 
 GAMES = ("BanditTwoArmedHighLowFixed-v0", "RockPaperScissorDifferentScore-v0", "Hanoi3Disk-v0")
 TIGHT = sp.Budget(prompt_tokens=700, slack=0.4)
@@ -30,27 +31,6 @@ def path(tmp_path):
     with sp.Episode(GAMES[2], seed=11, budget=TIGHT, transcript=path) as episode:
         sp.play(episode, sp.get_player("rule"))
     return path
-
-
-@pytest.mark.parametrize(
-    ("event", "change", "sentence"),
-    [
-        ("call", lambda event: event.update(text=event["text"] + " "), "text is"),
-        ("call", lambda event: event["data"].update(score=99), "data: score is"),
-        ("call", lambda event: event["data"].update(state_hash="0" * 32), "state_hash is"),
-        ("view", lambda event: event.update(tokens=event["tokens"] + 1), "tokens is"),
-        ("view", lambda event: event.update(sha256="0" * 64), "sha256"),
-        ("end", lambda event: event["result"].update(score=50.0), "result: score is"),
-        ("start", lambda event: event.update(seed=12), ""),
-    ],
-)
-def test_a_record_that_was_tampered_with_is_found_out(path, event, change, sentence):
-    events = sp.read_transcript(path)
-    change(next(e for e in reversed(events) if e["event"] == event))
-    path.write_text("\n".join(map(json.dumps, events)))
-    replayed = sp.replay(path)
-    assert not replayed.identical
-    assert any(sentence in difference for difference in replayed.differences)
 
 
 def line_by_line(written: bytes) -> list[dict] | None:

@@ -17,12 +17,12 @@ from smartplay_tools.context.prompts.budget_line import SENTENCES
 from smartplay_tools.context.prompts.wording import _OWN as WORDINGS, PARAPHRASES, VERSION, Wording, versions
 from smartplay_tools.context.strategies.memory import COMMANDS
 from smartplay_tools.episode.cells import cell_config
-from smartplay_tools.episode.tools import AsyncGameTools, GameTools
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.analysis.grouping import PlayedCell
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players.cache_marks import last_markable
 from smartplay_tools.records import Record, sent_prompts
+from smartplay_tools.tool_formats.functions import AsyncGameTools, GameTools
 from smartplay_tools.transcript import TranscriptWriter
 from tests import scripts
 

@@ -35,6 +35,8 @@ class P:
         (lambda out: sp.Budget(prompt_token=600), "A budget has no field 'prompt_token'; did you mean prompt_tokens"),
         (lambda out: sp.Budget(prompt_tokens="many"), "prompt_tokens='many' is no limit of a budget: input should be"),
         (lambda out: sp.Budget(slack=2), "slack=2 is no limit of a budget: input should be less than or equal to 1."),
+        (lambda out: sp.Budget(slack=float("nan")), "slack=nan is no limit of a budget"),
+        (lambda out: sp.Budget(history=-1), "history=-1 is no limit of a budget"),
         (lambda out: sp.sweep([HANOI], [P], vary={"history": [1]}, out=out), 'with a name for each: {"p": P}'),
         (lambda out: sp.sweep(HANOI, ["rule"], vary={"history": [1]}, out=out), "a list of ids"),
         (lambda out: PlayerConfig("p", factory=P), 'as in PlayerConfig(name="rule")'),

@@ -17,8 +17,8 @@ from smartplay_inspect.solver import smartplay_agent
 from smartplay_tools import GAMES, Budget, EpisodeConfig, InvalidArgumentError
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.episode import cell_config
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import PAPER_RESULTS
+from smartplay_tools.games.seeds import trial_seed
 
 VERSION = "1"
 """Raised when a change makes the scores of a task incomparable with those of its former versions."""

@@ -27,8 +27,8 @@ from openenv.core.env_server.mcp_types import (
 from openenv.core.env_server.types import EnvironmentMetadata, Observation, State
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import get_spec
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.training import EpisodeFactory, RewardName
 from smartplay_tools.types.messages import text_of
 from smartplay_tools.web import Bounded

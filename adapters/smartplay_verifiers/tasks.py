@@ -19,9 +19,9 @@ from pydantic import Field, create_model
 
 from smartplay_tools import Budget, Episode, EpisodeConfig, InvalidArgumentError, get_player, play
 from smartplay_tools.context.strategies.custom import load_strategy
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.games import get_spec
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.training import EpisodeFactory, RewardName, reward_of
 from smartplay_tools.transcript import Event, write_records
 

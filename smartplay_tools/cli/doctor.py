@@ -33,11 +33,12 @@ from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch, mode
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.context import tokens
-from smartplay_tools.errors import PACKAGE, InvalidArgumentError, SmartPlayError, install_command
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
 from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.installation import PACKAGE, install_command
 from smartplay_tools.terminal import Console, Text, say
 from smartplay_tools.types.quantities import megabytes
 

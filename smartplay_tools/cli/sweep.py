@@ -14,11 +14,11 @@ from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
-from smartplay_tools.errors import install_command
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
+from smartplay_tools.installation import install_command
 from smartplay_tools.terminal import say
 
 

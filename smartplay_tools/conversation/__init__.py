@@ -9,7 +9,7 @@ from smartplay_tools.registry import lazy_exports
 if TYPE_CHECKING:
     from smartplay_tools.conversation.agent_session import AgentSession as AgentSession, Conversation as Conversation
     from smartplay_tools.conversation.base import BaseConversation as BaseConversation
-    from smartplay_tools.conversation.host_chat import HostChat as HostChat, HostHistory as HostHistory
+    from smartplay_tools.conversation.host_chat import HostChat as HostChat
     from smartplay_tools.conversation.loop import (
         AttachedPlayer as AttachedPlayer,
         aplay as aplay,
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         play as play,
     )
     from smartplay_tools.conversation.paper import PaperConversation as PaperConversation
+    from smartplay_tools.costs.host_history import HostHistory as HostHistory
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

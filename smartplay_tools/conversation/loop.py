@@ -1,56 +1,25 @@
-"""play and aplay: the loop between a player and a conversation, synchronous and asynchronous.
-
-Code that would block a running event loop, or start a second one in its thread, is run in another thread.
-"""
+"""play and aplay: the loop between a player and a conversation, synchronous and asynchronous."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeAlias, TypeVar, get_args, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, get_args, runtime_checkable
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.conversation.base import BaseConversation, CheckedReply, check_episode
 from smartplay_tools.episode.config import ProtocolName
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, check_choice, name_of
+from smartplay_tools.threads import apart_from_event_loop
 from smartplay_tools.types import AsyncPlayer, EpisodeResult, ObservationForm, Player, Prompt, Reply
 
 if TYPE_CHECKING:
     from smartplay_tools.conversation.paper import PaperConversation
 
 __all__ = [
-    "apart_from_event_loop",
     "reply_of",
 ]
-
-
-Given = ParamSpec("Given")
-T = TypeVar("T")
-
-
-def apart_from_event_loop(call: Callable[Given, T], /, *args: Given.args, **kwargs: Given.kwargs) -> T:
-    """Call a function that runs its own event loop; if this thread already runs one, in another thread.
-
-    A notebook runs its cells on an event loop. Signals still reach this thread while it waits, so Ctrl-C and the
-    notebook's stop button stop a run between two turns as they do elsewhere.
-    """
-    if not _is_on_event_loop():
-        return call(*args, **kwargs)
-    thread = ThreadPoolExecutor(1, "smartplay-tools run")
-    try:
-        return thread.submit(call, *args, **kwargs).result()
-    finally:
-        thread.shutdown(wait=False)
-
-
-def _is_on_event_loop() -> bool:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return False
-    return True
 
 
 async def reply_of(player: Player | AsyncPlayer, prompt: Prompt) -> Reply:

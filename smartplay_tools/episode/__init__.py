@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     )
     from smartplay_tools.episode.ledger import Listener as Listener
     from smartplay_tools.episode.stats import EpisodeStats as EpisodeStats
-    from smartplay_tools.episode.tools import (
+    from smartplay_tools.episode.tools import tool_specs as tool_specs
+    from smartplay_tools.tool_formats.functions import (
         AsyncGameTools as AsyncGameTools,
         GameTools as GameTools,
-        schema as schema,
         tool_functions as tool_functions,
-        tool_specs as tool_specs,
     )
+    from smartplay_tools.tool_formats.schemas import schema as schema
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -32,11 +32,11 @@ from smartplay_tools.episode.config import (
 )
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.ledger import Ledger, Listener
-from smartplay_tools.episode.tools import tool_functions
 from smartplay_tools.errors import GameValueError, InvalidArgumentError, check_choice
 from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.seeds import check_seed
 from smartplay_tools.games.specs import get_spec
+from smartplay_tools.tool_formats.functions import tool_functions
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import Sink, TranscriptWriter
 from smartplay_tools.transcript.hashing import head_bytes, prompt_sha256, tools_bytes

@@ -17,9 +17,9 @@ from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig, ProtocolName, deviations, differs
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.episode.stats import EpisodeStats, versions
-from smartplay_tools.episode.workers import SerialQueue
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.games.values import text
+from smartplay_tools.threads import SerialQueue
 from smartplay_tools.transcript.events import FORMAT, Event
 from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EndReason, EpisodeResult, ToolResult

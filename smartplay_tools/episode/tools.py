@@ -1,7 +1,6 @@
-"""The tools: their descriptions for the model, how its calls are parsed, and the same tools as Python functions.
+"""The tools: their descriptions for the model, and how its calls are parsed.
 
-Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others. `GameTools` has the three as
-callables, for frameworks that read names, annotations and docstrings.
+Every agent has `observe`, `act` and `read_manual`; strategies for the past may add others.
 
 A call is played as it was sent or refused with a reason, never repaired: a benchmark that guesses what a model meant
 measures the guess. An action is given by its exact name or by its number in the game's manual, as a text or as a whole
@@ -14,18 +13,17 @@ from __future__ import annotations
 import functools
 import json
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal
 
-from smartplay_tools.context.prompts.wording import VERSION, Wording, known
+from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies.base import StrategyTool
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.game_registry import GameSpec, close_game
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.games.values import plain_name
-from smartplay_tools.types import MEMORY_TOOL, ToolResult, ToolSpec
-from smartplay_tools.types.arguments import Arguments, as_text, is_strict, number_as_text, text_parameters
+from smartplay_tools.types import ToolSpec
+from smartplay_tools.types.arguments import Arguments, as_text, number_as_text, text_parameters
 
 if TYPE_CHECKING:
     from smartplay_tools.games.base import TextGame
@@ -33,8 +31,6 @@ if TYPE_CHECKING:
 
 QUOTED = 80
 """The most characters of what was sent that an error quotes."""
-
-SchemaFormat = Literal["openai", "responses", "anthropic", "json"]
 
 
 class MistakeError(Exception):
@@ -180,156 +176,7 @@ def tool_specs(game: str | GameSpec, **options: Any) -> tuple[ToolSpec, ...]:
         close_game(made)
 
 
-def schema(tool: ToolSpec, form: SchemaFormat) -> dict[str, Any]:
-    """Return a tool in the format of an interface: OpenAI chat, OpenAI Responses, Anthropic or JSON Schema.
-
-    For OpenAI the game's tools are strict; an agent's own tool is, if its schema fits.
-    For Anthropic, the tool `memory` of a budget with `memory_tokens` is the provider's own, which has no schema.
-    """
-    parameters = dict(tool.parameters)
-    function = {"name": tool.name, "description": tool.description}
-    strict = is_strict(parameters)
-    match form:
-        case "openai":
-            return {"type": "function", "function": {**function, "parameters": parameters, "strict": strict}}
-        case "responses":
-            return {"type": "function", **function, "parameters": parameters, "strict": strict}
-        case "anthropic" if tool.name == MEMORY_TOOL and _is_ours(tool):
-            return {"type": "memory_20250818", "name": tool.name}
-        case "anthropic":
-            return {**function, "input_schema": parameters}
-        case "json":
-            return {**function, "parameters": parameters}
-    raise InvalidArgumentError(f"There is no schema format {form!r}; known: openai, responses, anthropic, json.")
-
-
 def quote(sent: Any) -> str:
     """Quote what was sent, at most `QUOTED` characters of it."""
     text = sent if isinstance(sent, str) else as_text(sent)
     return f'"{text}"' if len(text) <= QUOTED else f'"{text[:QUOTED]}…"'
-
-
-class Callee(Protocol):
-    """An object that answers the calls of the functions: an episode, or an adapter's object in front of one."""
-
-    @property
-    def tools(self) -> tuple[ToolSpec, ...]:
-        """The tools: observe, act, read_manual."""
-        ...
-
-    def call(self, name: str, arguments: Any) -> ToolResult:
-        """Answer a call."""
-        ...
-
-
-class AsyncCallee(Callee, Protocol):
-    """An object that answers calls in threads, too, and says when it is over: an episode."""
-
-    @property
-    def done(self) -> bool:
-        """Whether the episode is over."""
-        ...
-
-    async def acall(self, name: str, arguments: Any) -> ToolResult:
-        """Answer a call in a thread."""
-        ...
-
-    def refuse_pictures(self, host: str) -> None:
-        """Raise an `InvalidArgumentError` if results have pictures, which `host` cannot show."""
-        ...
-
-
-class _OfEpisode:
-    def __init__(self, episode: AsyncCallee) -> None:
-        episode.refuse_pictures("A function")
-        self._episode = episode
-
-    @property
-    def done(self) -> bool:
-        """Whether the episode is over."""
-        return self._episode.done
-
-
-class GameTools(_OfEpisode):
-    """An object whose methods are the tools, for frameworks that take an object's public methods.
-
-    `done` says whether the episode is over.
-    """
-
-    def observe(self) -> str:
-        """Show the current observation again, without playing."""
-        return self._episode.call("observe", {}).text
-
-    def act(self, action: str) -> str:
-        """Play one action and show what happens.
-
-        Args:
-            action: The action's name or number, exactly as listed.
-        """
-        return self._episode.call("act", {"action": action}).text
-
-    def read_manual(self) -> str:
-        """Show the game's manual."""
-        return self._episode.call("read_manual", {}).text
-
-
-class AsyncGameTools(_OfEpisode):
-    """`GameTools` whose methods are awaited; the game's steps run in threads."""
-
-    async def observe(self) -> str:
-        """Show the current observation again, without playing."""
-        return (await self._episode.acall("observe", {})).text
-
-    async def act(self, action: str) -> str:
-        """Play one action and show what happens.
-
-        Args:
-            action: The action's name or number, exactly as listed.
-        """
-        return (await self._episode.acall("act", {"action": action})).text
-
-    async def read_manual(self) -> str:
-        """Show the game's manual."""
-        return (await self._episode.acall("read_manual", {})).text
-
-
-def tool_functions(episode: Callee) -> tuple[Callable[[], str], Callable[[str], str], Callable[[], str]]:
-    """Return the game's tools as plain functions, documented with the descriptions that this game's models are given.
-
-    The tools of strategies are not among them: a framework that takes functions owns the context.
-    """
-
-    def observe() -> str:
-        return episode.call("observe", {}).text
-
-    def act(action: str) -> str:
-        return episode.call("act", {"action": action}).text
-
-    def read_manual() -> str:
-        return episode.call("read_manual", {}).text
-
-    described = {tool.name: tool for tool in episode.tools}
-    for function in (observe, act, read_manual):
-        if (tool := described.get(function.__name__)) is None:
-            raise InvalidArgumentError(
-                f"The functions are those of all three tools, and {function.__name__} is not offered; leave "
-                'offered_tools at "all".'
-            )
-        function.__annotations__ = get_type_hints(function)  # types, not their names: what frameworks look at
-        function.__doc__ = documentation(tool)
-    return observe, act, read_manual
-
-
-def documentation(tool: ToolSpec) -> str:
-    """Return a tool's description and those of its arguments as a docstring."""
-    properties: dict[str, Any] = tool.parameters["properties"]
-    arguments = [f"    {name}: {field['description']}" for name, field in properties.items()]
-    return "\n".join([tool.description, *(["\nArgs:", *arguments] if arguments else [])])
-
-
-def _is_ours(tool: ToolSpec) -> bool:
-    """Whether a tool with the name of the memory is that of this library, and not a host's own."""
-    from smartplay_tools.context.strategies.memory import memory_spec
-
-    specs = (memory_spec(1, Wording.of(version)) for version in known())
-    return any(tool.parameters == spec.parameters for spec in specs)

@@ -30,8 +30,8 @@ from typing_extensions import TypedDict
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.view import numbers_in, ranges_of
 from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
+from smartplay_tools.files.lines import complete_lines, parse_json
 from smartplay_tools.transcript.hashing import canonical_json, chained_lines
-from smartplay_tools.transcript.lines import complete_lines, parse_json
 
 __all__ = ["RecordedPrompt", "RecordedThread", "ThreadRecord", "is_thread_record", "read_thread"]
 

@@ -22,9 +22,10 @@ from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.errors import TranscriptError, record_named
+from smartplay_tools.errors import TranscriptError
+from smartplay_tools.records.faults import ErrorLocation, record_named
 from smartplay_tools.records.prompts import is_compacted
-from smartplay_tools.transcript.events import ErrorLocation, Event, compares_pictures, purpose_of
+from smartplay_tools.transcript.events import Event, compares_pictures, purpose_of
 from smartplay_tools.transcript.file import MemoryRecord
 from smartplay_tools.types import Purpose, Reply, SampledTokens, ToolCall, ToolSpec, Usage
 from smartplay_tools.types.arguments import canonical_text

@@ -28,9 +28,9 @@ from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation import paper
 from smartplay_tools.episode.config import EpisodeConfig
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.episode.tools import schema
-from smartplay_tools.errors import record_named
-from smartplay_tools.transcript.events import CallEvent, ErrorLocation, Event, purpose_of
+from smartplay_tools.records.faults import ErrorLocation, record_named
+from smartplay_tools.tool_formats.schemas import schema
+from smartplay_tools.transcript.events import CallEvent, Event, purpose_of
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 from smartplay_tools.types.call_ids import CallIds

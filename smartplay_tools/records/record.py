@@ -19,8 +19,10 @@ from typing import Any, Generic, Literal, Self, TypeVar
 from smartplay_tools.context.turns import Turn
 from smartplay_tools.episode.config import EpisodeConfig, recorded_facts
 from smartplay_tools.errors import SENSELESS, GameValueError, InvalidArgumentError, SmartPlayError, TranscriptError
+from smartplay_tools.files.growing_lines import GrowingLines, ends_of
+from smartplay_tools.files.lines import parse_json
+from smartplay_tools.files.times import read_times
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.records.growing_lines import GrowingLines, ends_of
 from smartplay_tools.records.prompts import (
     SentPrompt,
     WholeConversation,
@@ -47,8 +49,7 @@ from smartplay_tools.transcript.events import (
     ViewEvent,
     concerns_summary,
 )
-from smartplay_tools.transcript.file import kind_of, read_line, read_written
-from smartplay_tools.transcript.times import read_times
+from smartplay_tools.transcript.file import read_line, read_written
 from smartplay_tools.types import EndReason, EpisodeResult, Purpose, SampledTokens
 from smartplay_tools.types.messages import Message, text_of
 
@@ -604,3 +605,18 @@ class Record:
     def called(self) -> str:
         """The record's name in messages."""
         return self.name or "The record"
+
+
+def kind_of(line: bytes) -> str:
+    """Return the kind of the event on a line, "" for no event; a line that this package wrote is not parsed."""
+    if line.startswith(KIND):
+        return line[len(KIND) : line.find(b'"', len(KIND))].decode("ascii", "replace")
+    try:
+        event = parse_json(line)
+    except (ValueError, RecursionError):
+        return ""
+    return str(event.get("event", "")) if isinstance(event, dict) else ""
+
+
+KIND = b'{"event": "'
+"""How a line begins: an event is written with its kind first."""

@@ -15,10 +15,10 @@ of PNG files, which are no longer made to the byte: their pictures keep the reco
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from smartplay_tools.context.tokens import Tokenizer
 from smartplay_tools.episode.config import EpisodeConfig
@@ -28,9 +28,10 @@ from smartplay_tools.records.driver import Driver, picture_names
 from smartplay_tools.records.prompts import sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import Event, compares_pictures, event_fault
-from smartplay_tools.transcript.file import broken_links, check_format, is_event, read_transcript
-from smartplay_tools.transcript.hashing import event_line
+from smartplay_tools.transcript.file import check_format, is_event, read_transcript
+from smartplay_tools.transcript.hashing import chained_lines, event_line
 from smartplay_tools.types import EpisodeResult
+from smartplay_tools.types.arguments import canonical
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 PICTURES_ARE_NOT_COMPARED = "Pictures are not compared, because the record has digests of PNG files and not of pixels."
@@ -168,3 +169,31 @@ def recorded_pictures(source: str | Path | Sequence[Event]) -> Mapping[str, Pict
     if missing := [sha256 for sha256 in shown if sha256 not in pictures]:
         raise TranscriptError(f"The record shows a picture that its game does not make here: {missing[0]}.")
     return {sha256: pictures[sha256] for sha256 in shown}
+
+
+def broken_links(events: Iterable[Event]) -> Iterator[int]:
+    """Yield the numbers, from 1, of the events whose chain does not follow from the event and the chain before it."""
+    before = ""
+    for number, event in enumerate(events, start=1):
+        plain = {name: value for name, value in event.items() if name != "chain"}
+        if event.get("chain") != chained_lines([plain], before)[1] or next(reversed(event)) != "chain":
+            yield number
+        before = str(event.get("chain"))
+
+
+def comparable(events: Iterable[Event]) -> list[Any]:
+    """Return the parts by which two transcripts are compared: their calls, heads and prompt hashes.
+
+    Ids, usage, versions and times are left out, and arguments are compared as JSON values.
+    """
+    kept: list[Any] = []
+    for event in events:
+        match event["event"]:
+            case "call":
+                same = [event[key] for key in ("turn", "position", "name", "text", "is_error", "data")]
+                kept.append(["call", *same, canonical(event["arguments"])])
+            case "head":
+                kept.append(["head", event["messages"], event["tools"]])
+            case "view":
+                kept.append(["view", event["sha256"]])
+    return kept

@@ -14,10 +14,10 @@ from smartplay_tools.context.turns import with_ids
 from smartplay_tools.costs.cached import Prefixes, Unit, Units, same_and_stable
 from smartplay_tools.episode.cells import counter_of
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.files.times import read_times, times_file
 from smartplay_tools.records.prompts import Rebuilder, sent_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import purpose_of
-from smartplay_tools.transcript.times import read_times, times_file
 from smartplay_tools.types import Purpose, Usage
 from smartplay_tools.types.messages import calls_of
 

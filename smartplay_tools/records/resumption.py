@@ -23,9 +23,9 @@ from smartplay_tools.errors import SENSELESS, InvalidArgumentError, TranscriptEr
 from smartplay_tools.games.game_registry import close_game
 from smartplay_tools.records.driver import EXTERNAL_ENDS, Driven, Driver, unchained
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.replays import read_events
+from smartplay_tools.records.replays import broken_links, read_events
 from smartplay_tools.transcript.events import Event
-from smartplay_tools.transcript.file import TranscriptWriter, broken_links
+from smartplay_tools.transcript.file import TranscriptWriter
 from smartplay_tools.types import EpisodeResult
 
 

@@ -20,15 +20,16 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import BaseModel, Field
 
 from smartplay_tools.episode.config import RULES, SCORING, Rules
-from smartplay_tools.errors import DamageError, in_one_line, warn_damaged
+from smartplay_tools.errors import in_one_line
+from smartplay_tools.files.growing_lines import GrowingLines
+from smartplay_tools.files.lines import parse_json
 from smartplay_tools.games.game_registry import Scoring
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.best_choices import best_choice
-from smartplay_tools.records.growing_lines import GrowingLines
+from smartplay_tools.records.damage import DamageError, warn_damaged
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.transcript.events import Amount, Count, RecordedResult
-from smartplay_tools.transcript.lines import parse_json
 from smartplay_tools.types import STRATEGIES, RecordedBudget, ResolvedBudget, Usage
 from smartplay_tools.types.result import UNUSUAL_ENDS
 

@@ -14,13 +14,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Annotated, Any, Literal, NotRequired, Self, get_args, get_type_hints
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from typing_extensions import TypedDict  # Pydantic needs it on Python 3.11
 
-from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
+from smartplay_tools.errors import in_one_line
 from smartplay_tools.types import EpisodeResult, Purpose, Tokens, Usage
 from smartplay_tools.types.messages import Message
 from smartplay_tools.types.sums import MOST
@@ -405,27 +404,3 @@ def compares_pictures(start: Mapping[str, Any]) -> bool:
     The bytes of PNG files, of which older records hold the sha256, are not made again.
     """
     return start["config"].get("observation", "text") == "text" or start.get("pictures") == "pixels"
-
-
-class ErrorLocation:
-    """Turn an exception about the event that is looked at into a `TranscriptError` that names it.
-
-    `with ErrorLocation() as at: for at.number, at.event in enumerate(events, start=1): ...`
-    """
-
-    number: int
-    event: Event
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None or isinstance(error, TranscriptError) or not isinstance(error, SENSELESS):
-            return
-        where = f"event {self.number} ({self.event.get('event')})"
-        if isinstance(error, KeyError):
-            raise TranscriptError(f"The record cannot be replayed: {where} has no field {error}.") from error
-        what = in_one_line(error) or "out of place"
-        raise TranscriptError(f"The record cannot be replayed: {where}: {what.rstrip('.')}.") from error

@@ -1,23 +1,21 @@
 """The file of a transcript: one JSON Lines file per episode, with one event per line, written as it happens.
 
 If the process is killed, at most the line being written is lost, and the reader tolerates an incomplete last line. A
-file is never overwritten. `TranscriptWriter` writes, `read_transcript` reads, and `kind_of` tells the kind of an
-event that need not be parsed.
+file is never overwritten. `TranscriptWriter` writes, and `read_transcript` reads.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
+from smartplay_tools.files.lines import AppendedFile, complete_lines, parse_json, parse_lines
+from smartplay_tools.files.times import TimesWriter
 from smartplay_tools.transcript.events import FORMAT, Event, event_fault
 from smartplay_tools.transcript.hashing import chained_lines, event_line
-from smartplay_tools.transcript.lines import AppendedFile, complete_lines, parse_json, parse_lines
-from smartplay_tools.transcript.times import TimesWriter
-from smartplay_tools.types.arguments import canonical
 
 
 class MemoryRecord:
@@ -176,21 +174,6 @@ def check_format(start: Event, path: object = "The record") -> None:
         )
 
 
-def kind_of(line: bytes) -> str:
-    """Return the kind of the event on a line, "" for no event; a line that this package wrote is not parsed."""
-    if line.startswith(KIND):
-        return line[len(KIND) : line.find(b'"', len(KIND))].decode("ascii", "replace")
-    try:
-        event = parse_json(line)
-    except (ValueError, RecursionError):
-        return ""
-    return str(event.get("event", "")) if isinstance(event, dict) else ""
-
-
-KIND = b'{"event": "'
-"""How a line begins: an event is written with its kind first."""
-
-
 def is_event(value: object) -> bool:
     """Whether a value is an event of some kind, with whatever fields."""
     return isinstance(value, dict) and isinstance(value.get("event"), str)
@@ -232,34 +215,6 @@ def append_exception(path: str | Path, error: str, traceback: str | None = None)
     writer.append({"event": "exception", "error": error, "traceback": traceback})
     writer.close()
     return True
-
-
-def broken_links(events: Iterable[Event]) -> Iterator[int]:
-    """Yield the numbers, from 1, of the events whose chain does not follow from the event and the chain before it."""
-    before = ""
-    for number, event in enumerate(events, start=1):
-        plain = {name: value for name, value in event.items() if name != "chain"}
-        if event.get("chain") != chained_lines([plain], before)[1] or next(reversed(event)) != "chain":
-            yield number
-        before = str(event.get("chain"))
-
-
-def comparable(events: Iterable[Event]) -> list[Any]:
-    """Return the parts by which two transcripts are compared: their calls, heads and prompt hashes.
-
-    Ids, usage, versions and times are left out, and arguments are compared as JSON values.
-    """
-    kept: list[Any] = []
-    for event in events:
-        match event["event"]:
-            case "call":
-                same = [event[key] for key in ("turn", "position", "name", "text", "is_error", "data")]
-                kept.append(["call", *same, canonical(event["arguments"])])
-            case "head":
-                kept.append(["head", event["messages"], event["tools"]])
-            case "view":
-                kept.append(["view", event["sha256"]])
-    return kept
 
 
 def write_records(records: Mapping[str, str], folder: str | Path) -> list[Path]:

@@ -284,28 +284,3 @@ def text_parameters(**descriptions: str) -> Mapping[str, Any]:
         "required": list(descriptions),
         "additionalProperties": False,
     }
-
-
-STRICT = frozenset({"type", "title", "description", "enum", "properties", "required", "additionalProperties", "items"})
-"""The keywords that a strict schema may use here; strict modes accept some more, and refuse the rest."""
-
-
-def is_strict(schema: Any) -> bool:
-    """Whether strict modes accept JSON Schema as it is: each object in it is closed, and requires all its properties.
-
-    A provider refuses a request that calls another schema strict, even if the agent that offers the tool wants it.
-    """
-    if isinstance(schema, Mapping) and isinstance(kinds := schema.get("anyOf"), list | tuple):
-        return schema.keys() <= {"anyOf", "title", "description"} and bool(kinds) and all(map(is_strict, kinds))
-    if not isinstance(schema, Mapping) or not schema.keys() <= STRICT or not isinstance(schema.get("type"), str):
-        return False
-    if schema["type"] == "array":
-        return is_strict(schema.get("items"))
-    if schema["type"] != "object":
-        return True
-    properties, required = schema.get("properties"), schema.get("required")
-    if not isinstance(properties, Mapping) or not isinstance(required, list | tuple):
-        return False
-    closed = schema.get("additionalProperties") is False
-    requires_all = len(required) == len(properties) and all(name in required for name in properties)
-    return closed and requires_all and all(map(is_strict, properties.values()))

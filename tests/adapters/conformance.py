@@ -27,7 +27,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.players import ModelPlayer
 from smartplay_tools.players.conversion import function_call
-from smartplay_tools.transcript.file import comparable
+from smartplay_tools.records.replays import comparable
 from tests import checker
 
 GAME, SEED = "Hanoi3Disk-v0", 7

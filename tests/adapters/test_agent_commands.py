@@ -14,8 +14,8 @@ import pytest
 from typer.testing import Result
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.games.seeds import trial_seed
 from tests.evaluation.command import result_of
 from tests.processes import heed_interrupts, needs_unix
 

@@ -20,7 +20,7 @@ from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, game_server, serve_stdio
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.lines import AppendedFile
+from smartplay_tools.files.lines import AppendedFile
 from smartplay_tools.web import EpisodeStore, FullError, HostedEpisode
 from tests.adapters.conformance import GAME, act, fresh
 

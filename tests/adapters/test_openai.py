@@ -10,7 +10,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.errors import install_command
+from smartplay_tools.installation import install_command
 from smartplay_tools.types.messages import reasoning_of, text_of
 
 pytest.importorskip("openai")

@@ -30,8 +30,8 @@ from smartplay_openenv import (
 )
 
 import smartplay_tools as sp
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.games import get_spec
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.types import TOOL_NAMES
 from smartplay_tools.types.messages import calls_of, text_of
 from smartplay_tools.web import Server

@@ -20,8 +20,8 @@ from opentelemetry.semconv._incubating.attributes import gen_ai_attributes
 from opentelemetry.trace import StatusCode
 
 import smartplay_tools as sp
+from smartplay_tools.files.times import times_file
 from smartplay_tools.transcript import keep_times
-from smartplay_tools.transcript.times import times_file
 from tests.adapters.conformance import act, calling, fresh
 
 EXPORTER = InMemorySpanExporter()

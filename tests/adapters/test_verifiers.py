@@ -33,7 +33,7 @@ from verifiers.v1.trace import AgentInfo, TraceTask
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
-from smartplay_tools.episode.seeds import trial_seed
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.registry import NamedInFiles
 from tests.adapters.benchmark_rows import rows_of
 from tests.adapters.conformance import GAME, WAY, Held, Window, WindowConformance, act, calling

@@ -87,10 +87,6 @@ class Blocks:
         return Choice()
 
 
-class NoMethod:
-    """Has no `choose`."""
-
-
 class Good:
     """Keeps the newest turns that fit, says how many there were, and masks those before the last three."""
 

@@ -51,7 +51,7 @@ def pages_of(browser: Any, *allowed: str, **settings: Any) -> Iterator[Callable[
         page.on("console", lambda message: wrong.append(f"{message.type}: {message.text}"))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("dialog", lambda dialog: wrong.append(f"dialog: {dialog.message}"))
-        page.on("request", lambda request: note_request(request.url, wrong, allowed))
+        page.on("request", lambda request: request.url.startswith(allowed) or wrong.append(f"request: {request.url}"))
         page.goto(url)
         page.wait_for_selector("body[data-ready]")
         return page
@@ -60,11 +60,6 @@ def pages_of(browser: Any, *allowed: str, **settings: Any) -> Iterator[Callable[
     for context in contexts:
         context.close()
     assert wrong == []
-
-
-def note_request(url: str, wrong: list[str], allowed: tuple[str, ...] = FILES) -> None:
-    if not url.startswith(allowed):
-        wrong.append(f"request: {url}")
 
 
 @pytest.fixture

@@ -80,15 +80,11 @@ def test_the_site(opened, runs):
             assert_accessible(opened(f"{server.url}episode/{record}#turn=20"))
 
 
-def test_the_report_of_several_runs(opened, runs, tmp_path):
+def test_the_report_of_several_runs_and_a_page_to_send(opened, runs, tmp_path):
     write_report([runs / "one", runs / "two"], tmp_path / "report.html")
-    assert_accessible(opened((tmp_path / "report.html").as_uri()))
-
-
-def test_a_page_to_send(opened, runs, tmp_path):
-    record = next(RunFolder(runs / "two").records())
-    write_episode(record, tmp_path / "some.html")
-    assert_accessible(opened((tmp_path / "some.html").as_uri()))
+    write_episode(next(RunFolder(runs / "two").records()), tmp_path / "some.html")
+    for name in ("report", "some"):
+        assert_accessible(opened((tmp_path / f"{name}.html").as_uri()))
 
 
 def test_playing_in_the_browser(opened, tmp_path):

@@ -117,17 +117,6 @@ def _every_record_is_worth_a_process(monkeypatch):
     monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.audit"), "WORTH_A_PROCESS", 1)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("_every_record_is_worth_a_process")
-def test_several_processes_find_what_one_finds(run):
-    change(run.folder.transcript(run.rows[3]["key"]), '"is_error": false', '"is_error": true')
-    alone = sorted(audited(run.folder, 1), key=lambda finding: finding.key)
-    together = sorted(audited(run.folder, 3), key=lambda finding: finding.key)
-    assert [finding.key for finding in alone] == sorted(row["key"] for row in run.rows)
-    assert alone == together
-    assert sum(bool(finding.differences) for finding in together) == 1
-
-
 @pytest.mark.usefixtures("_every_record_is_worth_a_process")
 def test_a_game_that_only_this_process_knows_is_replayed_by_it_alone(tmp_path, monkeypatch):
     known_for_now(monkeypatch, dataclasses.replace(sp.GAMES["Hanoi3Disk-v0"], id="MyHanoi-v0"))

@@ -69,12 +69,6 @@ def test_a_cap_pauses_an_episode_that_takes_more_than_was_expected_and_a_higher_
     assert len({path.read_bytes() for path in results}) == 1
 
 
-def test_an_episode_for_which_a_cap_has_no_room_is_not_begun(tmp_path):
-    run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, run_tokens=500, executor="inline")
-    assert run.cap_reached
-    assert list(run.folder.records()) == []
-
-
 def test_a_cap_on_cost_counts_what_the_provider_counts_at_the_given_price(tmp_path):
     price = Price.per_million(10.0, 20.0, 1.0)
     call = (19_500 * 10 + 500 * 1 + 100 * 20) / 1e6
@@ -145,12 +139,6 @@ def test_a_call_without_a_reply_may_be_charged_however_its_attempt_ended(tmp_pat
     again.conversation.give_up(RuntimeError("no reply"))
     again.episode.close()
     assert Record.read(tmp_path / "again.jsonl").open_call.unknown_calls == 0
-
-
-def test_a_row_tells_its_cost_or_that_nobody_knows_it(tmp_path):
-    players = {"metered": Metered, "rule": sp.get_player("rule").__class__}
-    run = sp.evaluate([BANDIT], players, out=tmp_path, trials=1, executor="inline")
-    assert {row["player"]: row["cost"] for row in run.rows} == {"metered": None, "rule": 0.0}
 
 
 def test_a_cap_on_cost_is_not_pretended_where_nobody_knows_the_price(tmp_path):

@@ -63,14 +63,16 @@ def test_a_model_that_errs_once_can_play():
     answers = [called("act", "{"), calling("act", action="1"), calling("act", action="1")]
     with serving(lambda body, number: completion(answers[number])) as (url, _):
         code, output, _ = run("check", "--players", MODEL, "--base-url", url)
-    assert (code, "are not JSON" in output) == (0, True)
+    assert code == 0
+    assert all(advice in output for advice in ("are not JSON", "does not report usage", "has no known price"))
 
 
-def test_reasoning_that_no_usage_counts_is_counted():
-    message = {**calling("act", action="1"), "reasoning_content": "I take the first arm."}
+def test_reasoning_that_no_usage_counts_is_counted_and_calls_without_ids_are_told():
+    message = {**calling("observe", ids=False), "reasoning_content": "I take the first arm."}
     with serving(lambda body, number: completion(message, prompt_tokens=9, completion_tokens=9)) as (url, _):
         (report,) = json.loads(run("check", "--players", MODEL, "--base-url", url, "--json")[1])
-    assert report["reasoning"] == 3 * 6
+    assert (report["reasoning"], report["ids"], report["parallel"]) == (3 * 6, False, False)
+    assert f"{MODEL} has played no action in 3 turns; it only looks." in report["advice"]
 
 
 @pytest.mark.parametrize("kind", ["text/html", "application/json"])
@@ -114,27 +116,17 @@ def test_the_others_wait_for_the_first_action(tmp_path):
     assert len(bodies) == 9
 
 
-def test_replies_that_were_cut_are_the_cause_that_is_named(tmp_path):
-    with serving(lambda body, number: cut({"content": "<think>"})) as (url, _):
-        _, _, stderr = run(
-            "eval", "--games", BANDIT, "--players", MODEL, "--base-url", url, "--trials", 1, "--out", tmp_path
-        )
-        code, output, warned = run("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet")
-    assert "cut at their length before they called a tool" in stderr
-    assert RunFolder(tmp_path).rows()[0]["tokens"]["provider"]["cut"] == 3
-    assert (code, "cut at their length" in warned) == (0, True), output
-
-
 def test_play_warns_of_replies_beyond_their_cap_and_shows_the_cost():
     message = {**calling("act", action="1"), "content": "so " * 300}
-    with serving(lambda body, number: completion(message, prompt_tokens=1000, completion_tokens=100)) as (url, bodies):
+    with serving(lambda body, number: cut(message)) as (url, bodies):
         command = ("play", BANDIT, "--player", MODEL, "--base-url", url, "--quiet", "--steps", 2, "--reply-tokens", 50)
         code, output, warned = run(
             *command, "--price", f"{MODEL}=1,2", "--player-option", 'parameters={"temperature": 0}'
         )
     assert code == 0
     assert "2 of 2 replies were longer than --reply-tokens allows" in warned
-    assert "$0.0024" in output
+    assert "2 of 2 replies were cut at their length" in warned
+    assert "$0.0042" in output
     assert {body["temperature"] for body in bodies} == {0}
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
+
 import pytest
 
 import smartplay_tools as sp
+from smartplay_tools.cli.runs import conclude
 from tests.evaluation.players import FirstMoves, Moody
 from tests.evaluation.runs import under_way
 
@@ -56,7 +59,7 @@ def test_a_player_that_replies_differently_begins_anew_and_both_costs_are_shown(
     assert again.spending.total.replies == 50 + again.spending.other_attempts.replies
 
 
-def test_a_reply_on_record_whose_call_was_not_played_is_played_on(tmp_path):
+def test_a_reply_on_record_whose_call_was_not_played_is_played_on(tmp_path, caplog):
     arguments = {"games": [BANDIT], "players": {"counts": Counting}, "trials": 1, "executor": "inline", "out": tmp_path}
     run = sp.evaluate(**arguments)
     key, whole = run.rows[0]["key"], (tmp_path / "results.jsonl").read_bytes()
@@ -67,6 +70,33 @@ def test_a_reply_on_record_whose_call_was_not_played_is_played_on(tmp_path):
     assert sp.evaluate(**arguments).complete
     assert Counting.asked == 50 - 26
     assert (tmp_path / "results.jsonl").read_bytes() == whole
+    assert "began again" not in caplog.text
+
+
+REASON = "The record cannot be continued"
+
+
+def test_an_episode_that_begins_again_says_why_once_for_a_run_and_is_counted(tmp_path, caplog, capsys):
+    """Another comma in a recorded text, as another release might have written."""
+    arguments = {"games": [BANDIT], "players": {"counts": Counting}, "trials": 2, "executor": "inline", "out": tmp_path}
+    run = sp.evaluate(**arguments)
+    for row in run.rows:
+        _, left = under_way(tmp_path, row["key"])
+        left.write_text(left.read_text().replace("Show the current observation again,", "Show the observation again"))
+    Counting.asked = 0
+    with caplog.at_level(logging.WARNING):
+        again = sp.evaluate(**arguments)
+    assert again.complete
+    assert Counting.asked == 2 * 50
+    [said] = [record.message for record in caplog.records if "began again" in record.message]
+    assert REASON in said
+    assert again.folder.beginnings() == {REASON: 2}
+    assert again.status.began_again == 2
+    assert "2 began again" in again.status.describe()
+    assert again.rows == run.rows, "rows are the same for equal play"
+    conclude(again)
+    said = f"2 episodes began again instead of going on, and what was spent before is counted: {REASON} (2)."
+    assert said in capsys.readouterr().err.splitlines()
 
 
 class Counting(FirstMoves):

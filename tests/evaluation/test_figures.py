@@ -203,17 +203,6 @@ def test_costs_are_drawn_if_anything_was_paid_and_capabilities_of_two_settings()
     assert [extra & run_figures(rows).keys() for rows in (paid, free)] == [{"frontier-of-cost"}, {"capabilities"}]
 
 
-def test_the_words_of_an_svg_can_be_text(tmp_path):
-    from matplotlib.figure import Figure
-
-    drawn = Figure()
-    drawn.add_subplot().set_title("tokens an episode")
-    (paths,) = save_figure(drawn, tmp_path / "paths", formats=["svg"])
-    (text,) = save_figure(drawn, tmp_path / "text", formats=["svg"], svg_text=True)
-    assert "<text" not in paths.read_text()
-    assert "tokens an episode</text>" in text.read_text()
-
-
 def test_a_row_of_cells_says_what_a_prompt_shows():
     """A cell for each turn: whole, masked, or gone, as the record of its prompt says."""
     budget = sp.Budget(history=2, beyond_history="mask", prompt_tokens=700)

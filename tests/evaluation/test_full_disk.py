@@ -8,22 +8,15 @@ import gc
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import DiskFullError, is_disk_full
-from smartplay_tools.transcript.lines import AppendedFile
+from smartplay_tools.evaluation.runs.full_disk import DiskFullError
+from smartplay_tools.files.lines import AppendedFile
+from tests.evaluation.runs import under_way
 
 BANDIT = "BanditTwoArmedHighLowFixed-v0"
 
 
 def no_space() -> OSError:
     return OSError(errno.ENOSPC, "No space left on device")
-
-
-def test_a_full_disk_is_recognised_behind_other_errors():
-    error = sp.SmartPlayError("the record ends there")
-    error.__cause__ = no_space()
-    assert is_disk_full(error)
-    assert not is_disk_full(OSError(errno.EACCES, "no"))
-    assert not is_disk_full(None)
 
 
 @pytest.mark.parametrize(("executor", "workers"), [("inline", 1), ("async", 6)])
@@ -52,9 +45,6 @@ def test_a_run_on_a_full_disk_keeps_what_is_finished_and_goes_on(tmp_path, monke
 
 def test_a_file_without_an_event_is_not_an_attempt(tmp_path):
     run = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, executor="inline")
-    key = run.rows[0]["key"]
-    run.transcript(key).unlink()
-    (tmp_path / "results.jsonl").write_text("")
-    (tmp_path / "running" / f"{key}.1.jsonl").write_text('{"event": "st')
+    under_way(tmp_path, run.rows[0]["key"], 0)
     again = sp.evaluate([BANDIT], ["random"], out=tmp_path, trials=1, executor="inline")
     assert (again.complete, again.failures) == (True, [])

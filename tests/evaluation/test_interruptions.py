@@ -14,7 +14,7 @@ import pytest
 
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.audit import audit
-from tests.processes import heed_interrupts, needs_proc, needs_unix
+from tests.processes import heed_interrupts, is_running, is_soon, needs_proc, needs_unix
 
 pytestmark = pytest.mark.slow
 
@@ -52,16 +52,8 @@ def start(
 
 
 def children(pid: int) -> list[int]:
-    numbers = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            if parent == pid:
-                numbers.append(int(entry.name))
-    return numbers
+    files = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(number) for file in files for number in file.read_text().split()]
 
 
 @pytest.mark.parametrize(("options", "kills"), [(SLOW, 2), (CHAINS, 1)])
@@ -117,10 +109,7 @@ def test_no_worker_outlives_a_run_that_was_killed(tmp_path):
         workers = children(process.pid)
         assert len(workers) >= 2
         process.kill()
-    deadline = time.monotonic() + 20
-    while any(Path(f"/proc/{pid}").exists() for pid in workers):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
+    assert is_soon(lambda: not any(map(is_running, workers)))
 
 
 def test_ctrl_c_before_the_first_episode_is_one_sentence(tmp_path):

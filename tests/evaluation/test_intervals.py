@@ -76,10 +76,6 @@ def test_shares_have_scipys_intervals(successes, n):
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
 
 
-def test_an_end_without_room_for_its_correction_is_that_of_all_resamples():
-    assert [intervals._corrected(0.1, shifted, 4 * shifted) for shifted in (-0.5, 0.5)] == [0, 1]
-
-
 def test_equal_scores_have_the_interval_that_their_number_alone_gives():
     """With 20 equal episodes, at most 14 % of all may differ, and by the whole range at most."""
     estimate = mean_estimate([1.0] * 20, Bounds(-1, 1))

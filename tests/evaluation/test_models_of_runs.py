@@ -145,18 +145,6 @@ def test_check_says_that_a_model_can_be_played_with(tmp_path):
     assert max(map(len, output.splitlines())) <= 80
 
 
-def test_check_says_what_is_missing_and_what_to_do():
-    with serving(lambda body, number: completion({"content": "observe()"})) as (url, _):
-        code, output, _ = run("check", "--players", MODEL, "--base-url", url)
-    assert code == 1
-    for advice in ("--tool-call-parser", "does not report usage", "has no known price"):
-        assert advice in output
-    with serving(lambda body, number: completion(calling("observe", ids=False))) as (url, _):
-        code, output, _ = run("check", "--players", MODEL, "--base-url", url, "--json")
-    (report,) = json.loads(output)
-    assert (code, report["ids"], report["parallel"]) == (0, False, False)
-
-
 def test_check_does_not_ask_again_and_tells_a_server_that_only_streams():
     streams = refusal(400, "x", "This model only supports stream mode")
     with serving(lambda body, number: streams) as (url, bodies):

@@ -26,12 +26,6 @@ SECRET = "sk-Ab3dE6gH9jK2mN5pQ8sT1vW4"
 
 @pytest.mark.slow
 def test_an_option_and_a_server_can_be_one_players(tmp_path):
-    cells = make_cells(
-        [HANOI],
-        ["rule", PlayerConfig(name="random"), PlayerConfig(name="openai:m", options={"stream": True})],
-        [sp.Budget()],
-    )
-    assert [dict(cell.player_options) for cell in cells] == [{}, {}, {"stream": True}]
     reply = completion(calling("act", action="1"))
     with serving(lambda body, number: reply) as (one, first), serving(lambda body, number: reply) as (other, second):
         code, _, stderr = run(

@@ -56,14 +56,14 @@ def echo():
     return sp.register(spec).id
 
 
-def played(game, *replies, **budget):
+def played(game, *replies, said="Nothing.", **budget):
     """The record of an episode of these replies: actions, and calls of other tools."""
     events = []
     with sp.Episode(game, seed=1, budget=sp.Budget(**budget), transcript=events) as episode:
         conversation = sp.Conversation(episode)
         for reply in replies:
             while conversation.prompt().purpose != "play":
-                conversation.receive({"role": "assistant", "content": "Nothing."})
+                conversation.receive({"role": "assistant", "content": said})
             conversation.receive(sp.call("act", action=reply) if isinstance(reply, str) else reply)
     return events
 
@@ -138,20 +138,9 @@ def test_a_budget_closes_the_channel_of_the_models_own_words(told):
     assert Record(refused).result.steps == 0
 
 
-def test_a_summary_and_a_memory_are_told_apart(told, tmp_path):
-    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+def test_a_summary_and_a_memory_are_told_apart(told, kept):
     for name, place in (("Asked", "summary"), ("Written", "memory"), ("Blind", "nowhere")):
-        replies = [LOOK, *RIGHT]
-        with sp.Episode(
-            told, seed=1, budget=sp.Budget(history=0, strategy=f"{tmp_path}/kept.py:{name}"), transcript=(events := [])
-        ) as episode:
-            conversation = sp.Conversation(episode)
-            while (prompt := conversation.prompt()) is not None:
-                if prompt.purpose != "play":
-                    conversation.receive({"role": "assistant", "content": SAID})
-                    continue
-                reply = replies.pop(0)
-                conversation.receive(reply if reply is LOOK else sp.call("act", action=reply))
+        events = played(told, LOOK, *RIGHT, said=SAID, history=0, strategy=f"{kept}:{name}")
         assert {answer.place for answer in answers(Record(events)) if answer.places} == {place}
 
 
@@ -172,19 +161,15 @@ class Blind(Asked):
         return [*history[:1], {{"role": "user", "content": SAID}}]
 
 
-class Quoting:
+class Short:
     persistent = False
 
     def compact(self, history, room):
-        if len(history) < 9:
+        at = max((at for at, message in enumerate(history) if message["role"] == "assistant"), default=0)
+        if at < 2:
             return history
-        text = (yield [*history, {{"role": "user", "content": "What matters?"}}])["content"]
-        return [history[0], {{"role": "user", "content": text}}, *history[-2:]]
-
-
-class Wrong:
-    def compact(self, history, room):
-        return history if len(history) < 9 else None
+        asked = yield [*history, {{"role": "user", "content": "What matters?"}}]
+        return [history[0], {{"role": "user", "content": asked["content"]}}, *history[at:]]
 
 
 class Idle:
@@ -200,10 +185,16 @@ class Written:
 """
 
 
-def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
+@pytest.fixture
+def kept(tmp_path):
+    """The file of these compactors."""
     (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+    return tmp_path / "kept.py"
+
+
+def test_what_a_compactor_did_is_in_the_tables(told, kept, tmp_path):
     names = ("Asked", "Written", "Idle")
-    budgets = [sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:{name}") for name in names]
+    budgets = [sp.Budget(history=None, prompt_tokens=440, strategy=f"{kept}:{name}") for name in names]
     run = sp.evaluate([told], ["random"], budgets=budgets, trials=2, executor="inline", out=tmp_path / "run")
     table = next(table for table in remembering_tables(run.rows) if table.title.startswith("what the compactor"))
     assert [column.heading for column in table.columns][1:] == [*WORK, MONEY]
@@ -215,11 +206,10 @@ def test_what_a_compactor_did_is_in_the_tables(told, tmp_path):
     assert "never acts" in report
 
 
-def test_what_questions_cost_is_told_beside_the_episode_and_never_guessed(told, tmp_path):
+def test_what_questions_cost_is_told_beside_the_episode_and_never_guessed(told, kept, tmp_path):
     """Rows of older versions lack it: nothing where nothing was asked or all was free, otherwise unknown."""
-    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
     folder, second = tmp_path / "run", {"compactor_player": {"name": "rule-notes", "words": True}}
-    budget = sp.Budget(history=None, prompt_tokens=440, strategy=f"{tmp_path}/kept.py:Asked")
+    budget = sp.Budget(history=None, prompt_tokens=440, strategy=f"{kept}:Asked")
     players = [PlayerConfig(name="random", options=second)]
     prices = {"random": Price.per_million(1, 1), "rule-notes": Price.per_million(20, 30)}
     given = {"budgets": [budget], "trials": 1, "executor": "inline"}
@@ -235,18 +225,16 @@ def test_what_questions_cost_is_told_beside_the_episode_and_never_guessed(told, 
     assert question_cost(older | {"cost": 0.0}) == question_cost(older | {"questions": 0, "tokens": {}}) == 0
 
 
-def test_play_says_what_a_compactor_did_and_the_score_where_it_has_failed(tmp_path):
-    (tmp_path / "kept.py").write_text(KEPT, encoding="utf-8")
+def test_play_says_what_a_compactor_did_and_the_score_where_it_has_failed(kept):
 
-    def printed(name: str, *more: str) -> str:
-        strategy = f"{tmp_path}/kept.py:{name}"
+    def printed(strategy: str, *more: str) -> str:
         options = ("--player", "reader", "--prompt-tokens", 1_600, "--strategy", strategy, *more)
         return " ".join(re.sub("│", "", command.run("play", "Lockers6-v0", *options)[1]).split())
 
-    assert "rewritings" in (asked := printed("Quoting", "--price", "reader=20,30"))
+    assert "rewritings" in (asked := printed(f"{kept}:Short", "--price", "reader=20,30"))
     assert "questions cost $0." in asked
-    assert "what its words cost is not known" in printed("Blind")
-    assert "strategy_error" in (wrong := printed("Wrong"))
+    assert "what its words cost is not known" in printed(f"{kept}:Blind")
+    assert "strategy_error" in (wrong := printed("tests/data/broken_strategies.py:Raises"))
     assert "the episode failed" not in wrong
 
 
@@ -294,41 +282,12 @@ def test_a_row_has_the_shares_and_the_tables_show_and_explain_them(echo, tmp_pat
     assert list(remembering_tables(run.rows[6:])) == []
 
 
-def test_a_compactor_loses_the_manual_and_what_it_asks_and_writes_is_counted(echo, tmp_path):
-    (tmp_path / "short.py").write_text(SHORT, encoding="utf-8")
-    events = played(
-        echo,
-        LOOK,
-        sp.call("read_manual"),
-        *RIGHT[:2],
-        "Skip",
-        *RIGHT[3:],
-        history=None,
-        strategy=f"{tmp_path}/short.py:Short",
-    )
+def test_a_compactor_loses_the_manual_and_what_it_asks_and_writes_is_counted(echo, kept):
+    replies = [sp.call("read_manual"), *RIGHT[:2], "Skip", *RIGHT[3:]]
+    events = played(echo, LOOK, *replies, history=None, strategy=f"{kept}:Short")
     shares, tokens = remembered(Record(events)), Record(events).result.tokens
     assert (shares["rules"], shares["rules lost"]) == ([1, 1], [6, 7])
     assert shares["out of view"] == [5, 6]
     assert 0 < tokens.question_reply < tokens.question_prompt < tokens.prompt
     assert tokens.texts > 7
     assert replay(events).identical
-    older = json.loads(json.dumps(events))
-    del older[0]["scoring"], older[-1]["result"]["tokens"]["texts"]
-    for event in older:
-        if event["event"] == "usage":
-            event.pop("texts", None)
-    assert all(difference.endswith("its chain is broken.") for difference in replay(older).differences)
-
-
-SHORT = """
-class Short:
-    persistent = False
-
-    def compact(self, history, room):
-        messages = list(history)
-        at = max((at for at, message in enumerate(messages) if message["role"] == "assistant"), default=0)
-        if at < 2:
-            return messages
-        asked = yield [{"role": "user", "content": "What matters?"}]
-        return [messages[0], {"role": "user", "content": asked["content"]}, *messages[at:]]
-"""

@@ -13,10 +13,9 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.context.strategies import custom
+from smartplay_tools.context.strategies.notes import Notes
 from smartplay_tools.records import Record
-from smartplay_tools.records.driver import unchained
 from smartplay_tools.records.prompts import sent_prompts
-from smartplay_tools.transcript.hashing import chained_lines
 from smartplay_tools.types.messages import pictures_of
 from tests import fuzz
 from tests.evaluation.players import Broken
@@ -237,19 +236,13 @@ def test_a_prompt_is_read_beside_any_other(show, tmp_path):
     )
 
 
-def test_a_turn_that_another_strategy_than_notes_pins_is_called_pinned(show, tmp_path):
-    path, budget = tmp_path / "pins.jsonl", sp.Budget(notes_tokens=60, prompt_tokens=700)
-    with sp.Episode(RPS, seed=1, transcript=path, budget=budget) as episode:
-        conversation = sp.Conversation(episode)
-        conversation.receive(sp.call("take_notes", text="He likes Rock."))
-        while conversation.prompt() is not None:
-            conversation.receive(sp.call("act", action="1"))
-    events = [json.loads(line) for line in path.read_text().splitlines()]
-    views = {event["turn"]: event for event in events if event["event"] == "view"}
-    for view in views.values():
-        view["pinned"], view["notes"] = view["notes"], None
-    path.write_bytes(chained_lines([unchained(event) for event in events], "")[0])
-    turn, pinned = next((turn, view["pinned"]) for turn, view in views.items() if view["pinned"] is not None)
+def test_a_turn_that_another_strategy_than_notes_pins_is_called_pinned(show, tmp_path, monkeypatch):
+    monkeypatch.setattr(Notes, "records_pin_as", "pinned")
+    replies = [reply(("take_notes", json.dumps({"text": "He likes Rock."}))), *[reply(act("1"))] * 50]
+    budget = sp.Budget(notes_tokens=60, prompt_tokens=700)
+    path = converse(tmp_path / "pins.jsonl", RPS, replies, budget=budget)
+    views = Record.read(path).views
+    turn, pinned = next((view["turn"], view["pinned"]) for view in views if view["pinned"] is not None)
     page = show(path, f"#episode=pins&turn={turn}")
     assert_the_same_prompts(page, path)
     assert f"turn {pinned}, pinned by a strategy" in page.locator("#sentence").inner_text()
@@ -452,6 +445,3 @@ def test_what_a_model_wrote_is_read_and_never_run(show, tmp_path):
             "document.querySelectorAll('body > script').length"
         )
     assert page.title() != "taken"
-
-
-# Ten thousand steps.

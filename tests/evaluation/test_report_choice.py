@@ -8,8 +8,9 @@ import shutil
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.errors import DamageWarning, SmartPlayWarning
+from smartplay_tools.errors import SmartPlayWarning
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
+from smartplay_tools.records.damage import DamageWarning
 from tests.evaluation.command import shown_by
 from tests.evaluation.test_view import unpacked
 

@@ -35,14 +35,8 @@ def test_what_is_then_played_is_within_the_estimate(strategy, tmp_path):
     code, output, stderr = run(*command, "--dry-run", "--json")
     assert code == 0, stderr
     (cell,) = json.loads(output)
-    played = sp.evaluate(
-        [BANDIT],
-        ["rule-notes"],
-        budgets=[sp.Budget(**ROOM, **STRATEGIES[strategy])],
-        trials=2,
-        out=tmp_path,
-        executor="inline",
-    )
+    budget = sp.Budget(**ROOM, **STRATEGIES[strategy])
+    played = sp.evaluate([BANDIT], ["rule-notes"], budgets=budget, trials=2, out=tmp_path, executor="inline")
     for kind in ("prompt", "reply"):
         took = sum(row["tokens"][kind] for row in played.rows)
         assert cell[f"{kind}_tokens"]["low"] <= took <= cell[f"{kind}_tokens"]["high"]

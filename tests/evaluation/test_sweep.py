@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from itertools import product
 
 import pytest
@@ -60,11 +59,6 @@ def test_what_does_not_vary_is_in_the_budget():
 def test_axes_vary_by_lists_and_nothing_else_does(asked, sentence):
     with pytest.raises(sp.InvalidArgumentError, match=sentence):
         grid([BANDIT], ["rule"], **asked)
-
-
-def test_a_sweep_of_nothing_is_refused(tmp_path):
-    with pytest.raises(sp.InvalidArgumentError, match="at least one game and one player"):
-        sweep([], ["rule"], out=tmp_path)
 
 
 # Playing it.
@@ -124,20 +118,11 @@ def test_a_sweep_that_could_afford_nothing_says_nothing(tmp_path):
     assert poor.rows == []
     assert poor.summary == []
     assert {path.name for path in poor.write()} == {"table.csv", "summary.csv"}
+    with pytest.raises(sp.InvalidArgumentError, match="at least one game and one player"):
+        sweep([], ["rule"], out=tmp_path)
 
 
 # The command.
-
-
-@pytest.mark.slow
-def test_the_command_plays_a_grid_and_says_what_it_costs(tmp_path):
-    command = ["sweep", "--games", BANDIT, "--history", "1,game,50", "--manual", "tool,pinned", "--trials", 2,
-               "--executor", "inline", "--out", tmp_path]  # fmt: skip
-    shown = shown_by(*command, columns=120)
-    assert f"{BANDIT}, rule, manual pinned" in shown
-    assert len(re.findall(r"^  history 1 +2 .* -\d+", shown, flags=re.MULTILINE)) == 2
-    assert len(re.findall(r"^  history 50 +\d.* full context", shown, flags=re.MULTILINE)) == 2
-    assert (tmp_path / "figures" / "score-against-history.svg").exists()
 
 
 @pytest.mark.parametrize(
@@ -184,14 +169,8 @@ def test_strategies_are_axes_and_what_cannot_be_enforced_is_left_out_and_named()
 
 
 def test_cells_that_differ_in_strategy_are_paired_with_plain_dropping(tmp_path):
-    swept = sp.sweep(
-        [BANDIT],
-        ["rule-notes"],
-        vary={"history": [10], "prompt_tokens": [600], "notes_tokens": [None, 200]},
-        trials=2,
-        out=tmp_path / "run",
-        executor="inline",
-    )
+    vary = {"history": [10], "prompt_tokens": [600], "notes_tokens": [None, 200]}
+    swept = sp.sweep([BANDIT], ["rule-notes"], vary=vary, trials=2, out=tmp_path / "run", executor="inline")
     plain, noted = swept.comparisons
     assert plain.is_reference
     assert noted.reference == plain.cell

@@ -76,6 +76,7 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
     with sp.Episode(BANDIT, seed=episode.seed, budget=budget) as same:
         prompt = sp.Conversation(same).prompt()
     assert first["messages"] == prompt.messages
+    assert (first["steps"], first["rollout"]) == (0, 50)
     assert [tool["name"] for tool in first["tools"]] == [tool.name for tool in prompt.tools]
     assert first["budget_bars"][0]["share"] == pytest.approx(sum_of_prompt(first) / 900)
     page.answer(tool="read_manual")
@@ -88,6 +89,12 @@ def test_the_page_shows_the_prompt_of_a_model_and_the_record_is_that_of_a_player
     assert over["over"]["replay"] == f"/episode/{play.folder.path.name}/episodes/{row['key']}"
     (run,) = json.loads(page.request("GET", "/api/runs")[1])
     assert (run["finished"], run["planned"]) == (1, 1)
+    beside = json.loads(page.request("GET", f"{page.api}/beside")[1])
+    assert {"rule", "random, mean of 20", "GPT-4-0613"} <= beside["scores"].keys()
+    with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as same:
+        rule = sp.play(same, sp.get_player("rule", seed=row["seed"]))
+    assert beside["scores"]["rule"] == rule.normalized_score
+    assert (beside["gone"], beside["turns"], beside["first"]) == (0, 2, None)
 
 
 def sum_of_prompt(asked: dict[str, Any]) -> int:
@@ -210,23 +217,6 @@ def test_pictures_are_on_the_record(playing):
 def test_options_of_a_play_need_one(tmp_path):
     assert "--prompt-tokens is for --play GAME" in refused("view", tmp_path, "--prompt-tokens", 500)
     assert "There is no game 'Chess-v0'" in refused("view", "--play", "Chess-v0", "--out", tmp_path / "human")
-
-
-def test_the_end_has_the_scores_of_others(playing):
-    budget = sp.Budget(prompt_tokens=900, tool_calls=2)
-    play, page = playing(BANDIT, budget=budget)
-    state = page.state()["asked"]
-    assert (state["steps"], state["rollout"]) == (0, 50)
-    page.answer(tool="act", action="1")
-    over = page.answer(tool="act", action="2")
-    assert over["state"] == "over"
-    scores = json.loads(page.request("GET", f"{page.api}/beside")[1])
-    assert {"rule", "random, mean of 20", "GPT-4-0613"} <= scores["scores"].keys()
-    (row,) = RunFolder(play.folder.path).rows()
-    with sp.Episode(BANDIT, seed=row["seed"], budget=budget) as episode:
-        rule = sp.play(episode, sp.get_player("rule", seed=row["seed"]))
-    assert scores["scores"]["rule"] == rule.normalized_score
-    assert (scores["gone"], scores["turns"], scores["first"]) == (0, 1, None)
 
 
 def test_a_game_is_chosen_and_each_has_a_run_of_its_own(tmp_path):

@@ -6,12 +6,13 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 
 from smartplay_tools.evaluation.analysis.grouping import labels
 from smartplay_tools.evaluation.analysis.names import series_name
 from smartplay_tools.evaluation.analysis.together import holm, jointly
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
-from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows
+from smartplay_tools.evaluation.analysis.windows import as_row, compare_windows, pareto_front
 from smartplay_tools.statistics.intervals import Sample
 from tests.evaluation.window_rows import row
 
@@ -27,18 +28,13 @@ def by_window(comparisons):
 
 
 def test_the_cell_that_shows_most_is_full_context():
-    windows = [(5, 500, 0.0), (50, 500, 0.0), (50, None, 0.5), (50, None, 0.0), (5, None, 0.0)]
+    windows = [(5, 500, 0.0), (50, 500, 0.0), (None, None, 0.5), (None, None, 0.0), (10_000, None, 0.0)]
     rows = [r for h, p, s in windows for r in cell([1, 2], history=h, prompt_tokens=p, slack=s)]
     comparisons = by_window(compare_windows(rows))
-    assert [window for window, c in comparisons.items() if c.is_reference] == [(50, None, 0.0)]
+    assert [window for window, c in comparisons.items() if c.is_reference] == [(None, None, 0.0)]
     assert {tuple(c.reference.budget.values()) for c in comparisons.values()} == {
-        tuple(comparisons[50, None, 0.0].cell.budget.values())
+        tuple(comparisons[None, None, 0.0].cell.budget.values())
     }
-
-
-def test_no_limit_on_history_shows_more_than_any_number():
-    rows = cell([1], history=10_000) + cell([1], history=None)
-    assert [c.is_reference for c in compare_windows(rows)] == [False, True]
 
 
 def test_means_and_differences_of_a_worked_example():
@@ -83,6 +79,14 @@ def test_the_front_is_one_for_all_players_of_a_game():
         *cell([1, 1], tokens=900, game=RPS),  # alone in its game
     ]
     assert [c.on_token_front for c in compare_windows(rows)] == [True, True, False, True]
+
+
+@given(st.lists(st.tuples(st.integers(0, 6), st.integers(-3, 3))))
+def test_the_front_is_what_nothing_dominates(points):
+    def dominated(point):
+        return any(p[0] <= point[0] and p[1] >= point[1] and p != point for p in points)
+
+    assert sorted(pareto_front(points)) == [at for at, point in enumerate(points) if not dominated(point)]
 
 
 def test_a_front_of_cost_needs_the_price_of_every_episode():

@@ -144,13 +144,6 @@ COUNTS = "self.n = getattr(self, 'n', 0) + 1"
 LINE = 'return f"You are on square {place}.'
 
 IN_A_GYMNASIUM_GAME = {
-    "a generator of the module": (
-        [
-            ("SQUARES = 5\n", "SQUARES = 5\nNUMBERS = __import__('random').Random(3)\n"),
-            ("self.bell = bool(self.np_random", "self.bell = bool(NUMBERS"),
-        ],
-        f"{DIFFERS}|{SURVIVES}",
-    ),
     "an environment for all instances": (
         [("class TreasureGame", "ENV = Treasure()\n\n\nclass TreasureGame"), ("return Treasure()", "return ENV")],
         DIFFERS,

@@ -110,16 +110,6 @@ def test_the_numbers_are_laid_out_as_in_craftax_classic() -> None:
         assert numbers[1344] == seen[80]
 
 
-def test_a_reset_without_a_seed_begins_the_next_episode_of_the_seed() -> None:
-    env, again = (gymnasium.make(ID, observation="semantic") for _ in range(2))
-    first = env.reset(seed=7)[0]
-    assert np.array_equal(again.reset(seed=np.int64(7))[0], first)
-    second = env.reset()[0]
-    assert np.array_equal(again.reset()[0], second)
-    assert not np.array_equal(first, second)
-    assert np.array_equal(env.reset(seed=7)[0], first)
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -162,13 +152,6 @@ def test_no_step_before_the_reset_and_after_the_end() -> None:
         pass
     with pytest.raises(ResetNeededError, match="after its end"):
         env.step(0)
-
-
-def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
-    env = gymnasium.make(ID, observation="semantic").unwrapped
-    env.reset(seed=6)
-    env._world.steps = 9_998
-    assert [env.step(0)[2:4] for _ in range(2)] == [(False, False), (False, True)]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

@@ -65,7 +65,7 @@ def test_a_record_imports_no_file_by_itself():
         replay(events)
 
 
-def test_two_files_with_one_id_are_two_games():
+def test_two_files_with_one_id_are_two_games_and_a_run_of_them_is_replayed_with_both():
     Path("other.py").write_text(CODE.replace("10 +", "20 +"), encoding="utf-8")
     run = sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run", executor="inline")
     assert {row["game"] for row in run.rows} == {"Nim-v0"}
@@ -75,11 +75,6 @@ def test_two_files_with_one_id_are_two_games():
     ]
     firsts = [Record.read(run.transcript(row["key"])).config.spec.load() for row in run.rows]
     assert len(set(firsts)) == 2
-
-
-def test_a_run_of_two_files_is_replayed_with_both():
-    Path("other.py").write_text(CODE.replace("10 +", "20 +"), encoding="utf-8")
-    sp.evaluate([NIM, "other.py:SPEC"], ["random"], trials=2, out="run", executor="inline")
 
     def replayed(*options):
         forget()

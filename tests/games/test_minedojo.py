@@ -100,7 +100,9 @@ def script(folder: Path, lines: str, **answers: object) -> list[str]:
 @pytest.mark.parametrize(
     ("lines", "sentence"),
     [
-        pytest.param(*how, id=name, marks=[pytest.mark.slow] * (name not in ("a program that hangs", "no JSON")))
+        pytest.param(
+            *how, id=name, marks=[pytest.mark.slow] * (name not in ("a program that hangs", "no JSON", "a failure"))
+        )
         for name, how in UNTRUSTWORTHY.items()
     ],
 )

@@ -132,6 +132,14 @@ def test_a_reset_is_checked_as_a_step_is(tmp_path, monkeypatch, name, value):
     assert " of the reset " in result.error
 
 
+def test_a_run_counts_such_a_result_says_so_and_goes_on(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(Hostile, "values", {"reward": float("nan")})
+    run = sp.evaluate([sp.register(SPEC).id], ["random"], out=tmp_path, trials=2, executor="inline")
+    assert [(row["end_reason"], row["steps"]) for row in run.rows] == [("game_error", 0)] * 2
+    assert run.failures == []
+    assert "ended early: GameValueError: The reward of step 1 is nan" in caplog.text
+
+
 def test_an_error_in_any_of_them_is_the_games_and_is_tried_again(tmp_path, monkeypatch):
     for name in ("needs", "breaks", "state", "deviations"):
         result = played(tmp_path / "record.jsonl", monkeypatch, **{name: lambda: 1 / 0})

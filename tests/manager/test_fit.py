@@ -135,18 +135,12 @@ def test_marked_units_and_first_turns_stay():
     assert len(first.dropped) > 40
 
 
-def test_old_replies_keep_their_calls_alone():
-    prompt = manager(None, own_words=1).fit(steps(4))
-    said = [message["content"] for message in prompt.messages if message["role"] == "assistant"]
-    assert said == [None, None, "Next.", "Next."]
-    assert prompt.trimmed == [2, 4]
-
-
-@pytest.mark.parametrize("form", [responses, anthropic])
-def test_old_replies_lose_their_words_in_every_form(form: Any):
+@pytest.mark.parametrize("form", [list, responses, anthropic])
+def test_old_replies_lose_their_words_and_keep_their_calls_in_every_form(form: Any):
     whole = form(steps(4))
     prompt = manager(None, own_words=1).fit(whole)
     assert json.dumps(prompt.messages).count("Next.") == 2
+    assert json.dumps(prompt.messages).count('"read"') == 4
     assert prompt.tokens < manager(None).fit(whole).tokens
 
 

@@ -15,7 +15,8 @@ import zlib
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from smartplay_tools.errors import SmartPlayError, install_command
+from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.installation import install_command
 
 if TYPE_CHECKING:
     import tiktoken

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from smartplay_tools.costs.cached import PLACES, Place, marks_of
-from smartplay_tools.errors import InvalidArgumentError, damage_named, warn_damaged
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.costs.charges import Charge, charge
 from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named, rule_of
 from smartplay_tools.providers.prices import Price, find_price
+from smartplay_tools.records.damage import damage_named, warn_damaged
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.requests import requests_of
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from smartplay_tools.errors import DamageError, InvalidArgumentError, TranscriptError, damage_named, warn_damaged
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import records_in
+from smartplay_tools.records.damage import DamageError, damage_named, warn_damaged
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 

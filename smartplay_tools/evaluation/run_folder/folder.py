@@ -35,18 +35,12 @@ from pydantic import (
 )
 
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import (
-    DamageError,
-    InvalidArgumentError,
-    SmartPlayError,
-    damage_left_out,
-    damage_named,
-    in_one_line,
-)
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, in_one_line
+from smartplay_tools.files.lines import parse_json
 from smartplay_tools.providers.prices import Price
+from smartplay_tools.records.damage import DamageError, damage_left_out, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row, Timing, read_rows
-from smartplay_tools.transcript.lines import parse_json
 
 __all__ = ["RunFolder"]
 

@@ -22,10 +22,11 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import DamageError, SmartPlayError, damage_named
+from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
+from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.records.growing_lines import GrowingLines
+from smartplay_tools.records.damage import DamageError, damage_named
 from smartplay_tools.records.record import Outcome, Record
 from smartplay_tools.records.rows import Row, Timing, mean_score, read_row
 from smartplay_tools.records.spent import Spent

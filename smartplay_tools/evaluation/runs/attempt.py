@@ -24,13 +24,15 @@ from smartplay_tools.conversation.loop import AnyConversation, aplay, new_conver
 from smartplay_tools.conversation.paper import PaperConversation
 from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
-from smartplay_tools.episode.seeds import player_seed
-from smartplay_tools.errors import DiskFullError, SmartPlayError, TranscriptError, is_disk_full, place_of
+from smartplay_tools.errors import SmartPlayError, TranscriptError, place_of
 from smartplay_tools.evaluation.runs.agents import Agent, Held
+from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, check_playable, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
+from smartplay_tools.files.times import delete_record
+from smartplay_tools.games.seeds import player_seed
 from smartplay_tools.games.specs import load_game
 from smartplay_tools.players import ModelPlayer, get_player, player_registry
 from smartplay_tools.players.opening import aenter_player, enter_player
@@ -42,7 +44,6 @@ from smartplay_tools.records.replays import recorded_pictures
 from smartplay_tools.records.resumption import resume
 from smartplay_tools.transcript.events import Event
 from smartplay_tools.transcript.file import append_exception, read_transcript
-from smartplay_tools.transcript.times import delete_record
 from smartplay_tools.types import AsyncPlayer, Player, Prompt
 from smartplay_tools.types.messages import assistant_message
 

@@ -17,16 +17,11 @@ from smartplay_tools.context.strategies import custom
 from smartplay_tools.context.tokens import get_tokenizer
 from smartplay_tools.context.tokens.tokenizers import named_tokenizers, open_tokenizers, split_rule
 from smartplay_tools.episode.config import CellConfig
-from smartplay_tools.errors import (
-    DamageError,
-    InvalidArgumentError,
-    SmartPlayError,
-    TranscriptError,
-    damage_named,
-)
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.games.specs import IN_FILES as GAMES_IN_FILES, load_game
+from smartplay_tools.records.damage import DamageError, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.resumption import chain_fault

@@ -18,12 +18,12 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.episode.cells import cell_config, with_recorded_name
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
-from smartplay_tools.episode.seeds import trial_seed
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.game_registry import GameSpec, close_game
+from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.games.specs import IN_FILES, get_spec
 from smartplay_tools.players.player_registry import second_name
 from smartplay_tools.providers.prices import Price, find_price

@@ -19,12 +19,13 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError, damage_named
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, replace_file
-from smartplay_tools.records.growing_lines import ends_of
+from smartplay_tools.files.growing_lines import ends_of
+from smartplay_tools.files.times import delete_record, move_record
+from smartplay_tools.records.damage import damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import Row
-from smartplay_tools.transcript.times import delete_record, move_record
 from smartplay_tools.visible import logger
 
 log = logger("smartplay_tools.evaluation")

@@ -16,12 +16,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
-from smartplay_tools.conversation.loop import apart_from_event_loop
 from smartplay_tools.episode.stats import versions
-from smartplay_tools.errors import DiskFullError, EngineError, InvalidArgumentError, is_disk_full, warned_if_not_closed
+from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_not_closed
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
+from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
@@ -33,6 +33,7 @@ from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
+from smartplay_tools.threads import apart_from_event_loop
 from smartplay_tools.types import Budget
 
 if TYPE_CHECKING:

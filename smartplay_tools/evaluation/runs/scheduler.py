@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from smartplay_tools.errors import SmartPlayError, damage_named
+from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
@@ -31,6 +31,7 @@ from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import Price, check_known
+from smartplay_tools.records.damage import damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
 from smartplay_tools.records.rows import Row, row_of

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
-from smartplay_tools.episode.tools import schema
 from smartplay_tools.players.wire.problems import RequestError
 from smartplay_tools.players.wire.tool_choice import ToolChoice
+from smartplay_tools.tool_formats.schemas import schema
 from smartplay_tools.types import Prompt, Reply, Usage
 from smartplay_tools.types.messages import Message
 

@@ -17,9 +17,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from smartplay_tools.errors import DamageError, InvalidArgumentError, SmartPlayError
+from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
+from smartplay_tools.records.damage import DamageError
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.threads import thread_files
 from smartplay_tools.types.arguments import well_formed

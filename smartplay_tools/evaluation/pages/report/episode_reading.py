@@ -12,13 +12,13 @@ from typing import Any
 
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
-from smartplay_tools.errors import DamageError, damage_named
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.run_folder.folder import current_place
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.games.specs import GAMES
+from smartplay_tools.records.damage import DamageError, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
 from smartplay_tools.types import Budget, ResolvedBudget

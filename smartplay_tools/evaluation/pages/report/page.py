@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from smartplay_tools.context.prompts.wording import known
-from smartplay_tools.errors import DamageError, InvalidArgumentError, warn_damaged
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
 from smartplay_tools.evaluation.analysis.details import details
@@ -36,6 +36,7 @@ from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, So
 from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
+from smartplay_tools.records.damage import DamageError, warn_damaged
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.threads import thread_files
 from smartplay_tools.types import MISTAKES

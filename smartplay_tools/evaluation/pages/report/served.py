@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from smartplay_tools.errors import DamageError
 from smartplay_tools.evaluation.pages.report.episode_reading import packs, read_episodes
 from smartplay_tools.evaluation.pages.report.page import render_runs, render_threads
 from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources
 from smartplay_tools.evaluation.pages.report.threads import shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.manager.record import is_thread_record
+from smartplay_tools.records.damage import DamageError
 
 
 def render_episode(record: Path, key: str, title: str, site: Mapping[str, Any], *, plugins: bool = False) -> str:

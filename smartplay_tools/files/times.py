@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.lines import AppendedFile
+from smartplay_tools.files.lines import AppendedFile
 
 _keeping: list[object] = []
 """A mark for every `keep_times` that has not been ended."""

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.transcript.lines import complete_lines, is_complete
+from smartplay_tools.files.lines import complete_lines, is_complete
 
 __all__ = ["GrowingLines", "ends_of"]
 

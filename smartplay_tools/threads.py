@@ -1,4 +1,6 @@
-"""Threads for asynchronous callers: a small shared pool, and a queue for each episode that keeps its calls in order.
+"""Threads beside event loops: code that would block a loop, or start a second one in its thread, runs in another.
+
+`SerialQueue` keeps the calls of an episode in their order, in a small pool that all episodes share.
 
 A game's step may take milliseconds or wait for another process, so it must not run on an event loop. One thread per
 episode would be too many for ten thousand episodes; here a call that waits for its turn occupies no thread.
@@ -13,11 +15,12 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
+Given = ParamSpec("Given")
 T = TypeVar("T")
 
 THREADS = 16
@@ -105,6 +108,33 @@ class SerialQueue:
             self._running_in = pool if has_more else None
         if has_more:
             self._go_on(pool)
+
+
+def apart_from_event_loop(call: Callable[Given, T], /, *args: Given.args, **kwargs: Given.kwargs) -> T:
+    """Call a function that runs its own event loop; if this thread already runs one, in another thread.
+
+    A notebook runs its cells on an event loop. Signals still reach this thread while it waits, so Ctrl-C and the
+    notebook's stop button stop a run between two turns as they do elsewhere.
+    """
+    if not _is_on_event_loop():
+        return call(*args, **kwargs)
+    from concurrent.futures import ThreadPoolExecutor
+
+    thread = ThreadPoolExecutor(1, "smartplay-tools run")
+    try:
+        return thread.submit(call, *args, **kwargs).result()
+    finally:
+        thread.shutdown(wait=False)
+
+
+def _is_on_event_loop() -> bool:
+    import asyncio
+
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 def _threads() -> ThreadPoolExecutor:
