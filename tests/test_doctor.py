@@ -149,17 +149,5 @@ def test_the_command_fails_if_the_core_does(tmp_path):
     assert "yes" in shown.stdout
 
 
-def test_a_model_that_is_not_here_has_a_remedy(tmp_path, monkeypatch):
-    monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path))
-    finding, taught = checkup.check_models()
-    assert (finding.kind, finding.name, finding.works) == ("model", "smollm2-135m", False)
-    assert taught.detail == "not here; smartplay-tools model get smollm2-135m-player downloads 98 MB"
-    assert finding.detail == "not here; smartplay-tools model get smollm2-135m downloads 98 MB"
-    (tmp_path / "SmolLM2-135M-Instruct.Q4_1.gguf").write_bytes(b"damaged")
-    assert checkup.check_models()[0].detail == "damaged; smartplay-tools model get smollm2-135m"
-    (tmp_path / "mine.gguf").write_bytes(b"no model")
-    assert checkup.check_models()[2].name == "mine.gguf", "another file in the folder is tried, too"
-
-
 def test_what_cannot_be_looked_at_is_refused():
-    assert "--only house: known are core, engine, extra, model." in refused("doctor", "--only", "house")
+    assert "--only house: known are core, engine, extra." in refused("doctor", "--only", "house")

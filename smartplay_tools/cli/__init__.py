@@ -64,7 +64,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     "Play": {
         "games": _Entry("games:games"),
         "manual": _Entry("games:manual"),
-        "schema": _Entry("games:schema"),
         "play": _Entry("play:play"),
         "replay": _Entry("replay:replay"),
         "demo": _Entry("demo:demo"),
@@ -75,7 +74,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "agent": _Entry("agent:agent", True),
         "check": _Entry("check:check", True),
         "sweep": _Entry("sweep:sweep", True),
-        "merge": _Entry("sweep:merge", True),
     },
     "Look and compare": {
         "results": _Entry("results:results", True),

@@ -17,7 +17,7 @@ from smartplay_tools.evaluation.analysis.beside import (
 )
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
 from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, columns, figures_table
-from smartplay_tools.evaluation.analysis.names import apart, check_distinct
+from smartplay_tools.evaluation.analysis.names import apart
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
@@ -150,7 +150,6 @@ def side_names(comparison: Comparison) -> dict[Side, str]:
     differing, _ = apart([side.label for side in sides])
     named = zip(sides, differing, strict=True)
     names = [letters[side.run] + ", ".join(filter(None, [side.player, own])) for side, own in named]
-    check_distinct(names)
     return dict(zip(sides, names, strict=True))
 
 
