@@ -1,7 +1,7 @@
 """Records of engines that have gone: they are read and reported, and played again where another engine has the worlds.
 
-`luanti_run.tar.xz` is a run that version 0.1.0 played on Luanti 5.6.1: four episodes of three calls. `pypi_crafter.jsonl.xz`
-is an episode of 60 calls that it played on PyPI's package crafter.
+`luanti_run.tar.xz` is a run that version 0.1.0 played on Luanti 5.6.1: four episodes of three calls.
+`pypi_crafter.jsonl.xz` is an episode of 60 calls that it played on PyPI's package crafter.
 """
 
 from __future__ import annotations
