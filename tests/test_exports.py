@@ -107,17 +107,9 @@ def test_data_is_never_overwritten(run, tmp_path):
         export(run, tmp_path / "data")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"format": "csv"}, "csv"),
-        ({"format": "inspect", "summaries": True}, "inspect has no place for summaries"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path, arguments, sentence):
-    with pytest.raises(sp.SmartPlayError, match=sentence):
-        export(run, tmp_path / "data", **arguments)
+def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path):
+    with pytest.raises(sp.SmartPlayError, match="csv"):
+        export(run, tmp_path / "data", format="csv")
 
 
 def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):

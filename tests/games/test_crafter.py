@@ -1,7 +1,6 @@
 """Crafter as an environment: seeding, copies, state hashes, borders, ends and pictures."""
 
 import hashlib
-from collections.abc import Callable
 
 import gymnasium
 import numpy as np
@@ -133,8 +132,8 @@ def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
 
 
 def test_unknown_options_are_refused_in_one_sentence() -> None:
-    with pytest.raises(ValueError, match=r"^engine must be .*fast.*, not 'crafter'\.$"):
-        make(engine="crafter")
+    with pytest.raises(ValueError, match=r"^engine must be .*fast.*, not 'craftax'\.$"):
+        make(engine="craftax")
     with pytest.raises(ValueError, match=r"^text must be one of .*, not 'pretty'\.$"):
         make(text="pretty")
     with pytest.raises(ValueError, match=r"^picture_size must be 64 or more, not 10\.$"):
@@ -155,12 +154,7 @@ def test_world_seeds_are_those_of_cpython() -> None:
     assert seeds == [int(number) for number in pinned.split()]
 
 
-def make_environment() -> gymnasium.Env:
-    return gymnasium.make("smartplay/Crafter-v0", observation="semantic").unwrapped
-
-
-@pytest.mark.parametrize("make", [make, make_environment])
-def test_a_reset_without_a_seed_begins_the_next_episode(make: Callable[[], gymnasium.Env]) -> None:
+def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
     def begun(env: gymnasium.Env, seed: int | None) -> str:
         return str((list(env.reset(seed=seed)[0]), env._world.fingerprint()))
 
@@ -174,8 +168,7 @@ def test_a_reset_without_a_seed_begins_the_next_episode(make: Callable[[], gymna
 # --- Environment -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", [make, make_environment])
-def test_an_episode_is_cut_off_at_the_engines_step_10000(make: Callable[[], gymnasium.Env]) -> None:
+def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     env = make()
     env.reset(seed=6)
     assert env._world.steps == 1  # the noop of the reset
