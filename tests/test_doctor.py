@@ -116,6 +116,11 @@ def test_being_installed_is_not_enough(code, wrong, site, monkeypatch):
     assert finding.detail == f"{wrong}; {install_command('maps')}"
 
 
+def test_the_core_works_here():
+    assert checkup.check_games().works
+    assert checkup.check_vocabulary().works
+
+
 def test_a_damaged_vocabulary_is_found(monkeypatch):
     monkeypatch.setattr("smartplay_tools.context.tokens.o200k.UNPACKED_SHA256", "0" * 64)
     finding = checkup.check_vocabulary()
