@@ -26,7 +26,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, SmartPlayWarning
-from smartplay_tools.evaluation.runs.full_disk import FULL
+from smartplay_tools.files.full_disk import FULL
 from smartplay_tools.records.damage import DamageWarning
 from smartplay_tools.registry import resolve
 from smartplay_tools.terminal import make_streams_visible, say

@@ -21,7 +21,6 @@ from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
@@ -30,6 +29,7 @@ from smartplay_tools.evaluation.runs.run_progress import Display, Signals, follo
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
+from smartplay_tools.files.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
