@@ -262,7 +262,7 @@ def drawn_curves(rows: Sequence[Row]) -> Figure:
             at = [at for at in curve if at < math.inf]
             draw_estimates(panel, at, [curve[each] for each in at], Series.number(look), player)
             counts |= {curve[each].episodes for each in at}
-        knees = f"knee at {knee(curves[MODEL])}, reader's at {knee(curves['reader'])}"
+        knees = f"knee: {knee(curves[MODEL])}; reader's: {knee(curves['reader'])}"
         panel.set(
             title=f"{asked.model}, {facts} things:\n{knees}",
             xlabel=BOUNDS[bound],
