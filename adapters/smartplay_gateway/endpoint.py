@@ -21,6 +21,7 @@ from smartplay_tools.errors import extra_named
 with extra_named("An endpoint", "serve"):
     import uvicorn as _uvicorn  # noqa: F401
     from starlette.applications import Starlette
+    from starlette.concurrency import run_in_threadpool
     from starlette.exceptions import HTTPException
     from starlette.requests import Request
     from starlette.responses import Response, StreamingResponse
@@ -38,11 +39,11 @@ from smartplay_tools import (
     Player,
     Prompt,
     PromptOverflowError,
+    Reply,
     SmartPlayError,
     Usage,
 )
 from smartplay_tools.context.tokens import TokenCounter
-from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.errors import PromptRefusedError
 from smartplay_tools.players import ModelCallError, server_error
 from smartplay_tools.players.wire import CHAT, RESPONSES, Event, Interface, RequestError, Streaming, ToolChoice, bad
@@ -302,10 +303,7 @@ class _Endpoint:
         return self._read(RESPONSES, body)
 
     async def _answer(self, interface: Interface, asked: _CompletionRequest) -> dict[str, Any]:
-        try:
-            reply = await reply_of(asked.player, asked.prompt)
-        except Exception as error:
-            raise _failed(error) from error
+        reply = await _ask(asked.player, asked.prompt)
         message = asked.choice.apply(assistant_message(reply.message), asked.prompt.tools)
         counted = Usage(prompt=asked.tokens, reply=self._counter.message(message))
         usage = counted.replaced_by(reply.usage)
@@ -337,6 +335,23 @@ class _Endpoint:
             names = ", ".join(self._players)
             raise RequestError(404, f"There is no model {model!r} here; known: {names}.", code="model_not_found")
         return self._players[model]
+
+
+async def _ask(player: PlayerLike, prompt: Prompt) -> Reply:
+    """Ask a player, in a thread that closing does not wait for if it blocks."""
+    if isinstance(player, AsyncPlayer):
+        try:
+            return await player.areply(prompt)
+        except Exception as error:
+            raise _failed(error) from error
+
+    def reply() -> Reply:
+        try:
+            return player.reply(prompt)
+        except Exception as error:  # StopIteration, too, which no coroutine may raise
+            raise _failed(error) from error
+
+    return await run_in_threadpool(reply)
 
 
 def with_fresh_ids(message: Message) -> Message:

@@ -69,6 +69,9 @@ class PromptTokens:
         value = object_in(bytes(text).removeprefix(b"data:"))
         # Responses have it in `response.completed`, Anthropic's streams in `message_start`.
         for holder in () if value is None else (value, value.get("response"), value.get("message")):
-            usage = read_usage(holder.get("usage"), self._interface) if isinstance(holder, Mapping) else None
-            if usage is not None and usage.prompt > 0:
-                self._found = usage.prompt
+            told = holder.get("usage") if isinstance(holder, Mapping) else None
+            if isinstance(told, Mapping):
+                # What Anthropic's compactions have read is billed, and is not this prompt.
+                usage = read_usage({**told, "iterations": None}, self._interface)
+                if usage is not None and usage.prompt > 0:
+                    self._found = usage.prompt

@@ -26,8 +26,8 @@ from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, 
 from smartplay_tools.players import asks_management
 
 SIGNATURE = inspect.signature(Model.get_response)
-STORED = ("previous_response_id", "conversation_id", "prompt")
-"""Parts of a request that stand for what the provider keeps."""
+STORED = [name for name, each in SIGNATURE.parameters.items() if each.kind is each.KEYWORD_ONLY]
+"""Parts of a request that stand for what the provider keeps: all that the SDK passes by name alone."""
 
 
 class ContextManagerModel(Model):
@@ -50,14 +50,14 @@ class ContextManagerModel(Model):
     async def get_response(self, *given: Any, **named: Any) -> ModelResponse:
         """Ask the model with what fits."""
         prompt, request = await self._fitted(given, named)
-        response = await self._model.get_response(**request)
+        response = await self._model.get_response(*request.args[1:], **request.kwargs)
         self._report(prompt, request, response.usage.input_tokens)
         return response
 
     async def stream_response(self, *given: Any, **named: Any) -> AsyncIterator[Any]:
         """Ask the model with what fits, and yield the events of its reply."""
         prompt, request = await self._fitted(given, named)
-        async for event in self._model.stream_response(**request):
+        async for event in self._model.stream_response(*request.args[1:], **request.kwargs):
             if isinstance(event, ResponseCompletedEvent) and event.response.usage is not None:
                 self._report(prompt, request, event.response.usage.input_tokens)
             yield event
@@ -70,10 +70,10 @@ class ContextManagerModel(Model):
         """Return the model's own advice."""
         return self._model.get_retry_advice(request)
 
-    async def _fitted(self, given: Sequence[Any], named: dict[str, Any]) -> tuple[FittedPrompt, dict[str, Any]]:
-        """Return the prompt of a request, and the request with it, by the names that the SDK has for its parts."""
-        request = SIGNATURE.bind(self, *given, **named).arguments
-        del request["self"]
+    async def _fitted(self, given: Sequence[Any], named: dict[str, Any]) -> tuple[FittedPrompt, inspect.BoundArguments]:
+        """Return the prompt of a request, and the request with it, bound to the names that the SDK has."""
+        bound = SIGNATURE.bind_partial(self, *given, **named)
+        request = bound.arguments
         refuse_stored(request)
         said, schema, instructions = request["input"], request["output_schema"], request["system_instructions"]
         prompt = await self.manager.afit(
@@ -83,11 +83,12 @@ class ContextManagerModel(Model):
             output_schema=None if schema is None or schema.is_plain_text() else schema.json_schema(),
             form="responses",
         )
-        return prompt, {**request, "input": prompt.messages}
+        request["input"] = prompt.messages
+        return prompt, bound
 
-    def _report(self, prompt: FittedPrompt, request: dict[str, Any], tokens: int) -> None:
+    def _report(self, prompt: FittedPrompt, request: inspect.BoundArguments, tokens: int) -> None:
         if tokens:
-            managed = asks_management(vars(request["model_settings"]))
+            managed = asks_management(vars(request.arguments["model_settings"]))
             self.manager.reported(prompt, tokens, managed=managed)
 
 

@@ -87,7 +87,7 @@ class Hanoi(TextGame):
         self._rods = start(disks)
         stack = list(self._rods[0])
         self.manual = with_action_list(read_text(__package__, "hanoi.txt").format(stack=stack), ACTIONS)
-        super().__init__(**options)
+        super().__init__(longest_observation=4_000 + 6 * disks, **options)
 
     @property
     def optimal_action(self) -> int | None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
+from queue import Queue
+from threading import Event, Thread
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -197,10 +200,31 @@ def test_unknown_models_paths_and_methods(endpoint):
 @pytest.mark.parametrize("stream", [False, True])
 def test_a_player_that_fails_is_an_error_of_the_server(endpoint, stream):
     body = {**chat(USER, stream=stream), "model": "scripted"}  # it has no reply
-    assert refusal(endpoint, "/v1/chat/completions", body) == (
-        500,
-        "The player failed: RuntimeError: The player has no more replies.",
-    )
+    assert refusal(endpoint, "/v1/chat/completions", body) == (500, "The player failed: StopIteration: ")
+
+
+def test_closing_waits_for_no_player_that_answers():
+    asked, closed, waited = Event(), Event(), Queue[bool]()
+
+    class Slow:
+        name = "slow"
+
+        def reply(self, prompt):
+            asked.set()
+            waited.put(closed.wait(20))
+            return Echo().reply(prompt)
+
+    def wait_for_it():
+        with suppress(OSError):  # the server has gone
+            ask(endpoint, "/v1/chat/completions", {**chat(USER), "model": "slow"})
+
+    with sg.LocalEndpoint(Slow()) as endpoint:
+        client = Thread(target=wait_for_it)
+        client.start()
+        assert asked.wait(20)
+    closed.set()
+    client.join()
+    assert waited.get(timeout=20), "the endpoint was closed before its player had answered"
 
 
 def test_a_key_is_asked_for():

@@ -17,10 +17,6 @@ SMALLEST_PICTURE = 64
 LARGEST_CELL = 28
 """The pixels of a cell up to which a picture that a model is shown is enlarged: a patch of Claude's."""
 
-FORMER = "crafter"
-"""The engine that records of earlier versions name where PyPI's package ran, whose worlds are equal: it is played again
-as they are."""
-
 
 class Crafter(TextGame):
     """Crafter, an open world of survival.
@@ -44,16 +40,16 @@ class Crafter(TextGame):
     metadata: dict[str, Any] = {"render_modes": ["ansi", "rgb_array"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's attribute
     hash_every: ClassVar[int] = 100
     options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
-    engines: ClassVar[tuple[str, ...]] = ("fast",)
-    picture_engines: ClassVar[tuple[str | None, ...]] = (*engines, FORMER)
+    engines: ClassVar[tuple[str, ...]] = ("fast", "crafter")
+    """Runs of earlier versions have "crafter", PyPI's package, whose worlds are equal: this engine plays them."""
+    picture_engines: ClassVar[tuple[str | None, ...]] = engines
     actions = ACTIONS
     numbered_actions = NUMBERED_ACTIONS
 
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
     ) -> None:
-        if engine != FORMER:
-            check_choice("engine", engine, self.engines)
+        check_choice("engine", engine, self.engines)
         check_choice("text", text, TEXTS)
         if picture_size < SMALLEST_PICTURE:
             raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")
