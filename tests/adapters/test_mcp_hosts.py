@@ -156,18 +156,20 @@ class TestStdio:
 
     @pytest.mark.slow
     def test_the_second_host_of_a_record_is_told_why_its_call_is_not_played(self, tmp_path):
+        def observed(server):
+            print(json.dumps(request("tools/call", 1, name="observe", arguments={})), file=server.stdin, flush=True)
+            return json.loads(server.stdout.readline())
+
         command = [sys.executable, "-m", "smartplay_tools", "serve", "mcp", GAME, "--seed", "7", "--transcript", "one"]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "cwd": tmp_path}
-        with subprocess.Popen(command, **pipes) as first, subprocess.Popen(command, **pipes) as second:
-            answers = []
-            for server in (first, second):
-                print(json.dumps(request("tools/call", 1, name="observe", arguments={})), file=server.stdin, flush=True)
-                answers.append(json.loads(server.stdout.readline()))
-            assert "result" in answers[0]
-            assert answers[1]["error"]["code"] == -32603
-            assert "Another server plays the episode of one" in answers[1]["error"]["message"]
-            assert second.wait(60) == 2
+        with subprocess.Popen(command, **pipes) as first:
+            assert "result" in observed(first)
+            with subprocess.Popen(command, **pipes) as second:
+                refused = observed(second)
+                assert second.wait(60) == 2
             first.stdin.close()
+        assert refused["error"]["code"] == -32603
+        assert "Another server plays the episode of one" in refused["error"]["message"]
 
     @pytest.mark.slow
     def test_answers_come_in_the_order_of_the_requests(self):
