@@ -32,6 +32,7 @@ COMMANDS = (
     ("agent", GAME, "--out", "agent", "--", sys.executable, "-c", "pass"),
     ("check", "--players", "rule"),
     ("sweep", *RUN, "--players", "rule", "--history", "1,5", "--out", "sweep"),
+    ("merge", "run", "--out", "merged"),
     ("results", "run"),
     ("compare", "run", "sweep"),
     ("cost", "run"),

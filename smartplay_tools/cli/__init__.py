@@ -74,6 +74,7 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "agent": _Entry("agent:agent", True),
         "check": _Entry("check:check", True),
         "sweep": _Entry("sweep:sweep", True),
+        "merge": _Entry("sweep:merge", True),
     },
     "Look and compare": {
         "results": _Entry("results:results", True),

@@ -80,6 +80,7 @@ class RunCommand:
     executor: Annotated[
         str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
     ] = None
+    shard: Annotated[str | None, _option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.")] = None
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
@@ -101,6 +102,7 @@ class RunCommand:
         how = RunOptions(
             executor=self.executor,
             workers=self.workers,
+            shard=read_shard(self.shard),
             run_tokens=self.run_tokens,
             run_cost=self.run_cost,
             prices=prices(self.price),
@@ -160,3 +162,13 @@ def prices(pairs: list[str] | None) -> dict[str, Price]:
             raise InvalidArgumentError(f"--price {pair} names no player; write it as PLAYER=INPUT,OUTPUT.")
         given[player] = Price.parse(numbers)
     return given
+
+
+def read_shard(text: str | None) -> tuple[int, int] | None:
+    """Return the numbers of "I/N"."""
+    if text is None:
+        return None
+    number, _, count = text.partition("/")
+    if not (number.isdigit() and count.isdigit()):
+        raise InvalidArgumentError(f"--shard {text} is invalid; write it as 1/4.")
+    return int(number), int(count)

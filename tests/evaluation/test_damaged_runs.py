@@ -36,6 +36,7 @@ COMMANDS = {
     "cost": ("cost", "{run}", "{good}"),
     "export": ("export", "{run}", "--format", "sft", "--out", "{out}.jsonl"),
     "export of episodes": ("export", "{run}", "--format", "sft-chains", "--out", "{out}"),
+    "merge": ("merge", "{run}", "--out", "{out}"),
     "replay": ("replay", "{run}", "--workers", "1"),
     "view": (),
 }

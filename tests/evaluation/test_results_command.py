@@ -105,6 +105,12 @@ def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
     assert "0 of 8 episodes finished" in run(there).output
 
 
+def test_a_shard_is_as_long_as_its_part(tmp_path):
+    part = evaluate(GAMES, ("random",), out=tmp_path, trials=3, executor="inline", shard=(2, 3))
+    assert 0 < part.planned < 3 * len(GAMES)
+    assert f"{part.planned} of {part.planned} episodes finished" in run(tmp_path).output
+
+
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):
     """Whichever command writes it: nothing can be written below a file."""
     whole = evaluate([GAMES[0]], ("random",), out=tmp_path / "run", trials=1, executor="inline")

@@ -37,6 +37,7 @@ def luanti(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (("cost", "{run}"), "rule"),
         (("report", "{run}", "--out", "{out}.html"), "open it in a browser"),
         (("export", "{run}", "--format", "sft", "--out", "{out}"), "4 episodes, 12 rows"),
+        (("merge", "{run}", "--out", "{out}"), "4 of 4 episodes are finished"),
     ],
 )
 def test_they_are_read(luanti, tmp_path, command, shown):

@@ -71,7 +71,7 @@ class Spending:
 
 @dataclass(frozen=True)
 class RunSnapshot:
-    """How far a run is."""
+    """How far a run is, or the shard of one that the folder contains."""
 
     finished: int
     planned: int

@@ -45,12 +45,14 @@ OnProgress = Callable[[RunProgress], None]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is played; the same run can be continued with other options."""
+    """How a run is played; the same run can be continued with other options, except for its shard."""
 
     executor: str | None = None
     """"inline", "processes", "async" or "ray"; if not given, the one that suits each player."""
     workers: int | None = None
     """Episodes at a time."""
+    shard: tuple[int, int] | None = None
+    """(i, n), to play the i-th of n parts only; `merge` puts them together."""
     run_tokens: int | None = None
     """Cap on the whole run in budget tokens."""
     run_cost: float | None = None
@@ -86,6 +88,7 @@ class RunKeywords(TypedDict, total=False):
 
     executor: str | None
     workers: int | None
+    shard: tuple[int, int] | None
     run_tokens: int | None
     run_cost: float | None
     prices: Mapping[str, Price] | None

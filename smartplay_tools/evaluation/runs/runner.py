@@ -135,7 +135,7 @@ def evaluate(
         trials: episodes of every cell; the paper's number for the game if not given.
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
-        options: how the run is played, which are the fields of `RunOptions` (executor, workers, run_tokens,
+        options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
             run_cost, prices, on_progress), and the rest of a cell: engine, tokenizer, options,
             player_options, and the fields of `Rules`, such as manual="pinned".
 
@@ -173,8 +173,9 @@ def run_plan(
     plan = plan.as_recorded(folder)
     roster = roster_of(plan, read_players(players), options)
     executors = {name: EXECUTORS[name] for name in roster.episodes}
+    part = roster.part
     with (
-        _what_is_kept(folder, plan),
+        _what_is_kept(folder, part),
         folder.writing(),
         Signals() as signals,
         (display or not_shown)() as show,
@@ -201,7 +202,7 @@ def run_plan(
                 folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(
         RunFolder(out),
-        len(plan.episodes),
+        len(part.episodes),
         rows,
         signals.received,
         scheduler.cap_reached,
@@ -254,7 +255,7 @@ def _manifest(
     """The manifest of the run. Its earlier prices are kept, unless the user gives others."""
     prices: dict[str, Price] = {}
     if before is not None:
-        _check_same_run(folder, before, plan)
+        _check_same_run(folder, before, plan, options.shard)
         if before.until is not None:
             log.warning(
                 "%s holds a run that was to end early, once its comparisons were decided (--until, of an earlier "
@@ -263,6 +264,7 @@ def _manifest(
             )
         prices = dict(before.prices)
     manifest = plan.manifest(
+        shard=options.shard,
         caps=asdict(options.caps),
         prices={**prices, **given},
         versions=versions(),
@@ -274,7 +276,7 @@ def _manifest(
     return manifest
 
 
-def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan) -> None:
+def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tuple[int, int] | None) -> None:
     if (before.repeats or 1) != plan.repeats:
         raise InvalidArgumentError(f"{folder.path} plays each world {before.repeats or 1} times; name another folder.")
     gone = {episode.key for episode in before.episodes} - {episode.key for episode in plan.episodes}
@@ -287,3 +289,6 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan) -> None:
             f"{folder.path} holds another run: {len(gone)} of its {len(before.episodes)} episodes are not in this "
             f"one. Name another folder, or ask for {asked}."
         )
+    if shard != before.shard:
+        held = "no shard" if before.shard is None else "shard {}/{}".format(*before.shard)
+        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a separate folder for each shard.")

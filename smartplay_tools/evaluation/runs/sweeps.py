@@ -2,7 +2,7 @@
 
 A grid is the axes that vary (fields of the budget, manual, observation) x players x games. Every cell has the same
 seeds, because the seed of a trial depends only on the run's seed, the game and the trial, so cells can be compared in
-pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped and replayed, and runs
+pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs
 in parallel. In addition to the run's files its folder has
 
     table.csv    a row for each episode (`analysis.tables`)
