@@ -1,9 +1,7 @@
 """Crafter as an environment: seeding, copies, state hashes, borders, ends and pictures."""
 
 import hashlib
-from collections.abc import Callable
 
-import gymnasium
 import numpy as np
 import pytest
 from crafter import constants, engine
@@ -155,13 +153,8 @@ def test_world_seeds_are_those_of_cpython() -> None:
     assert seeds == [int(number) for number in pinned.split()]
 
 
-def make_environment() -> gymnasium.Env:
-    return gymnasium.make("smartplay/Crafter-v0", observation="semantic").unwrapped
-
-
-@pytest.mark.parametrize("make", [make, make_environment])
-def test_a_reset_without_a_seed_begins_the_next_episode(make: Callable[[], gymnasium.Env]) -> None:
-    def begun(env: gymnasium.Env, seed: int | None) -> str:
+def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
+    def begun(env: Crafter, seed: int | None) -> str:
         return str((list(env.reset(seed=seed)[0]), env._world.fingerprint()))
 
     seeds = (3, None, None, None, 3)
@@ -174,8 +167,7 @@ def test_a_reset_without_a_seed_begins_the_next_episode(make: Callable[[], gymna
 # --- Environment -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", [make, make_environment])
-def test_an_episode_is_cut_off_at_the_engines_step_10000(make: Callable[[], gymnasium.Env]) -> None:
+def test_an_episode_is_cut_off_at_the_engines_step_10000() -> None:
     env = make()
     env.reset(seed=6)
     assert env._world.steps == 1  # the noop of the reset
