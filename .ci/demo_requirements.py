@@ -2,9 +2,9 @@
 
     python .ci/demo_requirements.py [EXTRA | EXTRA:PACKAGE]...     with further extras, or one package of an extra
 
-That is what builds the package, what it needs itself, and the extras `openai` and `serve`, since the demo also plays
-through that client and a server, with the templates of its pages; all as `pyproject.toml` has it. What only games
-outside the demo, figures and tables need is left out: it is most of the size.
+That is what builds the package, what it needs itself, the extras `openai` and `serve`, for the commands that the demo
+names at its end, and the templates of its pages; all as `pyproject.toml` has it. What only games outside the demo,
+figures and tables need is left out: it is most of the size.
 """
 
 from __future__ import annotations

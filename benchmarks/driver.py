@@ -73,7 +73,7 @@ def driven(folder: Path, episodes: int) -> float:
     began = time.process_time()
     writer = RunWriter(folder)
     with writer.writing():
-        writer.write_manifest(plan.manifest(shard=None, prices={}))
+        writer.write_manifest(plan.manifest({}))
         scheduler = Scheduler(writer, Roster(plan, players, {}, set(), {}), {}, RunOptions(), ())
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)

@@ -79,6 +79,7 @@ ASKED = {
     "fresh": Asking(LOCKERS, "text", SEED + 100),
     "four": Asking(FOUR, "text", SEED + 200, (390, 430, 470, 515, 560, 600), (1, 2, 3, 4, 5, 6)),
     "eight": Asking(EIGHT, "legal", SEED + 300, CAPS, HISTORIES),
+    "untaught": Asking(EIGHT, "legal", SEED + 400, model=UNTAUGHT),
     **{
         f"taught {number}": Asking(EIGHT, "legal", SEED + 400, CAPS, HISTORIES, f"{LEARNED}-{number}")
         for number in range(3)
@@ -88,7 +89,7 @@ ASKED = {
 
 `text` was asked for after `call` had failed and six worlds of `text` were seen, two of which are among its own; `fresh`
 has others. A game of four things was tried in one world and asked for; then, after three worlds of six things in
-`legal`, one of eight. The last three are adapters of three trainings, in worlds of their own.
+`legal`, one of eight. The last four are a smaller model as it is and after three trainings, in worlds of their own.
 """
 BOUNDS = {"cap": "tokens of a prompt", "history": "steps of history"}
 SCRIPTS = "reader", "random"
@@ -261,7 +262,7 @@ def drawn_curves(rows: Sequence[Row]) -> Figure:
             at = [at for at in curve if at < math.inf]
             draw_estimates(panel, at, [curve[each] for each in at], Series.number(look), player)
             counts |= {curve[each].episodes for each in at}
-        knees = f"knee at {knee(curves[MODEL])}, reader's at {knee(curves['reader'])}"
+        knees = f"knee: {knee(curves[MODEL])}; reader's: {knee(curves['reader'])}"
         panel.set(
             title=f"{asked.model}, {facts} things:\n{knees}",
             xlabel=BOUNDS[bound],
@@ -298,7 +299,7 @@ def main() -> None:
         models = (*MODELS, *(each.model for each in ASKED.values()))
         write_records(asked.out, HERE / EXPERIMENT.name / "records.tar.xz", models)
     elif asked.enter:
-        play_entry(asked.out, asked.qwen if ASKED[asked.enter].model == QWEN else asked.adapter, asked.enter)
+        play_entry(asked.out, files.get(ASKED[asked.enter].model, asked.adapter), asked.enter)
     else:
         play_formats(asked.out, {model: file for model, file in files.items() if file})
     EXPERIMENT.conclude(rows_of(asked.out), publishes=asked.publish)

@@ -9,7 +9,7 @@
     ├── GameValueError        a game handed out a value that no record can hold; ends an episode as game_error
     ├── MissingExtraError     an optional dependency is not installed; the message says how to install it
     ├── PlayerLeftError       the person at the terminal has left; ends an episode as closed, never reaches users
-    ├── DiskFullError         a disk has no space left for the records of a run (in `evaluation.runs.full_disk`)
+    ├── DiskFullError         a disk has no space left for the records of a run (in `files.full_disk`)
     ├── PromptOverflowError   what a prompt cannot leave out does not fit its cap; ends an episode
     ├── StrategyError         a strategy's choice cannot be shown; ends an episode, never reaches users
     ├── ContextOverflowError  a compactor's question is longer than its cap; raised where it yields the question

@@ -23,7 +23,6 @@ RUN = ("--games", GAME, "--executor", "inline", "--trials", "2")
 COMMANDS = (
     ("games",),
     ("manual", GAME),
-    ("schema", GAME),
     ("play", GAME, "--player", "rule", "--transcript", "hanoi.jsonl"),
     ("play", GAME, "--quiet"),
     ("replay", "hanoi.jsonl"),
@@ -33,7 +32,6 @@ COMMANDS = (
     ("agent", GAME, "--out", "agent", "--", sys.executable, "-c", "pass"),
     ("check", "--players", "rule"),
     ("sweep", *RUN, "--players", "rule", "--history", "1,5", "--out", "sweep"),
-    ("merge", "run", "--out", "merged"),
     ("results", "run"),
     ("compare", "run", "sweep"),
     ("cost", "run"),

@@ -116,6 +116,11 @@ def test_being_installed_is_not_enough(code, wrong, site, monkeypatch):
     assert finding.detail == f"{wrong}; {install_command('maps')}"
 
 
+def test_the_core_works_here():
+    assert checkup.check_games().works
+    assert checkup.check_vocabulary().works
+
+
 def test_a_damaged_vocabulary_is_found(monkeypatch):
     monkeypatch.setattr("smartplay_tools.context.tokens.o200k.UNPACKED_SHA256", "0" * 64)
     finding = checkup.check_vocabulary()
@@ -149,17 +154,5 @@ def test_the_command_fails_if_the_core_does(tmp_path):
     assert "yes" in shown.stdout
 
 
-def test_a_model_that_is_not_here_has_a_remedy(tmp_path, monkeypatch):
-    monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path))
-    finding, taught = checkup.check_models()
-    assert (finding.kind, finding.name, finding.works) == ("model", "smollm2-135m", False)
-    assert taught.detail == "not here; smartplay-tools model get smollm2-135m-player downloads 98 MB"
-    assert finding.detail == "not here; smartplay-tools model get smollm2-135m downloads 98 MB"
-    (tmp_path / "SmolLM2-135M-Instruct.Q4_1.gguf").write_bytes(b"damaged")
-    assert checkup.check_models()[0].detail == "damaged; smartplay-tools model get smollm2-135m"
-    (tmp_path / "mine.gguf").write_bytes(b"no model")
-    assert checkup.check_models()[2].name == "mine.gguf", "another file in the folder is tried, too"
-
-
 def test_what_cannot_be_looked_at_is_refused():
-    assert "--only house: known are core, engine, extra, model." in refused("doctor", "--only", "house")
+    assert "--only house: known are core, engine, extra." in refused("doctor", "--only", "house")

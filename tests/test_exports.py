@@ -9,7 +9,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
-from smartplay_tools.records import Record, recorded_pictures, sent_prompts
+from smartplay_tools.records import Record, sent_prompts
 from smartplay_tools.types import ToolCall
 from tests.evaluation.command import shown_by
 
@@ -72,10 +72,6 @@ def test_columns_have_one_type(run, tmp_path):
         ({}, 12),
         ({"games": ("Hanoi3Disk-v0",)}, 6),
         ({"players": ("rule",), "completed": True}, 3),
-        ({"min_score": 3.0, "games": ("Hanoi3Disk-v0",)}, 3),
-        ({"min_normalized_score": 1.0, "players": ("rule",), "games": ("Hanoi3Disk-v0",)}, 3),
-        ({"best": 1}, 4),
-        ({"best": 2, "players": ("random",)}, 4),
     ],
     ids=str,
 )
@@ -83,14 +79,6 @@ def test_what_is_left_out_is_counted(run, tmp_path, selection, kept):
     exported = export(run, tmp_path / "data", "sft-chains", **selection)
     assert exported.counts["episodes"] == kept
     assert exported.counts["episodes"] + exported.left_out.total() == 12
-
-
-def test_the_best_have_the_highest_scores(run, tmp_path):
-    export(run, tmp_path / "all", "sft-chains")
-    export(run, tmp_path / "best", "sft-chains", best=1)
-    for best in rows(tmp_path / "best"):
-        rivals = [r for r in rows(tmp_path / "all") if (r["game"], r["player"]) == (best["game"], best["player"])]
-        assert best["score"] == max(rival["score"] for rival in rivals)
 
 
 def test_an_unfinished_episode_is_not_exported(tmp_path):
@@ -119,19 +107,9 @@ def test_data_is_never_overwritten(run, tmp_path):
         export(run, tmp_path / "data")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"format": "csv"}, "csv"),
-        ({"best": 0}, "best"),
-        ({"format": "inspect", "summaries": True}, "inspect has no place for summaries"),
-        ({"format": "inspect", "pictures": True}, "inspect has no place for pictures"),
-    ],
-    ids=str,
-)
-def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path, arguments, sentence):
-    with pytest.raises(sp.SmartPlayError, match=sentence):
-        export(run, tmp_path / "data", **arguments)
+def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path):
+    with pytest.raises(sp.SmartPlayError, match="csv"):
+        export(run, tmp_path / "data", format="csv")
 
 
 def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):
@@ -250,29 +228,7 @@ def test_prompts_of_a_host_are_not_recorded_and_not_invented(tmp_path):
         export(tmp_path / "host.jsonl", tmp_path / "data", "sft")
 
 
-@pytest.mark.parametrize("form_of_rows", ["sft", "sft-chains"])
-def test_pictures_are_files_beside_the_rows_on_request(tmp_path, form_of_rows):
-    (tmp_path / "records").mkdir()
-    for form in ("picture", "text"):
-        path, budget = tmp_path / "records" / f"{form}.jsonl", sp.Budget(tool_calls=3, history=1)
-        with sp.Episode("Crafter-v0", seed=5, observation=form, budget=budget, transcript=path) as episode:
-            sp.play(episode, sp.get_player("random", seed=5))
-    made = export(tmp_path / "records", tmp_path / "data", form_of_rows, pictures=True)
-    recorded = recorded_pictures(tmp_path / "records" / "picture.jsonl")
-    files = {file.name: file.read_bytes() for file in (tmp_path / "data" / "pictures").iterdir()}
-    assert files == {f"{sha256}.png": picture.png for sha256, picture in recorded.items()}
-    assert made.counts["pictures"] == len(files)
-    exported = rows(tmp_path / "data")
-    for row in exported:
-        messages = [*row["prompt"], *row["completion"]]
-        parts = [part for message in messages for part in message["content"]]
-        assert [part for part in parts if part["type"] == "image"] == [{"type": "image"}] * len(row["images"])
-        assert all((tmp_path / "data" / path).is_file() for path in row["images"])
-    assert any(row["images"] for row in exported)
-    assert not all(row["images"] for row in exported)
-
-
-def test_episodes_with_pictures_are_left_out_without_the_option(tmp_path):
+def test_episodes_with_pictures_are_left_out(tmp_path):
     path, budget = tmp_path / "both.jsonl", sp.Budget(tool_calls=2)
     with sp.Episode("Crafter-v0", seed=5, observation="both", budget=budget, transcript=path) as episode:
         sp.play(episode, sp.get_player("random", seed=5))

@@ -156,8 +156,12 @@ def test_a_killed_run_is_continued_from_its_unfinished_record(copied):
     run("replay", "killed")
 
 
+RUN = [
+    *("eval", "--games", f"{BANDIT},Hanoi3Disk-v0", "--players", "rule,random", "--price", "rule=0.1,0.3"),
+    *("--seed", "3", "--trials", "2", "--prompt-tokens", "600", "--tool-calls", "6", "--executor", "inline", "--quiet"),
+]
 RUNS = {
-    "run": ["eval", "run.toml", "--quiet"],
+    "run": RUN,
     "chain": [
         *("eval", "--games", BANDIT, "--players", "rule-notes", "--notes-tokens", "60", "--carry", "notes"),
         *("--chain", "2", "--trials", "3", "--tool-calls", "5", "--executor", "inline", "--quiet"),
@@ -184,7 +188,7 @@ def test_the_same_command_finds_a_finished_run(copied, name):
 
 
 def test_more_trials_extend_a_finished_run(copied):
-    run("eval", "run.toml", "--trials", "3", "--quiet")
+    run(*RUN, "--trials", "3", "--out", "run")
     assert len(RunFolder("run").rows()) == 12
 
 
@@ -211,4 +215,3 @@ def test_a_page_is_written(files, tmp_path, name):
 def test_a_run_is_exported(files, tmp_path):
     for form in ("sft", "sft-chains"):
         run("export", "run", "--format", form, "--out", tmp_path / form)
-    run("export", "records/pictures.jsonl", "--pictures", "--out", tmp_path / "pictures")

@@ -12,7 +12,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.threads import SerialQueue
 from smartplay_tools.transcript.file import read_transcript
 from tests.adapters.openai_stub import OpenAIStub

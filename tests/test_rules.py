@@ -13,7 +13,7 @@ from smartplay_tools.cli import app
 from smartplay_tools.cli.episode_options import BUDGET, OF_RUNS
 from smartplay_tools.context.prompts.budget_line import without_budget_line
 from smartplay_tools.episode.config import RULES, Rules
-from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.records import Record, sent_prompts
 from smartplay_tools.records.remembered import remembered
 from smartplay_tools.types.messages import text_of
@@ -62,16 +62,6 @@ def test_every_rule_is_in_the_record_the_row_and_the_key(tmp_path):
         assert start["config"].get(name, getattr(Rules(), name)) == row[name] == value
         keys.add(row["key"])
     assert len(keys) == len(OWN) + 1
-
-
-@pytest.mark.parametrize("name", OWN)
-def test_every_rule_can_be_set_in_a_run_file(name, tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text(f'games = ["{HANOI}"]\n{name} = "{OWN[name]}"\n')
-    assert read_run_file(path)[0].rules == {name: OWN[name]}
-    path.write_text(f'games = ["{HANOI}"]\n{name} = "telepathy"\n')
-    with pytest.raises(sp.InvalidArgumentError, match=f"{name} must be one of"):
-        read_run_file(path)
 
 
 def test_what_is_no_rule_is_refused():

@@ -83,7 +83,6 @@ def test_a_server_on_standard_output_keeps_it_and_reads_every_line(loud):
         ("play", "loud.py:SPEC", "--player", "loud.py:Player", "--json"),
         ("eval", *RUN, "--workers", "2", "--trials", "2", "--json"),
         ("sweep", *RUN, "--history", "0", "--trials", "1", "--format", "json"),
-        ("schema", "loud.py:SPEC"),
     ],
     ids=lambda command: command[0],
 )

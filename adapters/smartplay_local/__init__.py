@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         name_of as name_of,
         read_gguf as read_gguf,
     )
-    from smartplay_local.player import LocalPlayer as LocalPlayer, measure as measure
+    from smartplay_local.player import LocalPlayer as LocalPlayer
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

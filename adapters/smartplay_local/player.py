@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -210,28 +209,3 @@ class LocalPlayer(OpenAIPlayer):
             return reply
         numbered: Any = [{**call, "id": f"local{next(self._numbers):04d}"} for call in made]
         return replace(reply, message={**message, "tool_calls": numbered})
-
-
-def measure(model: str | Path, *, tokens: int = 32, turns: int = 12) -> dict[str, float]:
-    """Return the seconds of loading and of a turn, the bytes of memory, and the tokens read and written a second.
-
-    `model` is a known model's name or a path. A turn is one of an episode of Rock Paper Scissors under a cap of 1,000
-    tokens with `slack` 0.5; the seconds are the mean over the first turns.
-    """
-    began = time.perf_counter()
-    with LocalPlayer(str(model), format="text") as player:
-        server = player.load()
-        loaded = time.perf_counter() - began
-        body = {"prompt": "The quick brown fox jumps over the lazy dog. " * 20, "ignore_eos": True}
-        timings = server.ask("/completion", {**body, "n_predict": tokens})["timings"]
-        budget = Budget(prompt_tokens=1000, slack=0.5, tool_calls=turns, stalled_turns=None)
-        with Episode("RockPaperScissorBasic-v0", seed=0, budget=budget) as episode:
-            began = time.perf_counter()
-            played = play(episode, player).turns
-    return {
-        "load_seconds": loaded,
-        "read_per_second": timings["prompt_per_second"],
-        "written_per_second": timings["predicted_per_second"],
-        "turn_seconds": (time.perf_counter() - began) / max(1, played),
-        "memory": player.loading.memory,
-    }

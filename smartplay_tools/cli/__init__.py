@@ -26,7 +26,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, SmartPlayWarning
-from smartplay_tools.evaluation.runs.full_disk import FULL
+from smartplay_tools.files.full_disk import FULL
 from smartplay_tools.records.damage import DamageWarning
 from smartplay_tools.registry import resolve
 from smartplay_tools.terminal import make_streams_visible, say
@@ -64,7 +64,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
     "Play": {
         "games": _Entry("games:games"),
         "manual": _Entry("games:manual"),
-        "schema": _Entry("games:schema"),
         "play": _Entry("play:play"),
         "replay": _Entry("replay:replay"),
         "demo": _Entry("demo:demo"),
@@ -75,7 +74,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "agent": _Entry("agent:agent", True),
         "check": _Entry("check:check", True),
         "sweep": _Entry("sweep:sweep", True),
-        "merge": _Entry("sweep:merge", True),
     },
     "Look and compare": {
         "results": _Entry("results:results", True),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,14 +12,10 @@ from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
 from smartplay_tools.evaluation.runs.probe import Probe, probe
-from smartplay_tools.evaluation.runs.run_options import RunFile, read_run_file
 from smartplay_tools.terminal import Console, Text, say
 
 
 def check(
-    run_file: Annotated[
-        Path | None, typer.Argument(metavar="[RUN.toml]", help="A run file, whose players are checked.")
-    ] = None,
     players: Annotated[str | None, typer.Option(help="Comma-separated names of players.")] = None,
     base_url: options.BaseUrls = None,
     player_option: options.PlayerOptions = None,
@@ -33,11 +28,10 @@ def check(
 
     Example: smartplay-tools check --players openai:gpt-5-mini
     """
-    file = RunFile() if run_file is None else read_run_file(run_file)[0]
-    names = options.names(players) or [config.name for config in file.configs()]
+    names = list(dict.fromkeys(options.names(players)))
     if not names:
-        raise InvalidArgumentError("Name players (--players openai:MODEL) or a run file.")
-    configs = runs.player_configs(list(dict.fromkeys(names)), base_url, player_option, file.configs())
+        raise InvalidArgumentError("Name players (--players openai:MODEL).")
+    configs = runs.player_configs(names, base_url, player_option)
     check_prices(runs.prices(price), names)
     prices = given_prices(configs) | runs.prices(price)
     answers = [(config, probe(config, prices)) for config in configs]

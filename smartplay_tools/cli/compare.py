@@ -14,6 +14,7 @@ from smartplay_tools.cli.options import Format
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import as_rows, compare as compare_runs
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
+from smartplay_tools.evaluation.analysis.decisions import Margin
 from smartplay_tools.evaluation.analysis.tables import plain
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.records.rows import Row
@@ -29,6 +30,12 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help="Player of the first run that all others are compared with.", show_default=False)
     ] = None,
+    margin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M", help="The difference that does not matter, in points or human scores (0.1h), for verdicts."
+        ),
+    ] = None,
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
 ) -> None:
@@ -39,7 +46,9 @@ def compare(
 
     Example: smartplay-tools compare runs/before runs/after --format latex
     """
-    compared = compare_runs(_rows_by_run(folders), reference=reference)
+    rows = _rows_by_run(folders)
+    given = None if margin is None else Margin.parse(margin)
+    compared = compare_runs(rows, reference=reference, margin=given)
     form = Format.JSON if as_json else form
     print_tables(form, comparison_tables(compared), as_rows(compared), plain(compared))
 

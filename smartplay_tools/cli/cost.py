@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, cast
@@ -66,7 +65,7 @@ def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path 
         run = RunFolder(folder)
         rows = run.rows()
         records = {row["key"]: run.transcript(row["key"]) for row in rows}
-        charged = charge_records(records, tariffs, run.manifest().prices, caches=caches, processes=os.cpu_count() or 1)
+        charged = charge_records(records, tariffs, run.manifest().prices, caches=caches)
         return cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
 
     cells = [cell for each in read_each(folders, of_run) for cell in each]

@@ -1,19 +1,15 @@
 """The command `demo`: real games, real tool calls, tight budgets, verified records. No key, no network.
 
-Each game is played twice: by the rule player here, and by the same rules behind a local endpoint through the `openai`
-client, as a model would play. The two records must be equal, so the turns of the second are not printed again. It ends
-with the replay page of all records, what the window did, and the next command.
+It ends with the replay page of the records, what the window did, and the next command.
 """
 
 from __future__ import annotations
 
-import importlib
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -25,10 +21,8 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import InvalidArgumentError, MissingExtraError
 from smartplay_tools.games.specs import get_spec
 from smartplay_tools.players.player_registry import get_player
-from smartplay_tools.players.rule import RulePlayer
-from smartplay_tools.records.replays import comparable, replay
+from smartplay_tools.records.replays import replay
 from smartplay_tools.terminal import Console, say
-from smartplay_tools.transcript.file import read_transcript
 from smartplay_tools.types import Budget, EpisodeResult, Player
 
 GAMES = {"BanditTwoArmedHighLowFixed-v0": 700, "RockPaperScissorBasic-v0": 800, "Hanoi3Disk-v0": 600}
@@ -57,56 +51,41 @@ def demo(
     ] = None,
     player_option: options.PlayerOptions = None,
 ) -> None:
-    """Play a bandit, Rock Paper Scissors and Hanoi through tool calls, here and through the openai client.
-
-    The records are verified by replay, and compared.
+    """Play a bandit, Rock Paper Scissors and Hanoi through tool calls, and verify the records by replay.
 
     Example: smartplay-tools demo
     """
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
-    tables, failures, watches = [], [], list[_Watch]()
+    failures, watches = [], list[_Watch]()
     given = options.key_values(player_option, "--player-option")
     if given and name is None:
         raise InvalidArgumentError("--player-option is for a player of your choice; name one with --player.")
-    with _players(console) if name is None else _only(name, seed, given) as players:
-        for player in players:
-            table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
-            table.title = f"played by {player.name}"
-            progress = _Progress(console)
-            if player is not players[0]:
-                console.rule(f"the same games through {player.name}, a client and a local server", align="left")
-            for game, cap in GAMES.items():
-                budget = Budget(prompt_tokens=cap, slack=0 if name is None else MODEL_SLACK)
-                if player is players[0]:
-                    console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
-                watch = _Watch(console if player is players[0] else None, progress)
-                watches.append(watch)
-                path = _record(folder, game, player)
-                with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
-                    result = loop.play(episode, player, on_turn=watch)
-                replayed = replay(path)
-                failures += replayed.differences[:1] if result.error is None else [f"{game}: {result.error}"]
-                table.add_row(*_row(result, cap, watch), "identical" if replayed.identical else "differs")
-            tables.append(table)
-        failures += [
-            f"{game} differs when {player.name} plays it."
-            for game in GAMES
-            for player in players[1:]
-            if not _equal(_record(folder, game, players[0]), _record(folder, game, player))
-        ]
+    player = get_player(name or "rule", seed=seed, **given)
+    if not isinstance(player, Player):
+        raise InvalidArgumentError(f"The demo plays with a player that answers at once; {name} has to be awaited.")
+    table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
+    table.title = f"played by {player.name}"
+    progress = _Progress(console)
+    for game, cap in GAMES.items():
+        budget = Budget(prompt_tokens=cap, slack=0 if name is None else MODEL_SLACK)
+        console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
+        watches.append(watch := _Watch(console, progress))
+        path = folder / f"{game}.{player.name.replace(':', '-')}.jsonl"
+        with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
+            result = loop.play(episode, player, on_turn=watch)
+        replayed = replay(path)
+        failures += replayed.differences[:1] if result.error is None else [f"{game}: {result.error}"]
+        table.add_row(*_row(result, cap, watch), "identical" if replayed.identical else "differs")
     console.rule("results", align="left")
     note = "prompts: the largest, as a share of its cap; dropped: the most turns that a prompt left out"
     console.print(note, style="dim")
-    for table in tables:
-        console.print(table)
-    if len(players) > 1 and not failures:
-        console.print("Both players' records are equal: the client and the server in between changed nothing.")
+    console.print(table)
     for failure in failures:
         console.print(failure, style="red")
     if failures:
         raise typer.Exit(1)
-    _conclude(folder, watches[: len(GAMES)], name or "the rule player")
+    _conclude(folder, watches, name or "the rule player")
 
 
 def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
@@ -131,39 +110,6 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     say("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
 
 
-def _record(folder: Path, game: str, player: Player) -> Path:
-    return folder / f"{game}.{player.name.replace(':', '-')}.jsonl"
-
-
-def _equal(*records: Path) -> bool:
-    first, second = (comparable(read_transcript(path)) for path in records)
-    return first == second
-
-
-@contextmanager
-def _players(console: Console) -> Iterator[list[Player]]:
-    """The rule player, and the same rules through the client and a server, if both are installed."""
-    rule = RulePlayer()
-    try:
-        client = importlib.import_module("smartplay_openai").OpenAIPlayer
-        served = importlib.import_module("smartplay_gateway").LocalEndpoint(rule)
-    except MissingExtraError as error:
-        console.print(str(error), style="dim", highlight=False, soft_wrap=True)
-        yield [rule]
-        return
-    with served as endpoint, client("rule", base_url=endpoint.base_url) as model:
-        yield [rule, model]
-
-
-@contextmanager
-def _only(name: str, seed: int, given: dict[str, Any]) -> Iterator[list[Player]]:
-    """One player, by its name."""
-    player = get_player(name, seed=seed, **given)
-    if not isinstance(player, Player):
-        raise InvalidArgumentError(f"The demo plays with a player that answers at once; {name} has to be awaited.")
-    yield [player]
-
-
 class _Progress:
     """Says now and then how far a slow player is, and about how long the steps that are left take."""
 
@@ -184,9 +130,9 @@ class _Progress:
 
 
 class _Watch:
-    """Prints the first turns, if there is a console, and collects figures about the window over all turns."""
+    """Prints the first turns, and collects figures about the window over all turns."""
 
-    def __init__(self, console: Console | None, progress: _Progress) -> None:
+    def __init__(self, console: Console, progress: _Progress) -> None:
         self._console, self._progress = console, progress
         self.largest = self.dropped = 0
 
@@ -196,8 +142,6 @@ class _Watch:
         self.largest = max(self.largest, conversation.view.tokens)
         self.dropped = max(self.dropped, conversation.view.dropped_turns)
         number = conversation.episode.stats.turns - 1
-        if self._console is None:
-            return
         if number < SHOWN_TURNS or conversation.result is not None:
             print_turn(self._console, conversation)
         elif number == SHOWN_TURNS:

@@ -1,10 +1,10 @@
 """The command `doctor`, which finds out what works on this machine by using it, and the commands that set parts up.
 
-There are four kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
+There are three kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
 default is part of the core; `minedojo install` sets up the one that is the real game. Extras are optional dependencies;
 their requirements are read from the metadata of the installed package, and the modules that meet them are imported in a
-separate process, so that a library that crashes or hangs does no harm. Models are files that the player `local` plays,
-which `model get` downloads; one that is here is loaded and timed, in a separate process as well.
+separate process, so that a library that crashes or hangs does no harm. `model get` downloads the files that the player
+`local` plays.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import Annotated, Literal
 import typer
 from packaging.requirements import Requirement
 from rich.table import Table
-from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, KnownModel, fetch, models_folder
+from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch, models_folder
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table, print_json
@@ -64,19 +64,7 @@ for name in json.loads(sys.argv[1]):
 """Imports modules, and of an adapter all that it offers, which it imports late; a part may need another extra."""
 
 
-Kind = Literal["core", "engine", "extra", "model"]
-
-_MEASURE = """
-import json, sys
-from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.streams import keep_streams, own_output
-try:
-    with keep_streams():
-        from smartplay_local import measure
-        print(json.dumps(measure(sys.argv[1])), file=own_output())
-except SmartPlayError as error:
-    sys.exit(str(error))
-"""
+Kind = Literal["core", "engine", "extra"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,37 +100,6 @@ def check_extras() -> list[PartCheck]:
     needed = {extra: requirements(extra) for extra in extras}
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(lambda extra: check_modules("extra", extra, needed[extra]), extras))
-
-
-def check_models() -> list[PartCheck]:
-    """Load every known model that is here, and every other file in the folder of models, and time it."""
-    known = {model.path for model in KNOWN_MODELS.values()}
-    others = [path for path in sorted(models_folder().glob("*.gguf")) if path not in known]
-    return [*map(_check_known, KNOWN_MODELS.values()), *(_timed(path.name, str(path)) for path in others)]
-
-
-def _check_known(model: KnownModel) -> PartCheck:
-    if not model.is_here:
-        remedy = f"not here; smartplay-tools model get {model.name} downloads {megabytes(model.bytes)}"
-        return PartCheck("model", model.name, False, remedy)
-    if not model.is_intact:
-        return PartCheck("model", model.name, False, f"damaged; smartplay-tools model get {model.name}")
-    return _timed(model.name, model.name)
-
-
-def _timed(name: str, model: str) -> PartCheck:
-    """Load a model, given as a known name or a path, in a separate process, and time it."""
-    command = [sys.executable, "-W", "ignore", "-c", _MEASURE, model]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        problem = (done.stderr.strip().splitlines() or [f"it ends with code {done.returncode}"])[-1]
-        return PartCheck("model", name, False, problem)
-    times = json.loads(done.stdout)
-    speed = f"{times['read_per_second']:,.0f} tokens a second read, {times['written_per_second']:,.0f} written"
-    turn = f"{times['turn_seconds']:.2f} s a turn under a cap of 1,000"
-    memory = megabytes(int(times["memory"]))
-    detail = f"{turn}; {speed}, loaded in {times['load_seconds']:.1f} s; about {memory} of memory"
-    return PartCheck("model", name, True, detail)
 
 
 def requirements(extra: str | None = None) -> list[Requirement]:
@@ -243,18 +200,17 @@ CHECKS: Mapping[Kind, tuple[str, Callable[[], list[PartCheck]]]] = {
     "core": ("the core", check_core),
     "engine": ("the engines", check_all_engines),
     "extra": ("the extras", check_extras),
-    "model": ("the models", check_models),
 }
 """By kind of part, in the order of the report: its name in messages, and its check."""
 
 
 def doctor(
     only: Annotated[
-        list[str] | None, typer.Option(help="Check only core, engine, extra or model; repeatable.", show_default=False)
+        list[str] | None, typer.Option(help="Check only core, engine or extra; repeatable.", show_default=False)
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Print which engines, extras and local models work on this machine, and how to set up the others.
+    """Print which engines and extras work on this machine, and how to set up the others.
 
     Each of them is actually used, so engines that are separate programs are started, which takes minutes for MineDojo.
     The exit code is 0 if the core works; optional parts may be missing.
@@ -321,7 +277,8 @@ def show(as_json: options.Json = False) -> None:
         return
     table = compact_table("model", "size", "here", "what it is")
     for model in models:
-        table.add_row(model.name, megabytes(model.bytes), "yes" if model.is_here else "no", model.about)
+        here = "no" if not model.is_here else "yes" if model.is_intact else "damaged"
+        table.add_row(model.name, megabytes(model.bytes), here, model.about)
     Console().print(table)
     say(f"They are kept in {models_folder()}.")
     say("Any other GGUF file is played by its path: --player local:FILE.gguf")

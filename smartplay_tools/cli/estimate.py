@@ -33,8 +33,7 @@ FACTS: tuple[Callable[[CellConfig], Any], ...] = (
 def print_estimate(
     plan: Plan, players: Sequence[PlayerConfig], options: RunOptions, *, reply_tokens: int | None, as_json: bool
 ) -> None:
-    """Print the estimate of a plan, or of the shard of it that would be played."""
-    plan = plan if options.shard is None else plan.shard(*options.shard)
+    """Print the estimate of a plan."""
     prices = {**prices_in_tables(plan.cells), **given_prices(players), **(options.prices or {})}
     estimates = estimate(plan, prices, reply_tokens=reply_tokens)
     if as_json:

@@ -22,18 +22,9 @@ def export(
     games: Annotated[str | None, typer.Option(help="Only these settings, with commas.")] = None,
     players: Annotated[str | None, typer.Option(help="Only these players, with commas.")] = None,
     completed: Annotated[bool, typer.Option("--completed", help="Only completed games.")] = False,
-    min_score: Annotated[float | None, typer.Option(help="Only episodes with at least this score.")] = None,
-    min_normalized_score: Annotated[
-        float | None, typer.Option(help="Only episodes with at least this normalised score (human score = 1).")
-    ] = None,
     summaries: Annotated[
         bool, typer.Option("--summaries", help="Write rows for prompts for a summary, too (sft, sft-chains).")
     ] = False,
-    pictures: Annotated[
-        bool,
-        typer.Option("--pictures", help="Export episodes with pictures, too, and write these as files (sft formats)."),
-    ] = False,
-    best: Annotated[int | None, typer.Option(help="Only the best N episodes of every game and player.", min=1)] = None,
     tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write finished episodes as training rows or Inspect logs.
@@ -48,13 +39,9 @@ def export(
         out,
         format,
         summaries=summaries,
-        pictures=pictures,
-        games=tuple(options.names(games)),
-        players=tuple(options.names(players)),
+        games=options.names(games),
+        players=options.names(players),
         completed=completed,
-        min_score=min_score,
-        min_normalized_score=min_normalized_score,
-        best=best,
     )
     counted = ", ".join(f"{number:,} {name}" for name, number in exported.counts.items())
     say(f"{exported.folder}: {counted}")

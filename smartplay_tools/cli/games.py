@@ -1,15 +1,11 @@
-"""The commands `games`, `manual` and `schema`, which show the games."""
+"""The commands `games` and `manual`, which show the games."""
 
 from __future__ import annotations
 
-import json
-from typing import Annotated, Any, cast, get_args
-
-import typer
+from typing import Any
 
 from smartplay_tools.cli import options
 from smartplay_tools.cli.show import compact_table, print_json
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.streams import keep_streams, own_output
 from smartplay_tools.terminal import Console
@@ -40,24 +36,6 @@ def manual(game: options.Game, seed: options.Seed = 0) -> None:
         environment = get_spec(game).make()
         environment.reset(seed=seed)
         print(environment.manual, file=own_output())
-
-
-def schema(
-    game: options.Game,
-    form: Annotated[str, typer.Option("--format", help="openai, responses, anthropic or json.")] = "openai",
-) -> None:
-    """Print the tool schemas of a game.
-
-    Example: smartplay-tools schema Hanoi3Disk-v0 --format anthropic
-    """
-    from smartplay_tools.episode import Episode
-    from smartplay_tools.tool_formats.schemas import SchemaFormat, schema
-
-    if form not in get_args(SchemaFormat):
-        raise InvalidArgumentError(f"--format {form}: the formats are {', '.join(get_args(SchemaFormat))}.")
-    with keep_streams(), Episode(game, seed=0) as episode:
-        schemas = [schema(tool, cast(SchemaFormat, form)) for tool in episode.tools]
-        print(json.dumps(schemas, indent=2), file=own_output())
 
 
 def _facts(name: str) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from smartplay_tools.cli.threads import replayed_threads, thread_files
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.merge import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
+from smartplay_tools.evaluation.runs.audit import EpisodeAudit, audit, check_tokenizers, import_named, is_called_again
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.terminal import Console, Text
@@ -124,18 +124,12 @@ def _replay_run(
         _print_findings(path, findings)
         for sentence in sorted({finding.not_compared for finding in findings if finding.not_compared is not None}):
             _say(sentence)
-        _print_unfinished(folder)
+        now = run_snapshot(folder)
+        if now.paused or now.running:
+            _say(f"{now.paused} paused, {now.running} running; not replayed")
     if any(finding.differences for finding in findings):
         return DIFFERS
     return NOT_REPLAYED if any(finding.not_replayed for finding in findings) else 0
-
-
-def _print_unfinished(folder: RunFolder) -> None:
-    """List the episodes that have no result yet, which are not replayed."""
-    for cell in run_snapshot(folder).cells:
-        if cell.paused or cell.running:
-            what = f"{cell.paused} paused, {cell.running} running; not replayed"
-            _say(f"{cell.game}, {cell.player}: {what}")
 
 
 def _print_findings(path: Path, findings: Sequence[EpisodeAudit]) -> None:

@@ -24,17 +24,13 @@ def report(
         "report.html"
     ),
     title: Annotated[str | None, typer.Option(help="The page's title; the run's name if not given.")] = None,
-    episodes: Annotated[
-        str | None,
-        typer.Option(help="The episodes that the page holds: a number (the first trials) or all; for very large runs."),
-    ] = None,
     plugins: options.Plugins = False,
     game: options.GameFiles = None,
     tokenizer: options.Tokenizers = None,
 ) -> None:
     """Write one self-contained HTML page that replays every episode of a run; it opens from disk, without a network.
 
-    Of several runs, the page has their comparison and shows pairs of episodes side by side.
+    Of several runs, the page has their comparison.
 
     Example: smartplay-tools report runs/first --out first.html
     """
@@ -42,6 +38,6 @@ def report(
     from smartplay_tools.evaluation.pages.report.page import write_report
 
     options.import_games(game)
-    path = write_report(runs, out, title=title, episodes=episodes, plugins=plugins)
+    path = write_report(runs, out, title=title, plugins=plugins)
     size = path.stat().st_size / 1e6
     say(f"{path} ({size:.1f} MB): open it in a browser.")

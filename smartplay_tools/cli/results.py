@@ -6,14 +6,14 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
 from smartplay_tools.cli import options, program
 from smartplay_tools.cli.formats import FormatOption, print_tables
 from smartplay_tools.cli.options import Format
-from smartplay_tools.cli.progress import print_running, spending_sentences
+from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.cli.threads import print_threads, thread_files
 from smartplay_tools.evaluation.analysis.details import details, failures_table
@@ -54,7 +54,6 @@ def results(
     form: FormatOption = Format.TEXT,
     as_json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(help="Write a CSV file with a row for each episode.")] = None,
-    weights: Annotated[str, typer.Option(help="How capabilities are weighted: paper or zero-based.")] = "paper",
 ) -> None:
     """Show the scores of runs with intervals, tokens and cost; with --all also mistakes, ends and differences.
 
@@ -66,7 +65,7 @@ def results(
     if files := thread_files(folders):
         print_threads(files, form)
         return
-    shown = read_each(folders, lambda folder: _read(folder, weights))
+    shown = read_each(folders, _read)
     if csv is not None:
         several = len(shown) > 1
         write_csv([{"run": str(run.folder.path), **row} if several else row for run in shown for row in run.rows], csv)
@@ -123,11 +122,10 @@ def print_next(console: Console, folders: Sequence[Path], *, everything: bool = 
         say(f"  {command}")
 
 
-def _read(folder: Path, weights: str) -> _Shown:
+def _read(folder: Path) -> _Shown:
     run = RunFolder(folder)
     rows, failures = run.rows(), run.failures()
-    summary = summarize(rows, failures, weights=cast(Any, weights))
-    return _Shown(run, list(rows), run_snapshot(run), summary)
+    return _Shown(run, list(rows), run_snapshot(run), summarize(rows, failures))
 
 
 def _facts(run: _Shown) -> dict[str, Any]:
@@ -145,8 +143,8 @@ def _show(console: Console, run: _Shown, *, everything: bool) -> None:
     counted = {"running": now.running, "paused by a cap": now.paused, "failed attempts": now.failed}
     others = "".join(f", {count} {what}" for what, count in counted.items() if count)
     say(f"{run.folder.path}: {now.finished} of {now.planned} episodes finished{others}\n")
-    if now.finished < now.planned:
-        print_running(console, now)
+    if now.is_live:
+        say(f"Now: {now.describe()}.\n")
     for table in run_tables(run.rows, run.summary, everything=everything):
         print_table(console, table)
     for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):

@@ -35,15 +35,13 @@ Prices = Annotated[
 ]
 
 
-def player_configs(
-    names: Sequence[str], urls: Sequence[str] | None, pairs: Sequence[str] | None, configs: Sequence[PlayerConfig] = ()
-) -> list[PlayerConfig]:
-    """Return the players of a run, from the run file or by name, with the options of the command line.
+def player_configs(names: Sequence[str], urls: Sequence[str] | None, pairs: Sequence[str] | None) -> list[PlayerConfig]:
+    """Return the players of a run by their names, with the options of the command line.
 
     An option is of one player as NAME.KEY=VALUE, else of all. A server is of one player as NAME=URL, else of every
     model (such as `openai:MODEL`).
     """
-    players = [player for name in names for player in _named(name, configs)]
+    players = list(map(player_named, names))
     common: dict[str, Any] = {}
     own: dict[str, dict[str, Any]] = {}
     for pair in pairs or []:
@@ -67,10 +65,6 @@ def player_configs(
     ]
 
 
-def _named(name: str, configs: Sequence[PlayerConfig]) -> list[PlayerConfig]:
-    return [config for config in configs if config.name == name] or [player_named(name)]
-
-
 @dataclass(frozen=True)
 class RunCommand:
     """The options that `eval` and `sweep` have in common, as they were given."""
@@ -86,7 +80,6 @@ class RunCommand:
     executor: Annotated[
         str | None, _option("--executor", help="inline, processes, async or ray; chosen for each player if not given.")
     ] = None
-    shard: Annotated[str | None, _option(metavar="I/N", help="Play only part I of N; `merge` joins the parts.")] = None
     run_tokens: RunTokens = None
     run_cost: RunCost = None
     price: Prices = None
@@ -97,18 +90,17 @@ class RunCommand:
     quiet: Annotated[bool, _option("--quiet", help="Show no progress.")] = False
     as_json: options.Json = False
 
-    def players(self, names: Sequence[str], configs: Sequence[PlayerConfig] = ()) -> list[PlayerConfig]:
+    def players(self, names: Sequence[str]) -> list[PlayerConfig]:
         """Return the players of the run (`player_configs`), of which there has to be one."""
         if not names:
             raise InvalidArgumentError("Name at least one player.")
-        return player_configs(names, self.base_url, self.player_option, configs)
+        return player_configs(names, self.base_url, self.player_option)
 
-    def play(self, plan: Plan, players: Sequence[PlayerConfig], *, run_file: str | None = None) -> Run | None:
+    def play(self, plan: Plan, players: Sequence[PlayerConfig]) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
         how = RunOptions(
             executor=self.executor,
             workers=self.workers,
-            shard=read_shard(self.shard),
             run_tokens=self.run_tokens,
             run_cost=self.run_cost,
             prices=prices(self.price),
@@ -120,7 +112,7 @@ class RunCommand:
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
         display = not_shown if quiet else partial(showing, Console(stderr=True))
-        return run_plan(plan, self.out, players, how, run_file=run_file, display=display)
+        return run_plan(plan, self.out, players, how, display=display)
 
 
 def with_run_options(*, out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -168,13 +160,3 @@ def prices(pairs: list[str] | None) -> dict[str, Price]:
             raise InvalidArgumentError(f"--price {pair} names no player; write it as PLAYER=INPUT,OUTPUT.")
         given[player] = Price.parse(numbers)
     return given
-
-
-def read_shard(text: str | None) -> tuple[int, int] | None:
-    """Return the numbers of "I/N"."""
-    if text is None:
-        return None
-    number, _, count = text.partition("/")
-    if not (number.isdigit() and count.isdigit()):
-        raise InvalidArgumentError(f"--shard {text} is invalid; write it as 1/4.")
-    return int(number), int(count)

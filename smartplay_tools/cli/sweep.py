@@ -1,4 +1,4 @@
-"""The commands `sweep`, which plays the same episodes with every window of a grid, and `merge`, which joins shards."""
+"""The command `sweep`, which plays the same episodes with every window of a grid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import table_console
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
-from smartplay_tools.evaluation.runs.merge import merge as merge_parts
 from smartplay_tools.evaluation.runs.plan import plan_episodes
 from smartplay_tools.evaluation.runs.sweeps import AXES, Sweep, grid
 from smartplay_tools.installation import install_command
@@ -72,20 +71,3 @@ def _print_files(folder: Path, written: Sequence[Path]) -> None:
     if not any(path.parent.name == "figures" for path in written):
         say(f"For figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
-
-
-def merge(
-    parts: Annotated[list[Path], typer.Argument(help="Folders of the run's shards.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="The new folder for the whole run.")],
-) -> None:
-    """Merge the shards of a run.
-
-    It exits with code 1 if planned episodes are missing.
-
-    Example: smartplay-tools merge runs/part1 runs/part2 --out runs/whole
-    """
-    whole = merge_parts(parts, out)
-    finished, planned = len(whole.rows()), len(whole.manifest().episodes)
-    say(f"{out}: {finished} of {planned} episodes are finished.")
-    if finished < planned:
-        raise typer.Exit(1)

@@ -71,8 +71,7 @@ class Units(dict[Form, Unit]):
 class Prefixes:
     """The prefixes of requests that end with a unit, each with a number; equal ones have the same.
 
-    They form a tree: each prefix extends another by one unit. The empty prefix is 0. A prefix has the number after that
-    of the one it extends, unless that one was extended by another unit before.
+    They form a tree: each prefix extends another by one unit. The empty prefix is 0.
     """
 
     def __init__(self, ratio: Fraction | None = None, *, by_purpose: bool = False) -> None:
@@ -90,12 +89,8 @@ class Prefixes:
         """For each request the prefix that is itself with its reply."""
         self._ratio, self._by_purpose = ratio, by_purpose
         self._tagged: dict[tuple[Unit, Purpose], Unit] = {}
-        self._before = [0]
-        """Each prefix without its last unit."""
-        self._units: list[Unit] = [Unit(-1, 0, 0, is_system=False)]
-        """The last unit of each prefix."""
-        self._branches: dict[tuple[int, int], int] = {}
-        """The prefixes whose number is not the next, by the one before and the last unit."""
+        self._longer: dict[tuple[int, int], int] = {}
+        """The prefix that is another one and a unit, by that one and the unit's number."""
         self._replies: set[int] = set()
         """The prefixes that end with a reply, and with which no request begins."""
         self.blocks = [0]
@@ -135,20 +130,13 @@ class Prefixes:
 
     def _after(self, prefix: int, unit: Unit) -> int | None:
         """The prefix that is this one and a unit, if there is one."""
-        following = prefix + 1
-        if following < len(self._units) and self._before[following] == prefix and self._units[following] is unit:
-            return following
-        return self._branches.get((prefix, unit.number))
+        return self._longer.get((prefix, unit.number))
 
     def _grown(self, prefix: int, units: Sequence[Unit]) -> Sequence[int]:
         """Number the prefixes that extend one by each of these units in turn."""
-        first = len(self._units)
-        if units and first != prefix + 1:
-            self._branches[prefix, units[0].number] = first
-        new = range(first, first + len(units))
-        self._before += (prefix, *new)[: len(units)]
-        self._units += units
-        for unit, before in zip(units, (prefix, *new), strict=False):
+        new = range(len(self._tokens), len(self._tokens) + len(units))
+        for unit, before, number in zip(units, (prefix, *new), new, strict=False):
+            self._longer[before, unit.number] = number
             self._tokens.append(self._tokens[before] + unit.tokens)
             self.blocks.append(self.blocks[before] + unit.blocks)
         return new

@@ -11,7 +11,7 @@ To add a rule:
 3. Add its command-line option to `RULES` in `cli/episode_options.py`.
 4. Add its keyword to `RunKeywords` in `evaluation/runs/run_options.py`, which type checkers read.
 
-`Episode`, runs, run files, rows, tables, figures and the list of deviations take the rules from the fields. A rule
+`Episode`, runs, rows, tables, figures and the list of deviations take the rules from the fields. A rule
 whose default is not the paper's is named in `_PAPER_RULES`, too.
 
 `deviations` lists everything in which an episode differs from the protocol of the SmartPlay paper. The paper's prompts

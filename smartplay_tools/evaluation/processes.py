@@ -18,11 +18,9 @@ import signal
 import sys
 import threading
 import traceback
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -224,39 +222,22 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-LONGEST_CHUNK = 32
-"""The most records in a chunk. With fewer, processes would wait for their next chunk when records are short."""
-
-SHARES = 32
-"""The chunks for each process into which fewer records are split, so that all end at about the same time."""
-
-T = TypeVar("T")
-R = TypeVar("R")
-
-
-def parallel_map(work: Callable[[Sequence[T]], R], items: Sequence[T], processes: int) -> Iterator[tuple[int, R]]:
-    """Do the work on chunks of the items; yield each chunk's number and its result, in the order of completion.
+def parallel_map(work: Callable[[J], A], items: Iterable[J], processes: int) -> Iterator[A]:
+    """Yield what the work returns for each item, in the order of completion.
 
     With fewer than two processes, this one does it. `work` and the items must be picklable.
     """
-    size = max(1, min(LONGEST_CHUNK, len(items) // (SHARES * processes)))
-    left = deque(enumerate(items[first : first + size] for first in range(0, len(items), size)))
+    left, all_live = iter(items), True
+
+    def take() -> J | None:
+        return next(left, None) if all_live else None
+
     if processes > 1:
-        all_live = True
-
-        def take() -> tuple[int, Sequence[T]] | None:
-            return left.popleft() if left and all_live else None
-
-        with ProcessPool(partial(_work_on, work), processes) as pool:
-            for (number, chunk), result in pool.run(take):
+        with ProcessPool(work, processes) as pool:
+            for item, result in pool.run(take):
                 all_live = all_live and not isinstance(result, Lost)
-                yield number, work(chunk) if isinstance(result, Lost) else result
-    for number, chunk in left:
-        yield number, work(chunk)
-
-
-def _work_on(work: Callable[[Sequence[T]], R], job: tuple[int, Sequence[T]]) -> R:
-    return work(job[1])
+                yield work(item) if isinstance(result, Lost) else result
+    yield from map(work, left)
 
 
 def worth(processes: int, records: Iterable[Path], size: int) -> int:

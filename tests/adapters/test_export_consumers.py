@@ -69,14 +69,11 @@ def test_sft_trainer_trains_on_the_replies_only(run, tmp_path, name, monkeypatch
 
 
 def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
-    export(run, tmp_path / "data", "sft", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
+    heads = map(Record.head, sorted((run / "episodes").glob("*.jsonl")))
+    record = next(head.path for head in heads if (head.game, head.player) == ("Hanoi3Disk-v0", "rule"))
+    assert record is not None
+    export(record, tmp_path / "data", "sft")
     rows = read(tmp_path)
-    (record,) = [
-        path
-        for path in (run / "episodes").glob("*.jsonl")
-        if (each := Record.read(path)).player == "rule"
-        and (each.result.game, each.result.seed) == (rows[0]["game"], rows[0]["seed"])
-    ]
     tokenizer = tiny_model.tokenizer()
     for row, sent in zip(rows, Record.read(record).prompts, strict=True):
         exported = tokenizer.apply_chat_template(row["prompt"], tools=json.loads(row["tools"]), tokenize=False)
@@ -90,7 +87,7 @@ def test_what_is_trained_on_is_the_recorded_prompt(run, tmp_path):
 
 def test_every_reply_of_a_chain_is_trained_once(run, tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",), best=1)
+    export(run, tmp_path / "data", "sft-chains", players=("rule",), games=("Hanoi3Disk-v0",))
     rows = read(tmp_path)
     tokenizer = tiny_model.tokenizer()
     trainer = SFTTrainer(

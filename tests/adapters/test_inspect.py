@@ -395,7 +395,8 @@ def test_openai_is_told_which_prompts_belong_to_an_episode(options, key, respons
     episode, _ = fresh(sp.Budget(tool_calls=3))
     arguments = {"responses_api": responses, "api_key": "k", **options.get("model_args", {})}
     # Before its first Responses request, Inspect asks whether the model can summarise its reasoning.
-    server = DialectServer(replace(DIALECTS["OpenAI Responses" if responses else "OpenAI"], model="gpt-5.5"), SOLVED)
+    dialect = DIALECTS["OpenAI Responses" if responses else "OpenAI"]
+    server = DialectServer(replace(dialect, model="gpt-5.5", cannot=["thoughts"]), SOLVED)
     with reached(server), episode:
         model = get_model("openai/gpt-5.5", memoize=False, base_url=server.base_url, **arguments)
         task = Task([Sample(input="Play.")], solver=smartplay_agent(lambda state, record: episode))

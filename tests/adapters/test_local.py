@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("xllamacpp", reason="needs smartplay-tools[local]; `.ci/run` has an environment with it")
 
 from smartplay_gateway import LocalEndpoint
-from smartplay_local import LocalPlayer, LocalServer, measure
+from smartplay_local import LocalPlayer, LocalServer
 from smartplay_local.engine import Loading, idle_threads, shared_server
 from smartplay_local.model_files import KNOWN_MODELS, find_model, read_gguf
 from smartplay_local.player import tried
@@ -147,11 +147,6 @@ def test_the_engine_takes_every_prompt_whatever_its_model_has_said(server, strea
             conversation.receive(chat_reply(whole_answer(DIALECTS["llama.cpp"], reply, number)).message)
         assert asks.reply(conversation.prompt()).usage.prompt > 0
         assert episode.stats.steps == 1
-
-
-@needs_model
-def test_speed_is_measured():
-    assert min(measure(MODEL.name, tokens=4, turns=2).values()) > 0
 
 
 @needs_model

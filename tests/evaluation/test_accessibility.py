@@ -78,10 +78,6 @@ def test_the_site(opened, runs):
         assert_accessible(page)
         for record in [*records(runs / "one")[::3], *records(runs / "two")]:
             assert_accessible(opened(f"{server.url}episode/{record}#turn=20"))
-        asked = "&".join(f"episode={record}" for record in records(runs / "one")[:3])
-        page = opened(f"{server.url}compare?{asked}#step=5")
-        page.locator("#compare-sides .side").nth(2).wait_for()
-        assert_accessible(page)
 
 
 def test_the_report_of_several_runs_and_a_page_to_send(opened, runs, tmp_path):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.merge import audit as audited
+from smartplay_tools.evaluation.runs.audit import audit as audited
 from smartplay_tools.evaluation.runs.runner import Run
 from tests.evaluation.command import result_of
 from tests.evaluation.report_runs import known_for_now
@@ -114,7 +114,7 @@ def test_a_planned_episode_without_a_row_is_missing(run):
 
 @pytest.fixture
 def _every_record_is_worth_a_process(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.merge"), "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(importlib.import_module("smartplay_tools.evaluation.runs.audit"), "WORTH_A_PROCESS", 1)
 
 
 @pytest.mark.usefixtures("_every_record_is_worth_a_process")

@@ -1,4 +1,4 @@
-"""Capability scores: the paper's formula, the original's weights, and what is left out."""
+"""Capability scores: the paper's formula, and what is left out."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from smartplay_tools.games.paper_tables import CAPABILITIES, PAPER_SETTINGS
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 
 
-def by_name(normalized, **weights):
-    return {score.capability: score for score in capability_scores(normalized, **weights).scores}
+def by_name(normalized):
+    return {score.capability: score for score in capability_scores(normalized).scores}
 
 
 def test_a_score_is_the_mean_weighted_by_degrees():
@@ -26,23 +26,9 @@ def test_a_score_is_the_mean_weighted_by_degrees():
     assert scores["understanding the odds"].estimate.mean == pytest.approx((3 * 0.5 + 1 * 1) / 4)
 
 
-def test_zero_based_weights_drop_what_hardly_matters():
-    scores = by_name({BANDIT: [0.4, 0.6], HANOI: [1.0, 1.0]}, weights="zero-based")
-    assert scores["reasoning"].estimate.mean == 1
-    assert scores["understanding the odds"].estimate.mean == pytest.approx(0.5)
-
-
-def test_where_the_weights_vanish_there_is_no_score_and_a_reason():
-    scores = by_name({BANDIT: [0.5, 0.6], RPS: [0.7, 0.8]}, weights="zero-based")
-    assert scores["planning"].estimate is None
-    assert "zero-based weights vanish" in scores["planning"].reason
-    assert by_name({BANDIT: [0.5, 0.6], RPS: [0.7, 0.8]})["planning"].estimate is not None
-
-
 def test_a_human_scores_one_everywhere():
     human = {game: [PAPER_RESULTS[0].normalized[game]] * 2 for game in PAPER_SETTINGS}
-    for weights in ("paper", "zero-based"):
-        assert all(s.estimate.mean == pytest.approx(1) for s in capability_scores(human, weights=weights).scores)
+    assert all(s.estimate.mean == pytest.approx(1) for s in capability_scores(human).scores)
 
 
 def test_settings_without_a_normalised_score_are_left_out_and_named():

@@ -10,7 +10,7 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.pairs import MEASURES, paired_difference, sample
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs.merge import audit, merge
+from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.runner import Run
 from smartplay_tools.types.messages import text_of
@@ -73,22 +73,6 @@ def test_what_carries_nothing_has_no_new_fields(tmp_path):
 )
 def test_every_executor_plays_the_same_records(played, tmp_path, how):
     assert records(run(tmp_path / "run", **how)) == records(played)
-
-
-def test_shards_hold_whole_chains_and_merge_to_the_same_records(played, tmp_path):
-    parts = [run(tmp_path / f"part{number}", shard=(number, 2)) for number in (1, 2)]
-    assert [{row["trial"] // 3 for row in part.rows} for part in parts] in ([{0}, {1}], [{1}, {0}])
-    whole = merge([part.folder.path for part in parts], tmp_path / "whole")
-    assert records(whole) == records(played)
-
-
-def test_a_part_of_a_chain_is_not_merged(played, tmp_path):
-    for number in (1, 2):
-        run(tmp_path / f"part{number}", shard=(number, 2))
-    part = RunFolder(tmp_path / "part1")
-    part.transcript(part.rows()[0]["key"]).unlink()
-    with pytest.raises(sp.InvalidArgumentError, match="has no record"):
-        merge([part.path, tmp_path / "part2"], tmp_path / "whole")
 
 
 def test_a_longer_run_continues_its_last_chain(played, tmp_path):

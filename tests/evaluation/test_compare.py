@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.analysis.comparison import compare
+from smartplay_tools.evaluation.analysis.comparison import as_rows, compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
+from smartplay_tools.evaluation.analysis.decisions import Margin
+from smartplay_tools.evaluation.analysis.formats import rows_to_csv
 from tests.evaluation.command import refused
 from tests.evaluation.window_rows import row
 
@@ -106,6 +109,15 @@ def test_episodes_that_are_compared_with_nothing_are_counted():
         in comparison_tables(comparison)[0].notes
     )
     assert compare({"a": both, "b": both}).uncompared == 0
+
+
+def test_a_pairing_without_pairs_has_no_verdict_beside_those_that_have_one():
+    unpaired = [r | {"trial": 99} for r in episodes([1, 2])]
+    runs = {"a": episodes([1, 2]) + episodes([1, 2], game=RPS), "b": unpaired + episodes([1, 2], game=RPS)}
+    comparison = compare(runs, margin=Margin(1))
+    assert [row[-1] for row in comparison_tables(comparison)[0].rows if len(row) > 1] == ["", "-", "", "undecided"]
+    (none, judged) = csv.DictReader(rows_to_csv(as_rows(comparison)).splitlines())
+    assert (none["verdict"], judged["verdict"]) == ("", "undecided")
 
 
 def test_runs_without_a_game_in_common_are_refused():

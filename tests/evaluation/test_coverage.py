@@ -11,6 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs, repeats
+from smartplay_tools.evaluation.analysis.decisions import decide
 from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.statistics.distributions import wilson
@@ -125,3 +126,17 @@ def test_repeats(worlds):
 def test_no_episode_leaves_the_declared_bounds():
     for (game, *_), scores in SCORES.items():
         assert bounds(game).hold(tuple(sorted(scores.tolist())))
+
+
+@pytest.mark.slow
+def test_the_words_of_a_comparison_are_seldom_wrong():
+    """Two players that score alike are "different", and two that differ by the margin "equivalent", in about 5 %."""
+    values, margin = SCORES[HANOI, "random", 50], 0.5
+    first, second = np.random.default_rng(0).choice(values, size=(2, REPETITIONS, 20))
+    within = bounds(HANOI).of_differences
+
+    def share(word, shift):
+        return np.mean([decide(Sample([*each], within), margin).word == word for each in first - second + shift])
+
+    assert share("different", 0) <= 0.065
+    assert share("equivalent", margin) <= 0.065

@@ -36,7 +36,6 @@ COMMANDS = {
     "cost": ("cost", "{run}", "{good}"),
     "export": ("export", "{run}", "--format", "sft", "--out", "{out}.jsonl"),
     "export of episodes": ("export", "{run}", "--format", "sft-chains", "--out", "{out}"),
-    "merge": ("merge", "{run}", "--out", "{out}"),
     "replay": ("replay", "{run}", "--workers", "1"),
     "view": (),
 }

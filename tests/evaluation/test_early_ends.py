@@ -12,7 +12,6 @@ from smartplay_tools.evaluation.analysis.headline import TERMS, headline
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
-from smartplay_tools.evaluation.exports.sft import EpisodeSelection
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records import Record, replay
 from smartplay_tools.records.rows import mean_score, recorded_score
@@ -76,7 +75,6 @@ def test_every_reader_of_a_run_counts_so_where_the_game_is_not_known(cards, tmp_
         elsewhere.setattr(GAMES, "_specs", {})
         assert summarize(run.folder.rows()).cells[0].score.mean == pytest.approx(sum(counted) / 4)
         assert [recorded_score(Record.head(path)) for path in paths] == pytest.approx(counted)
-        assert EpisodeSelection(min_score=0.5).choose(tmp_path)[0] == []
         site = [dict(zip(COLUMNS, one, strict=True)) for one in site_runs.SiteRun(tmp_path, "").episodes()]
         assert [one["counted"] for one in site] == pytest.approx(counted)
     older = [dict(event) for event in Record.read(paths[0]).events]

@@ -1,4 +1,4 @@
-"""`smartplay-tools eval` and `merge` as a user runs them."""
+"""`smartplay-tools eval` as a user runs it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,6 @@ def test_an_incomplete_run_says_so_and_is_no_success(tmp_path):
     [
         (["--suite", "icml"], "There is no suite 'icml'; the suites are paper, tools-v1."),
         (["--prompt-tokens", "50"], f"{HANOI}, rule, prompts <= 50: prompt_tokens=50 cannot hold the head"),
-        (["--shard", "half"], "--shard half is invalid; write it as 1/4."),
         (["--price", "3,4"], "--price 3,4 names no player"),
         (["--price", "rule=3"], "'3' is not a price"),
         (["--price", "ruel=3,4"], "The run has no player ruel that could have a price; it has rule."),
@@ -87,9 +86,6 @@ def test_a_dry_run_tells_the_price_and_plays_nothing(tmp_path):
     assert bandit["cost"]["high"] == pytest.approx(dollars, rel=0.1)
     assert 0 < bandit["cost"]["low"] < bandit["cost"]["expected"] < bandit["cost"]["high"]
     assert not (tmp_path / "run").exists()
-    shards = [json.loads(run(*arguments, "--shard", f"{number}/4", "--json")[1]) for number in (1, 2, 3, 4)]
-    assert sum(cell["episodes"] for shard in shards for cell in shard) == 20
-    assert all(cell["episodes"] in (2, 3) for shard in shards for cell in shard)
     _, table, _ = run(*arguments)
     assert "assumed to have 75 to 300 tokens" in table
     assert "--reply-tokens makes it a cap" in table
@@ -115,23 +111,8 @@ def test_a_dry_run_obeys_the_caps_of_an_episode_and_the_length_that_is_assumed()
     assert max(tokens["prompt_tokens"]["high"], tokens["reply_tokens"]["high"]) <= 5000 * 1.1
 
 
-def test_shards_are_merged_by_command(tmp_path):
-    arguments = ("eval", "--games", HANOI, "--players", "random", "--trials", 4, "--executor", "inline")
-    for number in (1, 2):
-        assert run(*arguments, "--shard", f"{number}/2", "--out", tmp_path / str(number))[0] == 0
-    code, output, _ = run("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "whole")
-    assert (code, output) == (0, f"{tmp_path / 'whole'}: 4 of 4 episodes are finished.\n")
-    assert run("merge", tmp_path / "1", "--out", tmp_path / "whole")[0] == 2
-    code, output, _ = run("merge", tmp_path / "1", "--out", tmp_path / "half")
-    assert (code, output) == (1, f"{tmp_path / 'half'}: 2 of 4 episodes are finished.\n")
-
-
-def test_a_terminal_shows_a_bar_for_every_game(tmp_path, capsys):
+def test_a_terminal_shows_how_far_a_run_is(tmp_path, capsys):
     plan = plan_episodes(make_cells([BANDIT, HANOI], ["rule", "random"], [sp.Budget()]), trials=2)
     console = Console(force_terminal=True, width=120)
     run_plan(plan, tmp_path, options=RunOptions(executor="inline"), display=partial(showing, console))
-    shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "\n", capsys.readouterr().out).replace("\n", "")
-    for game, score in ((BANDIT, "score 3"), (HANOI, "score 1.50")):
-        last = shown.rpartition(game)[2]
-        assert "4/4" in last
-        assert score in last
+    assert "8/8 episodes" in re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", capsys.readouterr().out)

@@ -8,7 +8,7 @@ import gc
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.full_disk import DiskFullError
+from smartplay_tools.files.full_disk import DiskFullError
 from smartplay_tools.files.lines import AppendedFile
 from tests.evaluation.runs import under_way
 

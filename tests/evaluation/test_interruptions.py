@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.runs.audit import audit
 from tests.processes import heed_interrupts, is_running, is_soon, needs_proc, needs_unix
 
 pytestmark = pytest.mark.slow

@@ -352,13 +352,6 @@ def test_mistakes_are_marked_and_found(show, tmp_path):
     assert "called no tool" in page.locator("#answers").text_content()
     page.keyboard.press("M")
     assert page.locator("#turn-title").text_content() == "Turn 1"
-    page.keyboard.press("s")  # for an audience: it plays, on the whole screen
-    page.wait_for_function("() => shown.turn === 2")
-    assert page.evaluate("location.hash").endswith("&show")
-    assert all(page.locator(part).is_visible() for part in ("#game", "#said", "#band"))
-    assert not any(page.locator(part).is_visible() for part in ("#answers", "#rules-card", ".top"))
-    page.keyboard.press("Escape")
-    assert page.locator("#answers").is_visible()
 
 
 def test_of_several_calls_in_a_message_each_can_be_looked_at(show, tmp_path):

@@ -33,9 +33,9 @@ def _small_limit(monkeypatch):
     monkeypatch.setattr(sources, "MOST_EPISODES", 5)
 
 
-def held(runs, asked: str | None) -> list[str]:
+def held(*runs) -> list[str]:
     """The keys of the episodes that a page would hold."""
-    chosen = sources.choose(sources.find_runs(runs), asked)
+    chosen = sources.that_open_well(sources.find_runs(runs))
     return [source.key for shown in chosen for source in shown.sources.episodes]
 
 
@@ -43,52 +43,51 @@ def test_a_page_of_too_many_episodes_holds_the_first_trials_and_says_so(run, tmp
     shown = shown_by("report", run, "--out", tmp_path / "page.html")
     assert "holds 5 of 6 episodes, the first trials" in shown
     assert "This page holds 5 of 6 episodes" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert len(held([run], "all")) == 6
 
 
 def test_records_that_are_too_large_are_too_many(run, monkeypatch):
     monkeypatch.setattr(sources, "MOST_EPISODES", 6)
+    assert len(held(run)) == 6
     monkeypatch.setattr(sources, "MOST_BYTES", 1)
     with pytest.warns(SmartPlayWarning, match="holds 1 of 6"):
-        assert len(held([run], None)) == 1
+        assert len(held(run)) == 1
 
 
-def test_a_number_takes_the_first_trials_of_every_game(run):
+def test_the_first_trials_of_every_game_are_held(run, monkeypatch):
+    monkeypatch.setattr(sources, "MOST_EPISODES", 2)
     rows = {row["key"]: row for row in RunFolder(run).rows()}
-    assert {(rows[key]["game"], rows[key]["trial"]) for key in held([run], "2")} == {(HANOI, 0), (BANDIT, 0)}
-
-
-def test_what_chooses_nothing_is_an_error(run):
-    for asked in ("failed", "0", "last"):
-        with pytest.raises(sp.InvalidArgumentError, match=f"--episodes {asked} chooses no episode"):
-            held([run], asked)
+    with pytest.warns(SmartPlayWarning, match="holds 2 of 6"):
+        assert {(rows[key]["game"], rows[key]["trial"]) for key in held(run)} == {(HANOI, 0), (BANDIT, 0)}
 
 
 def test_episodes_of_several_runs_are_pairs(run, tmp_path):
     budget = sp.Budget(tool_calls=3)
     sp.evaluate([HANOI, BANDIT], ["random"], out=tmp_path / "b", trials=3, budgets=budget, executor="inline")
-    chosen = sources.choose(sources.find_runs([run, tmp_path / "b"]), "4")
+    with pytest.warns(SmartPlayWarning, match="holds 4 of 12"):
+        chosen = sources.that_open_well(sources.find_runs([run, tmp_path / "b"]))
     trials = [[source.facts["trial"] for source in shown.sources.episodes] for shown in chosen]
     assert trials == [[0, 0], [0, 0]]
-    with pytest.warns(SmartPlayWarning, match="holds 4 of 12"):
-        assert held([run, tmp_path / "b"], None) == held([run, tmp_path / "b"], "4")
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The page holds")
 def test_the_tables_are_of_all_episodes(run, monkeypatch):
     # Figures take long to draw, and no test here is about them.
     monkeypatch.setattr("smartplay_tools.evaluation.pages.report.page.figures", lambda runs: [])
-    page = report.render_report(run, episodes="2")
+    monkeypatch.setattr(sources, "MOST_EPISODES", 2)
+    page = report.render_report(run)
     shown = [episode.key for episode in RunFolder(run).manifest().episodes if episode.key in page]
-    assert sorted(shown) == sorted(held([run], "2")) == sorted(unpacked(page, "pack-0"))
+    assert sorted(shown) == sorted(held(run)) == sorted(unpacked(page, "pack-0"))
     assert "This page holds 2 of 6 episodes" in page
-    assert re.findall(r"In all: (\d) finished episodes", page) == ["6"]
-    assert "This page holds" not in report.render_report(run, episodes="all")
+    assert re.findall(r'<td class="rules">\s*random[^<]*</td><td class="number">(\d)</td>', page)[:1] == ["3"]
+    monkeypatch.setattr(sources, "MOST_EPISODES", 6)
+    assert "This page holds" not in report.render_report(run)
 
 
-def test_a_record_that_cannot_be_shown_is_named(run, tmp_path):
+def test_a_record_that_cannot_be_shown_is_named(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(sources, "MOST_EPISODES", 6)
     copied = shutil.copytree(run, tmp_path / "run")
     records = sorted((copied / "episodes").glob("*.jsonl"))
     records[2].write_text(records[2].read_text().replace('"position": ', '"place": '))
     with pytest.warns(DamageWarning, match=records[2].name):
-        report.render_report(copied, episodes="all")
+        report.render_report(copied)

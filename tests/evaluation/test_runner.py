@@ -13,14 +13,12 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs.merge import merge
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.suites import suite_games
 from smartplay_tools.games.seeds import trial_seed
-from smartplay_tools.providers.prices import Price
 from tests.evaluation.command import shown_by
-from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver, Metered
+from tests.evaluation.players import Broken, BrokenOnce, Connected, Killer, Leaver
 
 BANDIT, RPS, HANOI = "BanditTwoArmedHighLowFixed-v0", "RockPaperScissorBasic-v0", "Hanoi3Disk-v0"
 GAMES = [BANDIT, HANOI]
@@ -87,7 +85,7 @@ def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_
     """Its manifest has the margin of `--until decided`, and two of its three planned trials were not needed."""
     plan = {"games": [HANOI], "players": ["rule"], "out": tmp_path, "executor": "inline"}
     sp.evaluate(**plan, trials=1)
-    planned = plan_episodes(make_cells([HANOI], ["rule"], [sp.Budget()]), trials=3).manifest(shard=None, prices={})
+    planned = plan_episodes(make_cells([HANOI], ["rule"], [sp.Budget()]), trials=3).manifest({})
     older = planned.model_copy(update={"until": {"margin": "0.1h", "clip": None, "by": "score"}})
     (tmp_path / "manifest.json").write_text(json.dumps(older.to_json()))
     for command in ("replay", "results"):
@@ -132,7 +130,6 @@ def test_what_cannot_be_played_is_told_before_the_first_episode_with_its_cells(t
         ({"trials": 0}, "at least 1"),
         ({"workers": 0}, "at least 1"),
         ({"executor": "fork"}, "no executor 'fork'"),
-        ({"shard": (3, 2)}, "no shard 3 of 2"),
         ({"engine": "voxel"}, "None of the games has an engine 'voxel'"),
         ({"player_options": {"marks": {1, 2}}}, "Options are recorded, so they must be JSON"),
         ({"run_tokens": -5}, "run_tokens must be above 0"),
@@ -237,57 +234,17 @@ def test_a_player_that_serves_many_episodes_is_opened_anew_for_those_that_are_tr
     assert (Connected.opened, Connected.closed) == (2, 2)
 
 
-def test_shards_put_together_are_the_whole_run(tmp_path):
-    arguments = {"players": ["random"], "trials": 3, "executor": "inline"}
-    sp.evaluate(GAMES, out=tmp_path / "whole", **arguments)
-    for number in (1, 2):
-        run = sp.evaluate(GAMES, out=tmp_path / str(number), shard=(number, 2), **arguments)
-        assert run.complete
-        assert 2 <= len(run.rows) <= 4
-    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    assert results(tmp_path / "merged") == results(tmp_path / "whole")
-    again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)
-    assert len(again.folder.timings()) == 6
-    merge([tmp_path / "1"], tmp_path / "half")  # which is played to its end
-    sp.evaluate(GAMES, out=tmp_path / "half", **arguments)
-    assert results(tmp_path / "half") == results(tmp_path / "whole")
-
-
-def test_an_episode_stays_in_its_shard_when_the_run_is_extended(tmp_path):
-
-    def keys(games: list[str], players: list[str], trials: int) -> list[set[str]]:
-        plan = plan_episodes(make_cells(games, players, [sp.Budget()]), trials=trials)
-        return [{episode.key for episode in plan.shard(number, 3).episodes} for number in (1, 2, 3)]
-
-    for small, large in zip(keys([HANOI], ["rule"], 4), keys(GAMES, ["random", "rule"], 7), strict=True):
-        assert small <= large
-
-
-def test_a_part_is_merged_once_and_with_parts_of_the_same_prices_only(tmp_path):
-    arguments = {"games": [HANOI], "players": {"metered": Metered}, "trials": 2, "executor": "inline"}
-    for part, price in ((1, 1.0), (2, 2.0)):
-        prices = {"metered": Price.per_million(price, 1.0)}
-        sp.evaluate(out=tmp_path / str(part), shard=(part, 2), prices=prices, **arguments)
-    with pytest.raises(sp.InvalidArgumentError, match="named twice"):
-        merge([tmp_path / "1", tmp_path / "1"], tmp_path / "merged")
-    with pytest.raises(sp.InvalidArgumentError, match="costs at different prices"):
-        merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    sp.evaluate(out=tmp_path / "1", shard=(1, 2), prices=prices, **arguments)
-    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
-    sp.evaluate(out=tmp_path / "whole", prices=prices, **arguments)
-    assert results(tmp_path / "merged") == results(tmp_path / "whole")
-
-
-def test_what_does_not_belong_together_is_not_merged(tmp_path):
-    sp.evaluate([HANOI], ["rule"], out=tmp_path / "a", trials=1, executor="inline")
-    sp.evaluate([HANOI], ["random"], out=tmp_path / "b", trials=1, executor="inline")
-    with pytest.raises(sp.InvalidArgumentError, match="not parts of the same run"):
-        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
-    with pytest.raises(sp.InvalidArgumentError, match="already contains a run"):
-        merge([tmp_path / "a"], tmp_path / "b")
-    rows = [json.loads(line) | {"score": -1.0} for line in results(tmp_path / "a").splitlines()]
-    (tmp_path / "d").mkdir()
-    (tmp_path / "d" / "manifest.json").write_bytes((tmp_path / "a" / "manifest.json").read_bytes())
-    (tmp_path / "d" / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    with pytest.raises(sp.InvalidArgumentError, match="played twice with different results"):
-        merge([tmp_path / "a", tmp_path / "d"], tmp_path / "e")
+def test_a_shard_of_an_earlier_version_is_read_as_such_and_continued_as_the_whole_run(tmp_path):
+    """Its manifest has the whole plan, of which it holds every second trial."""
+    run = sp.evaluate(GAMES, ["random"], out=tmp_path, trials=3, executor="inline")
+    whole, manifest = results(tmp_path), run.folder.manifest()
+    part = manifest.model_copy(update={"shard": (1, 2)})
+    other = {episode.key for episode in manifest.episodes} - (held := {episode.key for episode in part.planned})
+    assert 2 <= len(held) <= 4
+    (tmp_path / "manifest.json").write_text(json.dumps(part.to_json()))
+    (tmp_path / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in run.rows if row["key"] in held))
+    for key in other:
+        run.folder.transcript(key).unlink()
+    assert f"{len(held)} of {len(held)} episodes finished" in shown_by("results", tmp_path)
+    sp.evaluate(GAMES, ["random"], out=tmp_path, trials=3, executor="inline")
+    assert results(tmp_path) == whole

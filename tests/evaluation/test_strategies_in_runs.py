@@ -1,4 +1,4 @@
-"""Context strategies in whole runs: run files, estimates and caps."""
+"""Context strategies in whole runs: options, estimates and caps."""
 
 from __future__ import annotations
 

@@ -5,20 +5,7 @@ from __future__ import annotations
 import pytest
 
 from smartplay_tools.evaluation.run_folder.follower import RunFollower
-from smartplay_tools.evaluation.run_folder.time_left import TimeLeft
 from tests.evaluation.test_progress import half_played
-
-
-def test_it_follows_from_the_rate_since_the_first_look_until_the_first_limit():
-    clock = [100.0]
-    estimate = TimeLeft(lambda: clock[0])
-    assert estimate.look({"calls": (50, None), "tokens": (0, 10_000)}) is None, "nothing is known yet"
-    clock[0] += 20
-    assert estimate.look({"calls": (70, None), "tokens": (0, 10_000)}) is None
-    assert estimate.look({"calls": (70, 150), "tokens": (0, None)}) == 80
-    assert estimate.look({"calls": (70, 150), "tokens": (2_000, 10_000)}) == 80
-    assert estimate.look({"calls": (70, 150), "tokens": (8_000, 10_000)}) == 5
-    assert estimate.look({"calls": (70, 60), "tokens": (None, 10_000)}) == 0
 
 
 def test_a_follower_estimates_from_the_records(tmp_path):

@@ -78,13 +78,6 @@ def test_what_is_not_there(site):
         "/episode/..%2fone/episodes/0123456789abcdef",
         "/episode/one/episodes/0123456789abcdef",
         "/api/episode/one/running/0123456789abcdef.1",
-        "/compare",
-        "/compare?episode=one/episodes/0123456789abcdef",
-        "/compare?episode=one&episode=two",
-        "/report",
-        "/report?run=nowhere",
-        "/report?run=one&run=nowhere",
-        "/report?run=../one",
         "/static/app.py",
         "/static/..%2fapp.py",
     ):
@@ -93,19 +86,6 @@ def test_what_is_not_there(site):
     with pytest.raises(urllib.error.HTTPError, match="405") as refused:
         urllib.request.urlopen(request)
     refused.value.close()
-
-
-@pytest.mark.slow
-def test_the_report_of_a_run_and_the_comparison_of_two(site):
-    waiting = get(f"{site}/report?run=one")[2]
-    assert 'http-equiv="refresh" content="0;url=/report?run=one&amp;made=1"' in waiting
-    status, headers, page = get(f"{site}/report?run=one&made=1")
-    assert (status, headers["content-security-policy"]) == (200, "frame-ancestors 'self'")
-    assert get(f"{site}/report?run=one")[2] == page, "it is kept"
-    assert len(unpacked(page, "pack-0")) == 4
-    both = get(f"{site}/report?run=one&run=deep/two&made=1")[2]
-    assert "Side by side" in both
-    assert "smartplay-tools" in both
 
 
 def test_a_damaged_run_does_not_hide_the_others(runs, tmp_path):

@@ -114,22 +114,6 @@ def test_runs_are_grouped_and_episodes_have_their_date(show, site):
     assert date.get_attribute("title").endswith(f"{date.inner_text()} UTC")
 
 
-def test_marked_episodes_are_compared_and_back_leads_to_the_list_as_it_was(show, site):
-    page = show(site, "#run=one&find=hanoi")
-    page.locator("#list").focus()
-    for key in ("x", "j", "j", "x"):
-        page.keyboard.press(key)
-    page.locator("#compare").click()
-    page.wait_for_selector("body[data-ready] #compare:not([hidden])")
-    assert page.locator("#compare-sides .side").count() == 2
-    assert page.locator("#compare-sides .side-band svg").count() >= 2, "with the context of both"
-    assert "part at step" in page.locator("#compare-lead").inner_text()
-    page.keyboard.press("Escape")
-    page.wait_for_selector("body[data-ready] #rows > div")
-    assert "find=hanoi" in page.url
-    sync_api.expect(page.locator('#rows > div[aria-selected="true"]')).to_have_attribute("aria-rowindex", "4")
-
-
 def test_an_episode_has_its_list_and_the_neighbours_of_that_list(show, site):
     page = show(site, "#run=one&find=hanoi&sort=score&down=1")
     records = page.locator("#rows a").evaluate_all("links => links.map(link => link.getAttribute('href'))")

@@ -11,7 +11,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.records import replay
 from smartplay_tools.web.site import BrowserGames
 from smartplay_tools.web.site.browser_play import BrowserPlay, human_cell

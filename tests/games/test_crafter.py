@@ -2,6 +2,7 @@
 
 import hashlib
 
+import gymnasium
 import numpy as np
 import pytest
 from crafter import constants, engine
@@ -131,8 +132,8 @@ def test_a_plant_can_be_eaten_once_it_is_older_than_300_steps() -> None:
 
 
 def test_unknown_options_are_refused_in_one_sentence() -> None:
-    with pytest.raises(ValueError, match=r"^engine must be .*fast.*, not 'crafter'\.$"):
-        make(engine="crafter")
+    with pytest.raises(ValueError, match=r"^engine must be .*fast.*, not 'craftax'\.$"):
+        make(engine="craftax")
     with pytest.raises(ValueError, match=r"^text must be one of .*, not 'pretty'\.$"):
         make(text="pretty")
     with pytest.raises(ValueError, match=r"^picture_size must be 64 or more, not 10\.$"):
@@ -154,7 +155,7 @@ def test_world_seeds_are_those_of_cpython() -> None:
 
 
 def test_a_reset_without_a_seed_begins_the_next_episode() -> None:
-    def begun(env: Crafter, seed: int | None) -> str:
+    def begun(env: gymnasium.Env, seed: int | None) -> str:
         return str((list(env.reset(seed=seed)[0]), env._world.fingerprint()))
 
     seeds = (3, None, None, None, 3)

@@ -1,18 +1,22 @@
-"""Records of an engine that has gone: they are read and reported, and not played again.
+"""Records of engines that have gone: they are read and reported, and played again where another engine has the worlds.
 
 `luanti_run.tar.xz` is a run that version 0.1.0 played on Luanti 5.6.1: four episodes of three calls.
+`pypi_crafter.jsonl.xz` is an episode of 60 calls that it played on PyPI's package crafter.
 """
 
 from __future__ import annotations
 
+import lzma
 import tarfile
 from pathlib import Path
 
 import pytest
 
+import smartplay_tools as sp
 from tests.evaluation.command import run
 
 DATA = Path(__file__).parents[1] / "data" / "luanti_run.tar.xz"
+CRAFTER = DATA.parent / "pypi_crafter.jsonl.xz"
 REFUSED = "This version has no engine 'luanti', so nothing can be played on it again"
 
 
@@ -33,7 +37,6 @@ def luanti(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (("cost", "{run}"), "rule"),
         (("report", "{run}", "--out", "{out}.html"), "open it in a browser"),
         (("export", "{run}", "--format", "sft", "--out", "{out}"), "4 episodes, 12 rows"),
-        (("merge", "{run}", "--out", "{out}"), "4 of 4 episodes are finished"),
     ],
 )
 def test_they_are_read(luanti, tmp_path, command, shown):
@@ -46,3 +49,10 @@ def test_they_are_not_played_again(luanti):
     assert (code, REFUSED in said, said.count("\n")) == (3, True, 1)
     code, _, said = run("replay", luanti, "--workers", "1")
     assert (code, "4 of 4 episodes were not replayed" in said, said.count(REFUSED)) == (3, True, 1)
+
+
+def test_what_pypi_crafter_played_is_played_again_by_the_engine_with_the_same_worlds(tmp_path):
+    (record := tmp_path / "crafter.jsonl").write_bytes(lzma.decompress(CRAFTER.read_bytes()))
+    replay = sp.replay(record)
+    assert replay.identical
+    assert replay.result.engine == "crafter"

@@ -141,15 +141,6 @@ def test_the_commands_take_it():
     assert command("replay", "a.jsonl").exit_code == 3
 
 
-def test_a_run_file_names_it_and_the_run_is_continued():
-    Path("run.toml").write_text(f'games = ["{NIM}"]\nplayers = ["random"]\n', encoding="utf-8")
-    asked = ("eval", "run.toml", "--out", "run", "--executor", "inline", "--quiet")
-    assert command(*asked, "--trials", 1).exit_code == 0
-    done = command(*asked, "--trials", 2)
-    assert done.exit_code == 0, done.output
-    assert len(list(Path("run/episodes").glob("*.jsonl"))) == 2
-
-
 @pytest.mark.parametrize("executor", ["inline", "async", pytest.param("processes", marks=pytest.mark.slow)])
 def test_workers_of_every_executor_load_it_from_where_it_is(executor, folder, monkeypatch):
     (folder / "elsewhere").mkdir()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.runs.merge import audit
+from smartplay_tools.evaluation.runs.audit import audit
 from smartplay_tools.transcript import Event
 from smartplay_tools.types import ResolvedBudget
 

@@ -10,7 +10,7 @@ To add a strategy:
 2. Write its class in a file here: a `BudgetStrategy` with the field's name and the help of its command-line option.
 3. List its place in `KINDS`, in the order of the fields.
 
-Commands, run files, sweeps, records, tables and the list of deviations take it from there.
+Commands, sweeps, records, tables and the list of deviations take it from there.
 """
 
 from __future__ import annotations

@@ -2,9 +2,7 @@
 
 The score of capability c is sum over settings of d(c, setting) x s(setting), divided by the sum of d(c, setting): s is
 the mean normalised score, d the degree (1 to 3 or 4) to which the setting requires the capability (paper, table 3;
-`GameSpec.challenges`). The original's code weighs by d - 1, so that a setting that hardly requires
-a capability has no influence on its score; that is `weights="zero-based"`. For some sets of games all these weights
-are 0.
+`GameSpec.challenges`).
 
 A setting without a normalised score (no human baseline, or an engine that is not comparable) or without ratings (games
 of other packages need not have them) is left out of both sums and named. For intervals, episodes are resampled within
@@ -15,19 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.games.paper_tables import CAPABILITIES
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.statistics.intervals import MeanEstimate, weighted_estimates
 
 __all__ = ["Capabilities", "capability_scores"]
 
-Weights = Literal["paper", "zero-based"]
-
 NO_SETTING = "no setting of the run has a normalised score"
-WEIGHTS_VANISH = "every setting of the run is rated 1 here, so the zero-based weights vanish"
 
 
 @dataclass(frozen=True)
@@ -43,7 +36,6 @@ class CapabilityScore:
 class Capabilities:
     """A player's profile under one condition."""
 
-    weights: Weights
     scores: tuple[CapabilityScore, ...]
     """In the order of the paper's table."""
     settings: tuple[str, ...]
@@ -52,30 +44,19 @@ class Capabilities:
     """The settings that were played but have no normalised score, or no ratings."""
 
 
-def capability_scores(normalized: Mapping[str, Sequence[float | None]], *, weights: Weights = "paper") -> Capabilities:
+def capability_scores(normalized: Mapping[str, Sequence[float | None]]) -> Capabilities:
     """Score the nine capabilities from the normalised scores of episodes, by setting; None means no score."""
-    if weights not in get_args(Weights):
-        raise InvalidArgumentError(f"weights must be one of {', '.join(get_args(Weights))}, not {weights!r}.")
     by_game = {game: [score for score in scores if score is not None] for game, scores in normalized.items()}
     rated = {game for game in by_game if (spec := GAMES.get(game)) is not None and spec.challenges}
     samples = {game: scores for game, scores in by_game.items() if scores and game in rated}
-    scores = _scores(samples, weights)
     left_out = tuple(game for game in by_game if game not in samples)
-    return Capabilities(weights, scores, tuple(samples), left_out)
+    return Capabilities(_scores(samples), tuple(samples), left_out)
 
 
-def _scores(samples: Mapping[str, Sequence[float]], weights: Weights) -> tuple[CapabilityScore, ...]:
+def _scores(samples: Mapping[str, Sequence[float]]) -> tuple[CapabilityScore, ...]:
     if not samples:
         return tuple(CapabilityScore(capability, None, NO_SETTING) for capability in CAPABILITIES)
-    degrees = {
-        capability: [GAMES[game].challenges[capability] - (weights == "zero-based") for game in samples]
-        for capability in CAPABILITIES
-    }
-    shares = {
-        capability: [degree / sum(row) for degree in row] for capability, row in degrees.items() if sum(row)
-    }  # those without a weight have no score
-    estimates = dict(zip(shares, weighted_estimates(list(samples.values()), list(shares.values())), strict=True))
-    return tuple(
-        CapabilityScore(capability, estimates.get(capability), None if capability in estimates else WEIGHTS_VANISH)
-        for capability in CAPABILITIES
-    )
+    degrees = [[GAMES[game].challenges[capability] for game in samples] for capability in CAPABILITIES]
+    shares = [[degree / sum(row) for degree in row] for row in degrees]
+    estimates = weighted_estimates(list(samples.values()), shares)
+    return tuple(map(CapabilityScore, CAPABILITIES, estimates))

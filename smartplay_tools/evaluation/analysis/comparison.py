@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.beside import ends_of
+from smartplay_tools.evaluation.analysis.decisions import Margin, Verdict, decide
 from smartplay_tools.evaluation.analysis.grouping import by_cell, conditions
 from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
@@ -75,6 +76,8 @@ class Pairing:
     """How many of this side's episodes ended before their game did, by the reason."""
     reference_ends: Mapping[str, int] = field(default_factory=dict)
     """The same of the reference."""
+    verdict: Verdict | None = None
+    """What the pairs show within a margin, if there is one."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +110,22 @@ class Comparison:
     uncompared: int = 0
     """Episodes of games, and of sides, that are in no pairing."""
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether there is a margin, and a pairing with pairs that it judges."""
+        return any(each.verdict for each in self.pairings)
 
-def compare(runs: Mapping[str, Sequence[Row]], *, reference: str | None = None) -> Comparison:
+
+def compare(
+    runs: Mapping[str, Sequence[Row]],
+    *,
+    reference: str | None = None,
+    margin: Margin | None = None,
+) -> Comparison:
     """Compare runs, given as name -> rows, with the first of them.
 
-    `reference` is the name of a player of the first run with which everything is compared.
+    `reference` is the name of a player of the first run with which everything is compared. With a margin, every pairing
+    has a verdict.
     """
     sides = _sides(runs)
     if reference is not None and not any(side.player == reference for side in sides if side.run == next(iter(runs))):
@@ -126,7 +140,7 @@ def compare(runs: Mapping[str, Sequence[Row]], *, reference: str | None = None) 
     ]
     if not matches:
         raise InvalidArgumentError("There is nothing to compare: no two players or runs have a game in common.")
-    pairings = _pairings(sides, matches)
+    pairings = _pairings(sides, matches, margin)
     return Comparison(
         runs=tuple(runs),
         references=tuple(_references(sides, matches)),
@@ -185,13 +199,20 @@ def _widest(side: Side, sides: Sequence[Side]) -> Side:
     return max((other for other in sides if other.player == side.player), key=lambda other: other.width)
 
 
-def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> tuple[Pairing, ...]:
+def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: Margin | None) -> tuple[Pairing, ...]:
     paired = [pairs(sides[side][game], sides[other][game]) for game, side, other in matches]
     means = named_estimates(samples(sides[side][game]) for game, side, _ in matches)
-    compared = named_estimates(map(difference_samples, paired))
+    differing = list(map(difference_samples, paired))
+    compared = named_estimates(differing)
     pairings = []
-    for (game, side, other), own, mean, difference in zip(matches, paired, means, compared, strict=True):
+    for (game, side, other), own, drawn, mean, difference in zip(
+        matches, paired, differing, means, compared, strict=True
+    ):
         signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in own)
+        verdict = None
+        if margin is not None and own:
+            verdict = decide(drawn["score"], margin.points(game), difference["score"])
+            verdict = replace(verdict, word="identical", mde=None) if are_identical(own) else verdict
         pairings.append(
             Pairing(
                 game,
@@ -207,6 +228,7 @@ def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> tuple[
                 is_identical=are_identical(own),
                 ends=ends_of(sides[side][game]),
                 reference_ends=ends_of(sides[other][game]),
+                verdict=verdict,
             )
         )
     return tuple(pairings)
@@ -279,5 +301,8 @@ def as_rows(comparison: Comparison) -> list[dict[str, Any]]:
             row |= with_ends(f"{measure}_difference", each.differences.get(measure))
         row |= {"identical": each.is_identical, "ended_early": sum(each.ends.values())}
         row |= {"reference_ended_early": sum(each.reference_ends.values())}
+        if comparison.is_judged:
+            names = {"verdict": "word", "margin": "margin", "mde": "mde"}
+            row |= {name: each.verdict and getattr(each.verdict, own) for name, own in names.items()}
         rows.append(row)
     return rows

@@ -16,8 +16,8 @@ from smartplay_tools.evaluation.analysis.beside import (
     shows_steps,
 )
 from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
-from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, columns, figures_table
-from smartplay_tools.evaluation.analysis.names import apart, check_distinct
+from smartplay_tools.evaluation.analysis.formats import Column, ShownColumn, TextTable, columns, figures_table
+from smartplay_tools.evaluation.analysis.names import apart
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
@@ -33,6 +33,13 @@ from smartplay_tools.types.quantities import short
 NOTES = (
     "+-: to the reference, paired by game, seed and trial, with its 95 % interval",
     "W/T/L: pairs won, tied and lost by score; tokens: of an episode, prompts and replies",
+)
+
+VERDICT_NOTES = (
+    "W/T/L: pairs won, tied and lost by score",
+    "different: the interval excludes 0, or p < 0.05",
+    "equivalent: the 90 % interval is within the margin; undecided: neither",
+    "MDE: the smallest difference that as many pairs show in four of five such comparisons",
 )
 
 
@@ -61,7 +68,7 @@ def _lines(comparison: Comparison) -> Iterator[_Line]:
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
     """Return the table with a section for each game and, if there are several games, the table over all games."""
-    names, lines = side_names(comparison), list(_lines(comparison))
+    names, lines, judged = side_names(comparison), list(_lines(comparison)), comparison.is_judged
     games = {game: [(_name(line, names), line) for line in own] for game, own in grouped(lines, _game).items()}
     beside = {(line.game, line.side): line.beside for line in lines}
     has_steps, has_best = shows_steps(beside.values()), any("way_to_best" in line.means for line in lines)
@@ -75,11 +82,11 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
             *([("to best", lambda line: with_interval(line.means.get("way_to_best"), 2))] if has_best else []),
             ("+-", lambda line: _difference(line.pairing, "score", points)),
             ("W/T/L", lambda line: _outcome(line.pairing) if line.pairing else ""),
-            ("tokens", lambda line: short(line.means["tokens"].mean)),
+            (Column("verdict", words=True), _verdict) if judged else ("tokens", _tokens),
         )
 
     early = early_notes(beside.values())
-    notes = [*NOTES, *column_notes([*beside.values()], points=False)]
+    notes = [*((NOTES[0], *VERDICT_NOTES) if judged else NOTES), *column_notes([*beside.values()], points=False)]
     notes += [*([WAY] if has_best else []), *_notes(comparison), *early]
     tables = [figures_table(_title("scores", comparison, names), "", games, scores, notes)]
     if shows_points(beside.values()):
@@ -124,6 +131,20 @@ def _outcome(each: Pairing | Overall) -> str:
     return f"{each.wins}/{each.ties}/{each.losses}"
 
 
+def _verdict(line: _Line) -> str:
+    if line.pairing is None:
+        return ""
+    if (verdict := line.pairing.verdict) is None:
+        return NOTHING
+    if verdict.word == "undecided":
+        return "undecided" + ("" if verdict.mde is None else f", MDE {verdict.mde:.2g}")
+    return verdict.word + (f" than {verdict.margin:g}" if verdict.word == "different, but less" else "")
+
+
+def _tokens(line: _Line) -> str:
+    return short(line.means["tokens"].mean)
+
+
 def _overall_table(
     comparison: Comparison, names: Mapping[Side, str], ended: Set[Side], early: Sequence[str]
 ) -> TextTable:
@@ -150,7 +171,6 @@ def side_names(comparison: Comparison) -> dict[Side, str]:
     differing, _ = apart([side.label for side in sides])
     named = zip(sides, differing, strict=True)
     names = [letters[side.run] + ", ".join(filter(None, [side.player, own])) for side, own in named]
-    check_distinct(names)
     return dict(zip(sides, names, strict=True))
 
 

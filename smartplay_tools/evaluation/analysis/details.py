@@ -142,8 +142,6 @@ SPENT: Figures = (("spent", lambda cell: amount(cell.spent_cost, _money)),)
 
 
 def _capabilities(profiles: Sequence[Profile], among: Sequence[Condition]) -> TextTable:
-    weights = profiles[0].capabilities.weights
-    whose = "the paper's weights" if weights == "paper" else "the original code's weights, degree - 1"
     given = [(p.condition.player + "*" * p.privileged, p.condition.label_among(among)) for p in profiles]
     names = [", ".join(filter(None, words)) for words in given]
     rows = [
@@ -168,7 +166,7 @@ def _capabilities(profiles: Sequence[Profile], among: Sequence[Condition]) -> Te
     empty = [f"{NOTHING}: {why}" for why in reasons]
     notes = dict.fromkeys([INTERVALS, *played, *equal, *left_out, *empty, *privileged])
     headings = columns("capability", *names)
-    return TextTable(f"capabilities, {whose}", headings, tuple(rows), tuple(notes))
+    return TextTable("capabilities, the paper's weights", headings, tuple(rows), tuple(notes))
 
 
 def deviations_table(cells: Sequence[CellSummary]) -> TextTable:

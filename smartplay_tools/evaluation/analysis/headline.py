@@ -11,7 +11,7 @@ from importlib import resources
 
 from smartplay_tools.evaluation.analysis.beside import EARLY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
-from smartplay_tools.evaluation.analysis.names import apart, check_distinct
+from smartplay_tools.evaluation.analysis.names import apart
 from smartplay_tools.evaluation.analysis.numbers import (
     NOTHING,
     count,
@@ -78,7 +78,6 @@ def by_game(summary: RunSummary) -> dict[str, list[Named]]:
     for cell, label in zip(summary.cells, given, strict=True):
         name = ", ".join(filter(None, [player_name(cell), label]))
         games.setdefault(game_name(cell), []).append((name, cell))
-    check_distinct((game, name) for game, cells in games.items() for name, _ in cells)
     return games
 
 

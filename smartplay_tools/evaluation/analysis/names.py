@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from smartplay_tools.evaluation.analysis.grouping import USUAL, PlayedCell, in_words
 from smartplay_tools.evaluation.analysis.windows import LIMITS, WINDOW, WindowComparison
@@ -41,13 +40,6 @@ def apart(labels: Sequence[str]) -> tuple[list[str], str]:
     parts = [label.split(", ") if label else [] for label in labels]
     shared = [part for part in (parts[0] if parts else []) if all(part in other for other in parts)]
     return [", ".join(part for part in own if part not in shared) for own in parts], ", ".join(shared)
-
-
-def check_distinct(names: Iterable[Hashable]) -> None:
-    """Raise an `AssertionError` if two lines of a table have the same name: a name that does not identify is a bug."""
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise AssertionError(f"several lines of a table have the same name: {twice}")
 
 
 def family_titles(cells: Sequence[PlayedCell]) -> list[str]:

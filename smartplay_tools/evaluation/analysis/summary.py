@@ -16,7 +16,7 @@ from typing import Any, get_args
 
 from smartplay_tools.episode.config import differs
 from smartplay_tools.evaluation.analysis.beside import Beside, early_ends, ends_of
-from smartplay_tools.evaluation.analysis.capabilities import Capabilities, Weights, capability_scores
+from smartplay_tools.evaluation.analysis.capabilities import Capabilities, capability_scores
 from smartplay_tools.evaluation.analysis.grouping import Condition, PlayedCell, by_cell, conditions, label_in
 from smartplay_tools.evaluation.analysis.pairs import (
     Measure,
@@ -190,7 +190,7 @@ class RunSummary:
         return label_in([profile.condition for profile in self.profiles], cell.cell)
 
 
-def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Weights = "paper") -> RunSummary:
+def summarize(rows: Iterable[Row], failures: Iterable[Row] = ()) -> RunSummary:
     """Summarise a run, from `RunFolder.rows` (finished episodes) and `RunFolder.failures` (failed attempts)."""
     rows = list(rows)
     groups = by_cell(rows)
@@ -200,7 +200,7 @@ def summarize(rows: Iterable[Row], failures: Iterable[Row] = (), *, weights: Wei
     cells = tuple(_cell_summary(cell, members, own) for (cell, members), own in zip(groups, means, strict=True))
     lost = _failures(failures, {row["key"] for row in rows})
     normalized = [each["normalized_score"].values for each in measured]
-    profiles = (_profile(condition, cells, normalized, weights) for condition in among)
+    profiles = (_profile(condition, cells, normalized) for condition in among)
     return RunSummary(cells, tuple(profiles), tuple(lost))
 
 
@@ -259,12 +259,10 @@ def _deviations(cell: PlayedCell, rows: Sequence[Row]) -> dict[str, Any]:
     return merged
 
 
-def _profile(
-    condition: Condition, cells: Sequence[CellSummary], normalized: Sequence[Sequence[float]], weights: Weights
-) -> Profile:
+def _profile(condition: Condition, cells: Sequence[CellSummary], normalized: Sequence[Sequence[float]]) -> Profile:
     """The profile of a condition, from the normalised scores of all cells."""
     own = [(each, scores) for each, scores in zip(cells, normalized, strict=True) if each.cell in condition.cells]
-    scores = capability_scores({each.cell.game: scores for each, scores in own}, weights=weights)
+    scores = capability_scores({each.cell.game: scores for each, scores in own})
     return Profile(condition, any(each.privileged for each, _ in own), scores)
 
 

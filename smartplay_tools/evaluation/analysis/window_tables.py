@@ -8,7 +8,7 @@ from operator import itemgetter
 from smartplay_tools.evaluation.analysis.beside import EARLY, WAY, column_notes, early_notes, shows_points, shows_steps
 from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.analysis.headline import CUT, MANY_CUTS, is_much_cut
-from smartplay_tools.evaluation.analysis.names import check_distinct, family_titles, window_names
+from smartplay_tools.evaluation.analysis.names import family_titles, window_names
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
     NOTHING,
@@ -99,7 +99,6 @@ def cells_table(
 
 def _named(family: Sequence[WindowComparison]) -> list[tuple[str, WindowComparison]]:
     names = window_names([c.cell for c in family])
-    check_distinct(names)
     return [(name + EARLY * bool(each.ends), each) for name, each in zip(names, family, strict=True)]
 
 

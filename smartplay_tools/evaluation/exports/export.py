@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
-from pydantic import ValidationError
-
-from smartplay_tools.errors import InvalidArgumentError, in_one_line
-from smartplay_tools.evaluation.exports.sft import EpisodeSelection
+from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.evaluation.run_folder.folder import records_in
 from smartplay_tools.records.damage import DamageError, damage_named, warn_damaged
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
@@ -21,7 +18,7 @@ from smartplay_tools.registry import Registry
 Write = Callable[..., dict[str, int]]
 """Writes episodes into an existing folder, and returns how much of each kind it wrote: `write(episodes, folder)`.
 
-The functions of `WITH_MORE` also take `summaries` and `pictures`.
+The functions of `WITH_SUMMARIES` also take `summaries`.
 """
 
 FORMATS: dict[str, str] = {
@@ -30,8 +27,8 @@ FORMATS: dict[str, str] = {
 }
 """The formats: name -> the function that writes it."""
 
-WITH_MORE = ("sft", "sft-chains")
-"""The formats that can have rows for prompts for a summary, and pictures as files beside the rows."""
+WITH_SUMMARIES = ("sft", "sft-chains")
+"""The formats that can have rows for prompts for a summary."""
 
 _REGISTRY = Registry("export format", FORMATS)
 
@@ -53,29 +50,31 @@ def export(
     format: str = "sft",  # noqa: A002 - the word of the command line
     *,
     summaries: bool = False,
-    pictures: bool = False,
-    **selection: Any,
+    games: Collection[str] = (),
+    players: Collection[str] = (),
+    completed: bool = False,
 ) -> Exported:
     """Export the finished episodes of a run's folder, of a folder of records, or of one record.
 
-    `out` is a new folder, in which the data are written. With `summaries`, replies to
-    prompts for a summary get rows, too. With `pictures`, episodes whose observations are pictures are exported instead
-    of left out, and their pictures are written as files. `selection` are the fields of an `EpisodeSelection`.
-    Every prompt is rebuilt from its record and verified; a record that was changed is left out with a `DamageWarning`,
-    and a selection without any episode is an `InvalidArgumentError`.
+    `out` is a new folder, in which the data are written. With `summaries`, replies to prompts for a summary get rows,
+    too. `games` and `players` are the only ones that are exported, all if empty; with `completed`, only episodes whose
+    game was completed. Every prompt is rebuilt from its record and verified; a record that was changed is left out with
+    a `DamageWarning`, and a selection without any episode is an `InvalidArgumentError`.
     """
-    more = {name: True for name, value in {"summaries": summaries, "pictures": pictures}.items() if value}
-    if more and format not in WITH_MORE:
-        raise InvalidArgumentError(
-            f"{format} has no place for {' and '.join(more)}; {' and '.join(WITH_MORE)} have, so choose one of them or "
-            "leave that out."
-        )
     write: Write = _REGISTRY[format]
-    try:
-        chosen = EpisodeSelection(**selection)
-    except ValidationError as error:
-        raise InvalidArgumentError(f"The selection is invalid: {in_one_line(error)}.") from None
-    records, left_out = chosen.choose(Path(source), pictures=pictures)
+    if summaries and format not in WITH_SUMMARIES:
+        raise InvalidArgumentError(
+            f"{format} has no place for summaries; {' and '.join(WITH_SUMMARIES)} have, so choose one of them or leave "
+            "that out."
+        )
+    more = {"summaries": True} if summaries else {}
+    records: list[Path] = []
+    left_out: Counter[str] = Counter()
+    for path, reason in _judged(Path(source), games, players, completed=completed):
+        if reason is None:
+            records.append(path)
+        else:
+            left_out[reason] += 1
     if not records:
         why = ", ".join(f"{number} {reason}" for reason, number in left_out.items()) or "there is none"
         raise InvalidArgumentError(f"No finished episode in {source} is selected: {why}.")
@@ -101,6 +100,29 @@ def export(
                 shutil.rmtree(part)
         part.rename(folder)
     return Exported(folder, counts, left_out)
+
+
+def _judged(
+    source: Path, games: Collection[str], players: Collection[str], *, completed: bool
+) -> Iterator[tuple[Path, str | None]]:
+    """Yield each record with the reason why it is left out, None for one that is exported."""
+    for path in records_in(source):
+        try:
+            record = Record.head(path)
+        except TranscriptError as error:
+            warn_damaged(error)
+            yield path, "damaged"
+            continue
+        if record.start is None:
+            continue  # not the record of an episode: a run's own files are JSON Lines, too
+        reasons = {
+            record.end_reason: record.outcome != "finished",
+            "observations are pictures": record.config.observation != "text",
+            "another game": games and record.game not in games,
+            "another player": players and record.player not in players,
+            "not completed": completed and not (record.result_data or {}).get("completed"),
+        }
+        yield path, next((reason for reason, holds in reasons.items() if holds), None)
 
 
 def _read(records: Iterable[Path], begun: list[Path]) -> Iterator[Record]:

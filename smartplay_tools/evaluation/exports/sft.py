@@ -6,61 +6,35 @@ continues while each prompt extends the previous one by its reply and what follo
 
 Columns of one name have one type in every row (Arrow needs that): arguments and tool schemas are JSON text, which
 `SFTTrainer` reads. What a provider wanted back (`provider_items`) is left out.
-
-With `pictures` a row has the column `images`, the paths of its pictures in their order, and every content is a list of
-parts, where `{"type": "image"}` stands for the next of them: the form of TRL's data for vision models.
-
-EpisodeSelection: which finished episodes of a run are exported, and how many are left out and why.
-
-Training on everything that was played teaches a model its mistakes, too: most data sets keep the completed or the best
-episodes. What is left out is counted by its reason, so that a data set says what it is a part of.
 """
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
-
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
-from smartplay_tools.evaluation.run_folder.folder import records_in
-from smartplay_tools.records.damage import warn_damaged
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
-from smartplay_tools.records.replays import recorded_pictures
-from smartplay_tools.records.rows import recorded_score
 from smartplay_tools.types import Purpose, SampledTokens
-from smartplay_tools.types.groups import grouped
-from smartplay_tools.types.messages import Message, pictures_of, text_of
-from smartplay_tools.types.pictures import is_picture
+from smartplay_tools.types.messages import Message, text_of
 
 FILE = "data.jsonl"
-PICTURES = "pictures"
-"""The folder of the pictures, whose names are their sha256."""
-
 Row = dict[str, Any]
 
 
-def write_replies(
-    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
-) -> dict[str, int]:
-    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows.
-
-    `pictures` are written as files, here and below, and counted.
-    """
-    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries), pictures=pictures)
+def write_replies(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
+    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows."""
+    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries))
 
 
-def write_chains(
-    episodes: Iterable[Record], folder: Path, *, summaries: bool = False, pictures: bool = False
-) -> dict[str, int]:
+def write_chains(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
     """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
-    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries), pictures=pictures)
+    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries))
 
 
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -107,24 +81,9 @@ def _chain(episode: Record, messages: list[Row], first: int, tools: Row, *, turn
 
 
 def plain(message: Message) -> Row:
-    """Return a message with text as its content, its parts if it has pictures, and without a provider's own items."""
+    """Return a message with text as its content, and without a provider's own items."""
     kept = ("role", "name", "tool_calls", "tool_call_id", "reasoning_content")
-    content = message["content"] if pictures_of(message) else text_of(message)
-    return {**{name: message[name] for name in kept if name in message}, "content": content}  # type: ignore[literal-required]
-
-
-def with_images(row: Row) -> Row:
-    """Return a row whose contents are parts, with the column `images`: the paths of the pictures that they name."""
-    images: list[str] = []
-
-    def in_parts(message: Row) -> Row:
-        content = message["content"]
-        parts = [{"type": "text", "text": content}] if isinstance(content, str) else content
-        images.extend(f"{PICTURES}/{part['sha256']}.png" for part in parts if is_picture(part))
-        return {**message, "content": [{"type": "image"} if is_picture(part) else part for part in parts]}
-
-    changed = {name: list(map(in_parts, row[name])) for name in ("prompt", "completion")}
-    return {**row, **changed, "images": images}
+    return {**{name: message[name] for name in kept if name in message}, "content": text_of(message)}  # type: ignore[literal-required]
 
 
 def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, list[Row], Row]]:
@@ -165,101 +124,14 @@ def _facts(episode: Record) -> Row:
     }
 
 
-def _write(
-    folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]], *, pictures: bool
-) -> dict[str, int]:
-    counts = {"episodes": 0, "rows": 0, **({"pictures": 0} if pictures else {})}
+def _write(folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]]) -> dict[str, int]:
+    counts = {"episodes": 0, "rows": 0}
     with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
         for episode in episodes:
             counts["episodes"] += 1
-            if pictures:
-                counts["pictures"] += _write_pictures(folder / PICTURES, episode)
             for row in rows_of(episode):
-                row = with_images(row) if pictures else row
                 counts["rows"] += 1
                 if "replies" in row:
                     counts["replies"] = counts.get("replies", 0) + row["replies"]
                 file.write(json.dumps(row, ensure_ascii=False) + "\n")
     return counts
-
-
-def _write_pictures(folder: Path, episode: Record) -> int:
-    """Write the pictures that an episode showed and that are not there yet; return their number."""
-    folder.mkdir(exist_ok=True)
-    files = {folder / f"{name}.png": picture for name, picture in recorded_pictures(episode.events).items()}
-    new = [file for file in files if not file.exists()]
-    for file in new:
-        file.write_bytes(files[file].png)
-    return len(new)
-
-
-class EpisodeSelection(BaseModel):
-    """The episodes to export. By default all that are finished."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    games: tuple[str, ...] = ()
-    """Only these settings; all if empty."""
-    players: tuple[str, ...] = ()
-    """Only these players; all if empty."""
-    completed: bool = False
-    """Only episodes whose game was completed."""
-    min_score: float | None = None
-    """Only episodes with at least this score, as means count it (`records.rows.mean_score`); `best` does, too."""
-    min_normalized_score: float | None = None
-    """Only episodes with at least this normalised score; settings without a human score have none."""
-    best: int | None = Field(default=None, ge=1)
-    """Only the best episodes of every game and player, this many; of equal scores, those of the lower seeds."""
-
-    def choose(self, source: Path, *, pictures: bool = False) -> tuple[list[Path], Counter[str]]:
-        """Return the records of the chosen episodes, in order, and the number of those left out by reason.
-
-        Episodes whose observations are pictures are chosen with `pictures` only.
-        """
-        matching: list[tuple[Path, Record]] = []
-        left_out: Counter[str] = Counter()
-        for path in records_in(source):
-            try:
-                record = Record.head(path)
-            except TranscriptError as error:
-                warn_damaged(error)
-                left_out["damaged"] += 1
-                continue
-            if record.start is None:
-                continue  # not the record of an episode: a run's own files are JSON Lines, too
-            reason = (
-                self._reason_against(record, pictures=pictures) if record.outcome == "finished" else record.end_reason
-            )
-            if reason is None:
-                matching.append((path, record))
-            else:
-                left_out[reason] += 1
-        chosen = self._best(matching)
-        left_out.update({"not among the best": len(matching) - len(chosen)} if len(chosen) < len(matching) else {})
-        return [path for path, _ in chosen], left_out
-
-    def _reason_against(self, record: Record, *, pictures: bool) -> str | None:
-        result = record.result_data
-        assert result is not None
-        score, normalized = recorded_score(record), result["normalized_score"]
-        if record.config.observation != "text" and not pictures:
-            return "observations are pictures"
-        if self.games and result["game"] not in self.games:
-            return "another game"
-        if self.players and record.player not in self.players:
-            return "another player"
-        if self.completed and not result["completed"]:
-            return "not completed"
-        if self.min_score is not None and score < self.min_score:
-            return "score too low"
-        if self.min_normalized_score is not None and (normalized is None or normalized < self.min_normalized_score):
-            return "normalised score too low"
-        return None
-
-    def _best(self, matching: Sequence[tuple[Path, Record]]) -> list[tuple[Path, Record]]:
-        if self.best is None:
-            return list(matching)
-        ordered = sorted(matching, key=lambda pair: (-recorded_score(pair[1]), pair[1].result.seed, pair[0]))
-        groups = grouped(ordered, lambda pair: (pair[1].game, pair[1].player))
-        kept = {path for group in groups.values() for path, _ in group[: self.best]}
-        return [pair for pair in matching if pair[0] in kept]

@@ -1,6 +1,5 @@
 """The folder of a run: what it says, and how far the run is.
 
-folder     the manifest (what a run plays, its seeds and shards), rows, records
+folder     the manifest (what a run plays, and its seeds), rows, records
 follower   how far a run is
-time_left  an estimate of the rest
 """

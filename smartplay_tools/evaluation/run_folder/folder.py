@@ -1,6 +1,6 @@
 """Reading the folder of a run: its manifest, and its finished, running and failed episodes.
 
-    manifest.json         the plan, caps, prices, the run file; written before the first episode
+    manifest.json         the plan, caps, prices; written before the first episode
     episodes/KEY.jsonl    the records of finished episodes
     attempts/KEY.N.jsonl  the records of attempts without a result: failed, interrupted, or paused by a cap of the run
     running/KEY.N.jsonl   the records that are being written now
@@ -50,15 +50,6 @@ FORMAT: Literal[1] = 1
 """The version of the layout of a run's folder; folders with another version are refused."""
 
 
-def shard_of(digest: str, chain: int, count: int) -> int:
-    """Return the number (from 1) of the shard, of `count`, that plays a chain of the cell with this digest.
-
-    Without `carry` every trial is its own chain (`CellConfig.chain_of`). The shard depends only on the cell and
-    the chain, so an episode stays in its shard when a run is extended.
-    """
-    return (int(digest, 16) + chain) % count + 1
-
-
 def _price(value: Any) -> Price:
     try:
         return value if isinstance(value, Price) else Price.from_json(value)
@@ -78,7 +69,7 @@ class ManifestEpisode:
 
 
 class Manifest(BaseModel):
-    """The content of `manifest.json`. All shards of a run have the whole plan."""
+    """The content of `manifest.json`."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -86,8 +77,8 @@ class Manifest(BaseModel):
     seed: Annotated[int, Field(ge=0)]
     cells: tuple[CellConfig, ...]
     episodes: tuple[ManifestEpisode, ...]
-    shard: tuple[int, int] | None
-    """The part of the run that this folder is for, as (i, n); None for the whole run."""
+    shard: tuple[int, int] | None = None
+    """In runs of earlier versions: the part of the run that this folder is for, as (i, n)."""
     caps: Mapping[str, Any] = Field(default_factory=dict)
     """`tokens` and `cost`, each None if there is no cap."""
     prices: dict[str, Annotated[Price, BeforeValidator(_price), PlainSerializer(Price.to_json)]]
@@ -96,7 +87,7 @@ class Manifest(BaseModel):
     repeats: int | None = None
     """How often each world is played, one trial after the other; None for once."""
     run_file: str | None = None
-    """The text of the run file, if there is one."""
+    """In runs of earlier versions: the text of the file with the arguments of `eval`."""
     game_files: dict[str, str] | None = None
     """The paths of the files of games, by the sha256 of the file; None without such a game."""
     strategy_files: dict[str, str] | None = None
@@ -119,14 +110,12 @@ class Manifest(BaseModel):
 
     @property
     def planned(self) -> tuple[ManifestEpisode, ...]:
-        """The episodes of this part of the run."""
+        """The episodes of this folder: all, or every n-th chain of trials of each cell."""
         if self.shard is None:
             return self.episodes
         number, count = self.shard
-        digests, cells = [cell.digest for cell in self.cells], self.cells
-        return tuple(
-            e for e in self.episodes if shard_of(digests[e.cell], cells[e.cell].chain_of(e.trial), count) == number
-        )
+        begins, cells = [int(cell.digest, 16) - number + 1 for cell in self.cells], self.cells
+        return tuple(e for e in self.episodes if (begins[e.cell] + cells[e.cell].chain_of(e.trial)) % count == 0)
 
     @cached_property
     def predecessors(self) -> dict[str, str]:

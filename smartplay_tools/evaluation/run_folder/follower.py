@@ -15,7 +15,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import fmean
@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
-from smartplay_tools.evaluation.run_folder.time_left import Clock, TimeLeft
 from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.damage import DamageError, damage_named
@@ -42,31 +41,15 @@ silence, the clients of OpenAI and Anthropic give a request up; a model that thi
 """
 
 
-@dataclass(frozen=True)
-class CellSnapshot:
-    """The progress of one planned cell, or of several together."""
+class CellSnapshot(NamedTuple):
+    """The progress of one planned cell."""
 
     game: str
     player: str
-    asked: str
-    """A short description of its rules and its budget as given; empty for the default ones."""
     planned: int
     finished: int
-    running: int
-    paused: int
-    """Episodes without a result whose latest attempt a cap of the run paused."""
-    failed_attempts: int
     score: float
     """The sum over the finished episodes."""
-
-    @property
-    def name(self) -> str:
-        """The cell in messages: game, player, and what it is given."""
-        return ", ".join(filter(None, (self.game, self.player, self.asked)))
-
-    def __add__(self, other: CellSnapshot) -> CellSnapshot:
-        counts = ("planned", "finished", "running", "paused", "failed_attempts", "score")
-        return replace(self, **{name: getattr(self, name) + getattr(other, name) for name in counts})
 
 
 @dataclass(frozen=True)
@@ -88,7 +71,7 @@ class Spending:
 
 @dataclass(frozen=True)
 class RunSnapshot:
-    """How far a run is, or the shard of one that the folder contains."""
+    """How far a run is."""
 
     finished: int
     planned: int
@@ -105,13 +88,15 @@ class RunSnapshot:
     seconds_left: float | None
     """None if the pace is not known: before the first reply, or if the run is not being played."""
     latest_error: str
-    """The latest failure since the run was first looked at, or of all (`run_snapshot`); "" if there was none."""
+    """The latest failure; "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int
     """Attempts that did not continue an earlier one, because its record does not replay or its agent has a memory."""
     caps: Mapping[str, Any]
     """The caps of the run: tokens and cost, each None or missing if there is none."""
+    paused: int
+    """Episodes without a result whose latest attempt a cap of the run paused."""
     cells: tuple[CellSnapshot, ...]
     spending: Spending
     failed_attempts: tuple[Row, ...] = field(repr=False)
@@ -123,19 +108,6 @@ class RunSnapshot:
     def is_live(self) -> bool:
         """Whether the run is being played now, as records that grow say."""
         return any(record.silent_seconds < STALE_SECONDS for record in self.playing)
-
-    @property
-    def paused(self) -> int:
-        """Episodes that a cap of the run has paused."""
-        return sum(cell.paused for cell in self.cells)
-
-    @property
-    def games(self) -> list[CellSnapshot]:
-        """The cells of each game together."""
-        games: dict[str, CellSnapshot] = {}
-        for cell in self.cells:
-            games[cell.game] = games[cell.game] + cell if cell.game in games else cell
-        return list(games.values())
 
     def describe(self) -> str:
         """Return the figures in words."""
@@ -212,12 +184,10 @@ class _Plan(NamedTuple):
 class RunFollower:
     """Makes snapshots of a run, and reads only what was added to its folder since the one before.
 
-    The time left follows from the calls that are still expected and the caps of the run, at the rate since the first
-    snapshot (`time_left`); `clock` returns seconds. The latest failure is one since the first snapshot, so that a run
-    which is continued shows its own, unless `knows_earlier`.
+    `clock` returns seconds.
     """
 
-    def __init__(self, folder: RunFolder, clock: Clock = time.monotonic, *, knows_earlier: bool = False) -> None:
+    def __init__(self, folder: RunFolder, clock: Callable[[], float] = time.monotonic) -> None:
         self.folder = folder
         self.results: dict[str, Result] = {}
         """The finished episodes by key, as of the latest snapshot."""
@@ -232,9 +202,9 @@ class RunFollower:
         self._attempts: dict[Path, _ReadAttempt] = {}
         self._continued: dict[str, Spent] = {}
         self._playing: dict[Path, Record] = {}
-        self._time_left = TimeLeft(clock)
-        self._earlier: frozenset[Path] | None = frozenset() if knows_earlier else None
-        self._latest: Path | None = None
+        self._clock = clock
+        self._first: tuple[float, int] | None = None
+        """The time of the first snapshot, and the replies until then."""
         self._lock = threading.Lock()
 
     def snapshot(self) -> RunSnapshot:
@@ -303,56 +273,41 @@ class RunFollower:
 
     def _count(self, plan: _Plan) -> RunSnapshot:
         playing = sorted(self._playing.values(), key=lambda record: record.last_change)
-        cells = self._cells(plan, playing)
+        to_come = plan.cell_of.keys() - self.results.keys()
+        running = to_come & {record.key for record in playing}
+        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
         spending = self._spending(playing)
         failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
-        earlier = frozenset(failed) if self._earlier is None else self._earlier
-        self._latest = max((path for path in failed if path not in earlier), key=_changed_at, default=self._latest)
-        self._earlier = earlier | set(failed)
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
-            finished=sum(cell.finished for cell in cells),
-            planned=sum(cell.planned for cell in cells),
-            running=sum(cell.running for cell in cells),
-            failed=sum(cell.failed_attempts for cell in cells),
+            finished=len(plan.cell_of) - len(to_come),
+            planned=len(plan.cell_of),
+            running=len(running),
+            failed=sum(self._attempts[path].row["key"] in plan.cell_of for path in failed),
             calls=calls,
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
             cost=spending.total.cost,
-            seconds_left=self._seconds_left(plan, playing, spending.total),
-            latest_error=self._latest_error(plan),
+            seconds_left=self._seconds_left(plan, playing, spending.total.replies),
+            latest_error=self._latest_error(plan, max(failed, key=_changed_at, default=None)),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             began_again=self._began_again,
             caps=plan.caps,
-            cells=cells,
+            paused=sum(latest.get(key) == "paused" for key in to_come - running),
+            cells=self._cells(plan),
             spending=spending,
             failed_attempts=tuple(self._attempts[path].row for path in failed),
             playing=tuple(playing),
         )
 
-    def _cells(self, plan: _Plan, playing: Sequence[Record]) -> tuple[CellSnapshot, ...]:
-        cell_of = plan.cell_of
-        done = self.results.keys() & cell_of.keys()
-        running = {record.key for record in playing} & cell_of.keys() - done
-        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
-        paused = {key for key, outcome in latest.items() if outcome == "paused"} & cell_of.keys() - done - running
-        failed = [attempt.row["key"] for attempt in self._attempts.values() if _has_failed(attempt)]
-        failed = [key for key in failed if key in cell_of]
-        kinds = {"planned": cell_of, "finished": done, "running": running, "paused": paused, "failed_attempts": failed}
-        counts = {kind: Counter(cell_of[key] for key in keys) for kind, keys in kinds.items()}
-        scores: dict[int, float] = defaultdict(float)
-        for key in done:
-            scores[cell_of[key]] += self.results[key].mean_score
+    def _cells(self, plan: _Plan) -> tuple[CellSnapshot, ...]:
+        planned, scores = Counter(plan.cell_of.values()), defaultdict[int, list[float]](list)
+        for key in self.results.keys() & plan.cell_of.keys():
+            scores[plan.cell_of[key]].append(self.results[key].mean_score)
         return tuple(
-            CellSnapshot(
-                game=cell.game,
-                player=cell.player or "",
-                asked=cell.describe(),
-                score=scores[place],
-                **{kind: count[place] for kind, count in counts.items()},
-            )
+            CellSnapshot(cell.game, cell.player or "", planned[place], len(scores[place]), sum(scores[place]))
             for place, cell in enumerate(plan.cells)
-            if counts["planned"][place]
+            if planned[place]
         )
 
     def _spending(self, playing: Iterable[Record]) -> Spending:
@@ -361,15 +316,14 @@ class RunFollower:
         others = sum((self._continued[key] for key in self._continued.keys() & self.results.keys()), others)
         return Spending(results, sum((record.own_totals for record in playing), results + others))
 
-    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], spent: Spent) -> float | None:
-        calls = self._expected_calls(plan, playing)
-        return self._time_left.look(
-            {
-                "calls": (spent.replies, None if calls is None else spent.replies + calls),
-                "tokens": (spent.tokens, plan.caps.get("tokens")),
-                "cost": (spent.cost, plan.caps.get("cost")),
-            }
-        )
+    def _seconds_left(self, plan: _Plan, playing: Sequence[Record], replies: int) -> float | None:
+        """The time that the calls to come take at the rate since the first snapshot; None while that is not known.
+
+        Near the end, when a few long episodes are played alone, a run takes longer than its rate says.
+        """
+        now, calls = self._clock(), self._expected_calls(plan, playing)
+        began, before = self._first = self._first or (now, replies)
+        return None if calls is None or replies <= before else calls * (now - began) / (replies - before)
 
     def _expected_calls(self, plan: _Plan, playing: Sequence[Record]) -> float | None:
         """The calls to come, if episodes last as long as the finished ones of their cell, or of any; None without."""
@@ -384,10 +338,10 @@ class RunFollower:
         means = {cell: fmean(own) for cell, own in lengths.items()}
         return sum(max(0.0, means.get(cell, every) - played.get(key, 0)) for key, cell in to_come)
 
-    def _latest_error(self, plan: _Plan) -> str:
-        if self._latest is None or self._latest not in self._attempts:
+    def _latest_error(self, plan: _Plan, latest: Path | None) -> str:
+        if latest is None:
             return ""
-        row = self._attempts[self._latest].row
+        row = self._attempts[latest].row
         cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
         name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
         return f"{name}{row['error'] or row['end_reason']}"
@@ -395,7 +349,7 @@ class RunFollower:
 
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is, in one look, which knows no time left."""
-    return RunFollower(folder, knows_earlier=True).snapshot()
+    return RunFollower(folder).snapshot()
 
 
 def _changed_at(path: Path) -> float:

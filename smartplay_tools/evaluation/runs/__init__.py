@@ -12,10 +12,10 @@ executors/     running attempts in processes, on an event loop or on a cluster
 limits         caps on the tokens and cost of a whole run
 estimate       the expected tokens, cost and time of a run
 run_writer     writing the run's folder, by one process at a time
-run_options    how a run is played: executor, workers, shard, caps, prices; the arguments of `eval` as a file
+run_options    how a run is played: executor, workers, caps, prices
 scheduler      the choice of the next episode, and the handling of every finished attempt
 run_progress   the one thread that shows a run; Ctrl-C stops it between two turns
 runner         `evaluate`
 sweeps         runs over a grid of budgets, compared with the widest window
-merge          merging shards, and replaying every episode of a run
+audit          replaying every episode of a run
 """

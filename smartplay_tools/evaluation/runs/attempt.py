@@ -26,11 +26,11 @@ from smartplay_tools.episode.carried import Carried
 from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError, TranscriptError, place_of
 from smartplay_tools.evaluation.runs.agents import Agent, Held
-from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.evaluation.runs.limits import Account, RunLimits
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, check_playable, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
+from smartplay_tools.files.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.files.times import delete_record
 from smartplay_tools.games.seeds import player_seed
 from smartplay_tools.games.specs import load_game

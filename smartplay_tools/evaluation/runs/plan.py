@@ -3,8 +3,7 @@
 A run plays a number of trials of each cell. A cell is an `EpisodeConfig` without its seed: the game, the player, the
 budget and the rules of the conversation. The seed of trial i depends only on the run's seed, the game and i, so that
 all cells and players have the same worlds and can be compared in pairs. The key of an episode is the digest of its
-config, so the same episode has the same key in every plan, and a run that is resumed, extended, sharded or merged
-recognises it.
+config, so the same episode has the same key in every plan, and a run that is resumed or extended recognises it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from smartplay_tools.episode.cells import cell_config, with_recorded_name
 from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.episode.game_session import GameSession
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder, shard_of
+from smartplay_tools.evaluation.run_folder.folder import Manifest, ManifestEpisode, RunFolder
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_no_credentials, read_players
 from smartplay_tools.evaluation.suites import Suite
 from smartplay_tools.games.game_registry import GameSpec, close_game
@@ -111,21 +110,6 @@ class Plan:
             for e in self.episodes
         )
         return replace(self, cells=cells, episodes=tuple(episodes))
-
-    def shard(self, number: int, count: int) -> Plan:
-        """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
-
-        Every shard therefore gets its share of long and short episodes. The shard of an episode depends only on its
-        cell and trial, so it does not change when trials, games or players are added. A chain of trials (`Rules.carry`)
-        is not divided.
-        """
-        if not 1 <= number <= count:
-            raise InvalidArgumentError(
-                f"There is no shard {number} of {count}; the shards are 1/{count} to {count}/{count}."
-            )
-        digests = [cell.digest for cell in self.cells]
-        mine = (e for e in self.episodes if shard_of(digests[e.place], e.cell.chain_of(e.trial), count) == number)
-        return replace(self, episodes=tuple(mine))
 
 
 def cell_name(cell: CellConfig) -> str:

@@ -148,7 +148,7 @@ def check_no_credentials(name: str, value: Any) -> None:
     for where in _credentials(name, value):
         raise InvalidArgumentError(
             f"{where} looks like a credential, and its value would be recorded; give it in the environment: "
-            "OPENAI_API_KEY, for example, or the name of another variable as api_key_env in a run file."
+            "OPENAI_API_KEY, for example, or the name of another variable as api_key_env of a PlayerConfig."
         )
 
 

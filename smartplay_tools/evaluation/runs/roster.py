@@ -35,7 +35,7 @@ ELSEWHERE = ("processes", "ray")
 class Roster:
     """The part of a plan that is played, and its players, by `player_key` where nothing else is said."""
 
-    part: Plan
+    plan: Plan
     players: Mapping[str, PlayerConfig]
     episodes: Mapping[str, Sequence[PlannedEpisode]]
     """The episodes of the part, by the name of the executor that suits their player; models come first."""
@@ -48,11 +48,10 @@ class Roster:
 def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> Roster:
     """Return the roster of a plan. Every player is made once, so that mistakes are found before the run."""
     configs = _configs(plan, players)
-    part = plan if options.shard is None else plan.shard(*options.shard)
     check_prices(options.prices or (), priced_names(plan.cells))
     prices = {**given_prices(configs.values()), **(options.prices or {})}
-    episodes, tried = _by_executor(part, configs, options.executor)
-    return Roster(part, configs, episodes, tried, prices)
+    episodes, tried = _by_executor(plan, configs, options.executor)
+    return Roster(plan, configs, episodes, tried, prices)
 
 
 def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:

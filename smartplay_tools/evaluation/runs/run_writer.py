@@ -13,7 +13,6 @@ released however its process ends, and nothing has to be cleaned up after a kill
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -113,12 +112,6 @@ class RunWriter(RunFolder):
         move_record(path, self.path / "attempts" / path.name)
         key, _, attempt = path.stem.partition(".")
         self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
-
-    def add_attempt(self, record: Path) -> None:
-        """Copy the record of an attempt without a result from another folder."""
-        key = record.stem.partition(".")[0]
-        shutil.copyfile(record, self.next_attempt(key))
-        self._attempts[key] = self._attempts.get(key, 0) + 1
 
     def mend(self) -> None:
         """Move the records that a killed run left in `running`, and drop an incomplete last line."""

@@ -21,7 +21,6 @@ from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
@@ -30,6 +29,7 @@ from smartplay_tools.evaluation.runs.run_progress import Display, Signals, follo
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
+from smartplay_tools.files.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.players import is_model
 from smartplay_tools.providers.prices import Price, check_known
 from smartplay_tools.records.rows import Row
@@ -135,7 +135,7 @@ def evaluate(
         trials: episodes of every cell; the paper's number for the game if not given.
         repeats: how often each of these worlds is played, with other random numbers of the player.
         seed: the seed of the run; the seed of a trial follows from it, the game and the trial.
-        options: how the run is played, which are the fields of `RunOptions` (executor, workers, shard, run_tokens,
+        options: how the run is played, which are the fields of `RunOptions` (executor, workers, run_tokens,
             run_cost, prices, on_progress), and the rest of a cell: engine, tokenizer, options,
             player_options, and the fields of `Rules`, such as manual="pinned".
 
@@ -163,26 +163,24 @@ def run_plan(
     players: Players = (),
     options: RunOptions = RunOptions(),  # noqa: B008 (it is frozen)
     *,
-    run_file: str | None = None,
     display: Display | None = None,
 ) -> Run:
     """Play a plan. `players` are those of `evaluate`; one that is not listed is made by its name.
 
-    `run_file` is the text of the run file, if there is one. `display` shows the state of the run while it is played.
+    `display` shows the state of the run while it is played.
     """
     folder, caps = RunWriter(out), options.caps
     plan = plan.as_recorded(folder)
     roster = roster_of(plan, read_players(players), options)
     executors = {name: EXECUTORS[name] for name in roster.episodes}
-    part = roster.part
     with (
-        _what_is_kept(folder, part),
+        _what_is_kept(folder, plan),
         folder.writing(),
         Signals() as signals,
         (display or not_shown)() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
-        manifest = _manifest(folder, before, plan, options, roster.prices, run_file)
+        manifest = _manifest(folder, before, plan, options, roster.prices)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
         heard = options.on_progress or (_FirstFailures() if display is None else None)
@@ -203,7 +201,7 @@ def run_plan(
                 folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(
         RunFolder(out),
-        len(part.episodes),
+        len(plan.episodes),
         rows,
         signals.received,
         scheduler.cap_reached,
@@ -252,25 +250,23 @@ def _manifest(
     plan: Plan,
     options: RunOptions,
     given: Mapping[str, Price],
-    run_file: str | None,
 ) -> Manifest:
     """The manifest of the run. Its earlier prices are kept, unless the user gives others."""
     prices: dict[str, Price] = {}
     if before is not None:
-        _check_same_run(folder, before, plan, options.shard)
+        _check_same_run(folder, before, plan)
         if before.until is not None:
             log.warning(
                 "%s holds a run that was to end early, once its comparisons were decided (--until, of an earlier "
                 "version); from now on it has all episodes that are asked for.",
                 folder.path,
             )
-        prices, run_file = dict(before.prices), before.run_file if run_file is None else run_file
+        prices = dict(before.prices)
     manifest = plan.manifest(
-        shard=options.shard,
         caps=asdict(options.caps),
         prices={**prices, **given},
         versions=versions(),
-        run_file=run_file,
+        run_file=None if before is None else before.run_file,
         spending=None if before is None else before.spending,
     )
     if options.run_cost is not None:
@@ -278,7 +274,7 @@ def _manifest(
     return manifest
 
 
-def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tuple[int, int] | None) -> None:
+def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan) -> None:
     if (before.repeats or 1) != plan.repeats:
         raise InvalidArgumentError(f"{folder.path} plays each world {before.repeats or 1} times; name another folder.")
     gone = {episode.key for episode in before.episodes} - {episode.key for episode in plan.episodes}
@@ -291,6 +287,3 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
             f"{folder.path} holds another run: {len(gone)} of its {len(before.episodes)} episodes are not in this "
             f"one. Name another folder, or ask for {asked}."
         )
-    if shard != before.shard:
-        held = "no shard" if before.shard is None else "shard {}/{}".format(*before.shard)
-        raise InvalidArgumentError(f"{folder.path} holds {held} of this run; name a separate folder for each shard.")

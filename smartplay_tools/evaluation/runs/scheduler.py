@@ -56,14 +56,14 @@ FRAME = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 
 
 class Scheduler:
-    """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
+    """The episodes of a plan that are still to be played, for a folder whose lock is held."""
 
     def __init__(
         self, folder: RunWriter, roster: Roster, prices: Mapping[str, Price], how: RunOptions, repriced: Collection[str]
     ) -> None:
         """`repriced` are the names of players whose price has changed since the run was played before."""
         self._folder, self._roster, self._prices, self._caps = folder, roster, prices, how.caps
-        self._plan = plan = roster.part
+        self._plan = plan = roster.plan
         self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
         self._who = [player_key(cell) for cell in plan.cells]

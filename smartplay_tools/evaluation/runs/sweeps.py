@@ -2,7 +2,7 @@
 
 A grid is the axes that vary (fields of the budget, manual, observation) x players x games. Every cell has the same
 seeds, because the seed of a trial depends only on the run's seed, the game and the trial, so cells can be compared in
-pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped, sharded and replayed, and runs
+pairs (`analysis.windows`). A sweep is a run like any other: it can be resumed, capped and replayed, and runs
 in parallel. In addition to the run's files its folder has
 
     table.csv    a row for each episode (`analysis.tables`)
@@ -12,7 +12,7 @@ in parallel. In addition to the run's files its folder has
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
@@ -120,34 +120,37 @@ def grid(
     fixed = dict(budget or Budget())
     budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
     protocol = rules.get("protocol", "tools")
-    refused: set[tuple[str, str, str]] = set()
     left_out: list[str] = []
-    specs = [get_spec(game) for game in games]
-    for spec, budget, observation in product(specs, budgets, varied["observation"]):
-        which = {"context": "window", "protocol": protocol, "observation": observation}
-        reason = refused_strategy(budget, spec, **which)
-        if reason is None and budget.strategy is not None:
-            reason = refused_with(load_strategy(budget.strategy).make, budget)
-        if reason:
-            refused.add((spec.id, budget.model_dump_json(), observation))
-            left_out.append(f"{spec.id}, {budget.describe()}: {reason}")
 
     def enforceable(spec: GameSpec, observation: str) -> list[Budget]:
-        return [budget for budget in budgets if (spec.id, budget.model_dump_json(), observation) not in refused]
+        allowed = []
+        for each in budgets:
+            which = {"context": "window", "protocol": protocol, "observation": observation}
+            reason = refused_strategy(each, spec, **which)
+            if reason is None and each.strategy is not None:
+                reason = refused_with(load_strategy(each.strategy).make, each)
+            if reason:
+                left_out.append(f"{spec.id}, {each.describe()}: {reason}")
+            else:
+                allowed.append(each)
+        return allowed
 
     wanted: list[CellConfig] = []
     for values in product(*varied.values()):
         chosen = dict(zip(varied, values, strict=True))
         allowed = partial(enforceable, observation=chosen["observation"])
         wanted += make_cells(games, players, allowed, **chosen, **rules)
-    wanted, too_small = _split_by_reserve(wanted)
+    files = [(spec.id, spec.sha256) for spec in map(get_spec, games)]
     names = [player if isinstance(player, str) else player.name for player in players]
-    order = {pair: place for place, pair in enumerate(product(((spec.id, spec.sha256) for spec in specs), names))}
-    wanted.sort(key=lambda cell: order[(cell.game, cell.game_sha256), player_of(cell)])
+    wanted.sort(key=lambda cell: (files.index((cell.game, cell.game_sha256)), names.index(player_of(cell))))
     cells: dict[str, CellConfig] = {}
     for cell in wanted:
-        cells.setdefault(_identity(cell), cell)
-    left_out += too_small
+        try:
+            if cell.budget.strategies:  # prompts that are too small for the game alone are refused by planning
+                check_playable(cell)
+            cells.setdefault(_identity(cell), cell)
+        except InvalidArgumentError as error:
+            left_out.append(f"{cell_name(cell)}: {error}")
     if not cells:
         raise InvalidArgumentError("The grid has no combination that can be played. " + " ".join(left_out))
     return Grid(list(cells.values()), tuple(dict.fromkeys(left_out)))
@@ -161,24 +164,6 @@ def _axes(vary: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
         if isinstance(values, str) or not isinstance(values, Sequence) or not values:
             raise InvalidArgumentError(f"{name} must be a list of at least one value, such as [{values!r}].")
     return {name: vary[name] for name in AXES if name in vary}
-
-
-def _split_by_reserve(cells: Iterable[CellConfig]) -> tuple[list[CellConfig], list[str]]:
-    """Return the cells whose prompts can hold what their strategy adds, and why the others are left out.
-
-    Prompts that are too small for the game alone have nothing to do with a strategy; planning refuses them.
-    """
-    kept: list[CellConfig] = []
-    reasons: list[str] = []
-    for cell in cells:
-        try:
-            if cell.budget.strategies:
-                check_playable(cell)
-        except InvalidArgumentError as error:
-            reasons.append(f"{cell_name(cell)}: {error}")
-        else:
-            kept.append(cell)
-    return kept, reasons
 
 
 def sweep(

@@ -17,6 +17,10 @@ SMALLEST_PICTURE = 64
 LARGEST_CELL = 28
 """The pixels of a cell up to which a picture that a model is shown is enlarged: a patch of Claude's."""
 
+FORMER = "crafter"
+"""The engine that records of earlier versions name where PyPI's package ran, whose worlds are equal: it is played again
+as they are."""
+
 
 class Crafter(TextGame):
     """Crafter, an open world of survival.
@@ -41,14 +45,15 @@ class Crafter(TextGame):
     hash_every: ClassVar[int] = 100
     options: ClassVar[tuple[str, ...]] = ("text", "render_mode", "picture_size")
     engines: ClassVar[tuple[str, ...]] = ("fast",)
-    picture_engines: ClassVar[tuple[str | None, ...]] = engines
+    picture_engines: ClassVar[tuple[str | None, ...]] = (*engines, FORMER)
     actions = ACTIONS
     numbered_actions = NUMBERED_ACTIONS
 
     def __init__(
         self, *, engine: str = "fast", text: str = "original", picture_size: int = SMALLEST_PICTURE, **options: Any
     ) -> None:
-        check_choice("engine", engine, self.engines)
+        if engine != FORMER:
+            check_choice("engine", engine, self.engines)
         check_choice("text", text, TEXTS)
         if picture_size < SMALLEST_PICTURE:
             raise InvalidArgumentError(f"picture_size must be {SMALLEST_PICTURE} or more, not {picture_size}.")

@@ -2,7 +2,7 @@
 
 listed        an episode in the list of a run
 site_runs     which runs there are now, and what a site shows of each, read again where the folder has changed
-served_pages  the pages of episodes and the reports
+served_pages  the pages of episodes
 browser_play  the episodes that a person plays in the browser, as `browser_player` answers
 app           the server, the routes, whom they answer, the stream of events; `playing` has the routes of play
 http_answers  headers with the content security policy, pages, scripts and styles

@@ -6,8 +6,6 @@
     /api/live                         server-sent events: the same counts, and what is being played, when they change
     /episode/RUN/KIND/STEM            the replay page of one record, finished or still being written
     /api/episode/RUN/KIND/STEM        the same episode for the open page, as soon as its record has grown
-    /compare?episode=...              several episodes side by side
-    /report?run=RUN                   the report page of a run, of several their comparison
     /static/NAME                      scripts and styles, some of them the replay page's own
 
 RUN is the name of a run: the path of its folder below the one that the site was started with. A request is refused
@@ -39,7 +37,7 @@ from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.web import Server, carries
 from smartplay_tools.web.guard import Guard, Names, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
-from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, page_now, static
+from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, static
 from smartplay_tools.web.site.listed import COLUMNS
 from smartplay_tools.web.site.playing import LONGEST_WAIT, LOOK_SECONDS, play_routes, refused
 from smartplay_tools.web.site.served_pages import ServedPages
@@ -51,9 +49,6 @@ PERIOD = 1.0
 STEPS = 5
 """How often in a period a stream checks whether the server is stopping."""
 
-MOST_COMPARED = 4
-"""Episodes that are shown side by side."""
-
 COOKIE = "smartplay_view"
 
 KEY = "x-smartplay-key"
@@ -64,13 +59,11 @@ def _routes(site: _Site, play: BrowserGames | None, key: str | None, is_stopping
     """Return the routes; those that change something ask for the `key` of a page."""
     routes = [
         Route("/", page("index.html.j2", games=None if play is None else play.games)),
-        Route("/compare", site.compare),
         Route("/episode/{run:path}/{kind}/{stem}", site.episode),
         Route("/api/runs", site.runs),
         Route("/api/runs/{run:path}/episodes", site.episodes),
         Route("/api/episode/{run:path}/{kind}/{stem}", site.news),
         Route("/api/live", site.live),
-        Route("/report", site.report),
         Route("/static/{name}", static),
     ]
     if play is not None and key is not None:
@@ -127,7 +120,10 @@ class _Site:
 
     async def episode(self, request: Request) -> Response:
         """Answer with the replay page of a record."""
-        return await self._page(lambda: self._pages.episode(*self._record(request)))
+        made = await run_in_threadpool(lambda: self._pages.episode(*self._record(request)))
+        # The page's own policy, by the hashes of its scripts, is in its head.
+        headers = {**HEADERS, "Content-Security-Policy": "frame-ancestors 'self'"}
+        return Response(made.encode("utf-8", errors="replace"), media_type="text/html", headers=headers)
 
     async def news(self, request: Request) -> Response:
         """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
@@ -141,39 +137,6 @@ class _Site:
             version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
         news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
         return AsciiJson({"version": version, "playing": is_playing, **news}, headers=HEADERS)
-
-    async def compare(self, request: Request) -> Response:
-        """Answer with the page of several episodes side by side."""
-        return await self._page(lambda: self._pages.side_by_side(self._compared(request)))
-
-    def _compared(self, request: Request) -> list[tuple[ViewedRun, str]]:
-        asked = request.query_params.getlist("episode")
-        if not 2 <= len(asked) <= MOST_COMPARED:
-            raise InvalidArgumentError(f"Two to {MOST_COMPARED} episodes can be compared: /compare?episode=...")
-        parts = [_split(address) for address in asked]
-        return [(self._named(name), f"{kind}/{stem}") for name, kind, stem in parts]
-
-    async def report(self, request: Request) -> Response:
-        """Answer with the report page of a run, or of several; it holds some episodes of each, since all open here.
-
-        While it is made, a page says so, and asks again.
-        """
-        asked = request.query_params.getlist("run")
-        if not asked:
-            return missing("Name a run: /report?run=NAME.")
-        runs = await run_in_threadpool(lambda: [self._named(name) for name in asked])
-        is_there = await run_in_threadpool(self._pages.has_report, runs)
-        if not is_there and "made" not in request.query_params:
-            again = f"/report?{request.url.query}&made=1"
-            return page_now("waiting.html.j2", names=" and ".join(run.name for run in runs), again=again)
-        return await self._page(lambda: self._pages.report(runs))
-
-    async def _page(self, make: Callable[[], str]) -> Response:
-        made = await run_in_threadpool(make)
-        # The page's own policy, by the hashes of its scripts, is in its head.
-        headers = {**HEADERS, "Content-Security-Policy": "frame-ancestors 'self'"}
-        body = made.encode("utf-8", errors="replace")
-        return Response(body, media_type="text/html", headers=headers)
 
     async def live(self, request: Request) -> Response:
         """Answer with a stream of events, one whenever something has changed."""
@@ -200,14 +163,6 @@ class _Site:
 
     def _record(self, request: Request) -> tuple[ViewedRun, str]:
         return self._named(request.path_params["run"]), "{kind}/{stem}".format(**request.path_params)
-
-
-def _split(address: str) -> tuple[str, str, str]:
-    """The run's name, the kind and the stem in what names a record."""
-    parts = address.rsplit("/", 2)
-    if len(parts) != 3:
-        raise InvalidArgumentError(f"{address!r} is not the address of an episode, which is RUN/KIND/STEM.")
-    return parts[0], parts[1], parts[2]
 
 
 def _now(run: ViewedRun) -> dict[str, Any]:

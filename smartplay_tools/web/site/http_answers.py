@@ -15,7 +15,7 @@ from smartplay_tools.types.arguments import well_formed
 
 STATIC = {
     **dict.fromkeys(
-        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "waiting.js", "view.css"),
+        ("site.js", "view.js", "runs.js", "groups.js", "play.js", "games.js", "view.css"),
         "smartplay_tools.web.site",
     ),
     **dict.fromkeys(("basics.js", "snapshot.js", "page.css"), "smartplay_tools.evaluation.pages.report"),

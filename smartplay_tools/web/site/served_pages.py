@@ -1,27 +1,15 @@
-"""The pages that the site serves: the replay of a record, several side by side, and the report of runs.
-
-A report is kept until the folder of its run has changed.
-"""
+"""The pages that the site serves: the replay of a record, and what is new in one that is open."""
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
-from smartplay_tools.evaluation.pages.report.page import render_report
-from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode, render_side_by_side
+from smartplay_tools.evaluation.pages.report.served import pack_episode, render_episode
 from smartplay_tools.types.quantities import duration, short
 from smartplay_tools.web.site.site_runs import ViewedRun
 from smartplay_tools.web.site.site_threads import THREADS
-
-EPISODES = 50
-"""The episodes of a run that a report page holds; the site opens the others."""
-
-KEPT = 8
-"""Reports that are kept."""
 
 
 class ServedPages:
@@ -29,8 +17,6 @@ class ServedPages:
 
     def __init__(self, *, plugins: bool) -> None:
         self._plugins = plugins
-        self._reports: OrderedDict[tuple[str, ...], tuple[Any, str]] = OrderedDict()
-        self._lock = threading.Lock()
 
     def episode(self, run: ViewedRun, record: str) -> str:
         """Return the page of an episode; one that is being played asks for its new turns."""
@@ -53,31 +39,6 @@ class ServedPages:
         if is_new:
             data = pack_episode(run.record(record), record.partition("/")[2], plugins=self._plugins)
         return {"data": data, "figures": _figures(run.summary())}
-
-    def side_by_side(self, records: Sequence[tuple[ViewedRun, str]]) -> str:
-        """Return the page of several episodes."""
-        first = records[0][0]
-        named = [(run.name, run.record(record)) for run, record in records]
-        return render_side_by_side(named, {"home": f"/#run={quote(first.name)}"}, plugins=self._plugins)
-
-    def has_report(self, runs: Sequence[ViewedRun]) -> bool:
-        """Return whether the report of runs is there, and not older than their folders."""
-        kept = self._reports.get(tuple(run.name for run in runs))
-        return kept is not None and kept[0] == [run.version() for run in runs]
-
-    def report(self, runs: Sequence[ViewedRun]) -> str:
-        """Return the report page of a run, or the comparison of several."""
-        names, versions = tuple(run.name for run in runs), [run.version() for run in runs]
-        kept = self._reports.get(names)
-        if kept is not None and kept[0] == versions:
-            return kept[1]
-        made = render_report([run.path for run in runs], episodes=str(EPISODES * len(runs)), plugins=self._plugins)
-        with self._lock:
-            self._reports[names] = versions, made
-            self._reports.move_to_end(names)
-            while len(self._reports) > KEPT:
-                self._reports.popitem(last=False)
-        return made
 
 
 def address(run: ViewedRun, record: str) -> str:

@@ -61,10 +61,6 @@ class ViewedRun(Protocol):
         """Return whether the episode of one of its files is being played."""
         ...
 
-    def version(self) -> Any:
-        """Return something that changes when its report does."""
-        ...
-
 
 class SiteRun:
     """One run folder."""
@@ -139,7 +135,7 @@ class SiteRun:
         return record.parent.name == "running"
 
     def version(self) -> Any:
-        """Return something that changes when the list of episodes, or the report, does."""
+        """Return something that changes when the list of episodes does."""
         running = [record.name for record in self.folder.running()]
         return [
             *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),

@@ -105,10 +105,6 @@ class SiteThreads:
         """Return whether a thread goes on."""
         return time.time() - _stamp(record)[0] < LIVE
 
-    def version(self) -> Any:
-        """Return something that changes when the list, or the report, does."""
-        return [(file.name, _stamp(file)) for file in thread_files([self.path])]
-
 
 def _stamp(file: Path) -> tuple[float, int]:
     """When a file was written last, and its size; it may have gone."""

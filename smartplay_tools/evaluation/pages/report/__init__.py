@@ -3,9 +3,8 @@
     sources          the episodes, finished or not
     episodes         a transcript for the page: turns, the contents of each prompt, tokens
     drawings         the states of the game, from playing the record again; walks and textures for two games
-    summary_tables   the tables of the run, and its figures
+    figures          the figures of runs, drawn for the page
     episode_reading  an episode's record checked, drawn and packed, by several processes if there are many
-    pairs            which episodes of several runs stand side by side
     page             all of it put into one file; the templates, the styles and the scripts lie beside it
     served           the same for a site, with an episode that may still be played
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import base64
+import functools
 import gzip
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from smartplay_tools.episode.budgets import usual_tool_calls
+from smartplay_tools.episode.config import Rules
 from smartplay_tools.evaluation.pages.report.drawings import Drawings
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.evaluation.pages.report.sources import Source
-from smartplay_tools.evaluation.pages.report.summary_tables import rules
 from smartplay_tools.evaluation.run_folder.folder import current_place
 from smartplay_tools.games.game_registry import importing_packages
+from smartplay_tools.games.specs import GAMES
 from smartplay_tools.records.damage import DamageError, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.rows import COPIED, Row
+from smartplay_tools.types import Budget, ResolvedBudget
 from smartplay_tools.types.arguments import encoder
 
 PACKED_ONLY = ("head", "tools", "first_observations", "turns", "drawing", "pictures", "traceback", "check")
@@ -65,6 +70,27 @@ def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
     facts = {name: value for name, value in data.items() if name not in PACKED_ONLY}
     facts["rules"] = rules(facts)
     return ShownEpisode(facts, json_text({**data, "turns": columns(data["turns"])}), row)
+
+
+def rules(facts: Mapping[str, Any]) -> str:
+    """Return a short description of the budget and protocol of an episode."""
+    words = [_budget_in_words(json.dumps(facts["budget"]), _usual_calls(facts["game"]))]
+    words += [f"{name} {facts[name]}" for name, usual in Rules() if facts[name] != usual]
+    words += [f"engine {facts['engine']}"] if facts["engine"] else []
+    words += [f"{name} {value}" for name, value in sorted((facts["options"] or {}).items())]
+    return ", ".join(words)
+
+
+@functools.lru_cache(64)
+def _budget_in_words(numbers: str, usual_calls: int | None) -> str:
+    """What differs from the usual budget; a run has few budgets."""
+    usual = Budget(result_tokens=None, tool_calls=usual_calls)
+    return ResolvedBudget(**json.loads(numbers)).describe(beside=usual)
+
+
+def _usual_calls(game: str) -> int | None:
+    """The default cap on tool calls of a game; None if the game is not registered here."""
+    return usual_tool_calls(GAMES[game].rollout) if game in GAMES else None
 
 
 def _row(key: str, start: Mapping[str, Any], result: Mapping[str, Any], facts: Mapping[str, Any]) -> Row:

@@ -27,7 +27,7 @@ from smartplay_tools.records.accounts import Accounts
 from smartplay_tools.records.prompts import is_compacted, rewritten_prompts
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import CallEvent, concerns_summary, purpose_of
-from smartplay_tools.types import Budget, ResolvedBudget
+from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.messages import text_of
 
 FACTS = ("game", "player", "seed", "engine", "options", *RULES, "tokenizer", "prompts", "budget")
@@ -54,7 +54,7 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
     return {
         "key": key,
         **{name: start.get(name) for name in FACTS},
-        **_budget_facts(json.dumps(record.budget), json.dumps(start["asked"]), record.config.words.name),
+        **_budget_facts(json.dumps(record.budget), record.config.words.name),
         "prompts": record.config.words.name,
         "family": spec.family if spec else None,
         "rollout": start["setting"]["rollout"],
@@ -73,13 +73,12 @@ def episode_data(key: str, record: Record, facts: Mapping[str, Any]) -> dict[str
 
 
 @functools.lru_cache(64)
-def _budget_facts(numbers: str, asked: str, version: str) -> Mapping[str, Any]:
-    """What the page says of a budget, as it was resolved and as it was asked for; a run has few of them."""
+def _budget_facts(numbers: str, version: str) -> Mapping[str, Any]:
+    """What the page says of a budget; a run has few of them."""
     budget = ResolvedBudget(**json.loads(numbers))
     asking = summaries_of(budget, shared_counter("approximate"), Wording.of(version))
     return {
         "limits": budget.words(),
-        "asked": Budget.from_record(json.loads(asked)).words(),
         "summary_request": None if asking is None else text_of(asking.question.message),
     }
 

@@ -20,32 +20,26 @@ from smartplay_tools.context.prompts.wording import known
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
-from smartplay_tools.evaluation.analysis.details import deviations_table
+from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable
+from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
-from smartplay_tools.evaluation.analysis.window_tables import windows_table
+from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
 from smartplay_tools.evaluation.pages.report.episode_reading import ShownEpisode, json_text, pack, packs, read_episodes
 from smartplay_tools.evaluation.pages.report.episodes import fixed_texts
-from smartplay_tools.evaluation.pages.report.pairs import pairs_of
-from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, choose, find_runs
-from smartplay_tools.evaluation.pages.report.summary_tables import (
-    failed_row,
-    figures,
-    interval,
-    lines,
-    totals,
-)
+from smartplay_tools.evaluation.pages.report.figures import figures
+from smartplay_tools.evaluation.pages.report.sources import ShownRun, Source, Sources, find_runs, that_open_well
 from smartplay_tools.evaluation.pages.report.threads import PARTS as THREAD_PARTS, shown_threads
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records.accounts import PARTS
 from smartplay_tools.records.damage import DamageError, warn_damaged
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.records.threads import thread_files
-from smartplay_tools.types import MISTAKES, Budget
+from smartplay_tools.types import MISTAKES
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.types.quantities import figure, typeset
 
@@ -53,21 +47,9 @@ __all__ = ["render_report", "write_episode", "write_report"]
 
 SCRIPTS = (
     *("basics.js", "prompts.js", "charts.js", "parts.js", "window.js", "thread.js", "worlds.js", "drawings.js"),
-    *(
-        "live.js",
-        "episode.js",
-        "turn.js",
-        "snapshot.js",
-        "why.js",
-        "search.js",
-        "player.js",
-        "compare.js",
-        "page.js",
-    ),
+    *("live.js", "episode.js", "turn.js", "snapshot.js", "why.js", "search.js", "player.js", "page.js"),
 )
 """The page's scripts, in the order of their dependencies."""
-
-STYLES = ("page.css", "compare.css")
 
 LISTED = ("key", "run", "game", "player", "seed", "status")
 """The facts about an episode that the page needs before it is unpacked."""
@@ -81,18 +63,16 @@ def write_report(
     out: str | Path,
     *,
     title: str | None = None,
-    episodes: str | None = None,
     plugins: bool = False,
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
-    Several runs become one page that compares them, pair by pair. `episodes` chooses those that the page holds: a
-    number (the first trials) or "all"; not given, a page of a very large run holds the first trials, with a warning. An
-    existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
-    name, are imported for the drawings and figures only with `plugins`.
+    Several runs become one page that compares them, pair by pair. A page of a very large run holds the first trials,
+    with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
+    packages, which records name, are imported for the drawings and figures only with `plugins`.
     """
     file = _html_file(out)
-    page = render_report(run, title=title, episodes=episodes, plugins=plugins)
+    page = render_report(run, title=title, plugins=plugins)
     return _write(file, page)
 
 
@@ -127,7 +107,6 @@ def render_report(
     run: str | Path | Sequence[str | Path],
     *,
     title: str | None = None,
-    episodes: str | None = None,
     plugins: bool = False,
     open_first: bool = False,
 ) -> str:
@@ -135,7 +114,7 @@ def render_report(
     if files := thread_files([Path(run)] if isinstance(run, str | Path) else [*map(Path, run)]):
         return render_threads(files, title or Path(files[0]).parent.resolve().name)
     with importing_packages(plugins):
-        runs = choose(find_runs([run] if isinstance(run, str | Path) else run), episodes)
+        runs = that_open_well(find_runs([run] if isinstance(run, str | Path) else run))
         opened: Literal["first", "run"] = "first" if open_first else "run"
         return render_runs(runs, title, plugins=plugins, opened=opened)
 
@@ -152,10 +131,10 @@ def render_runs(
     title: str | None,
     *,
     plugins: bool,
-    opened: Literal["run", "first", "alone", "compared"],
+    opened: Literal["run", "first", "alone"],
     site: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page of runs, which opens with their tables, their first episode, only that, or all side by side.
+    """Return the page of runs, which opens with their tables, their first episode, or only that.
 
     `site` is what the page knows of the site that serves it (`served`).
     """
@@ -172,18 +151,15 @@ def _rendered(contents: Mapping[str, Any], site: Mapping[str, Any] | None, opene
     environment = template_environment(__package__, "The replay page")
     environment.filters |= {
         "number": number,
-        "interval": interval,
         "typeset": typeset,
         "mistakes": lambda result: sum(result[name] for name in MISTAKES),
     }
-    scripts, style = [_static(name) for name in SCRIPTS], "".join(map(_static, STYLES))
-    keys = [episode["key"] for episode in contents["episodes"]]
+    scripts, style = [_static(name) for name in SCRIPTS], _static("page.css")
     shown = {
         "scripts": scripts,
         "style": style,
         "policy": _policy(style, scripts, is_served=site is not None),
-        "open": keys[0] if opened in ("first", "alone") else None,
-        "compared": json.dumps(keys) if opened == "compared" else None,
+        "open": contents["episodes"][0]["key"] if opened in ("first", "alone") else None,
         "site": None if site is None else json.dumps(site),
         "follows": bool(site and site.get("updates")),
         "alone": opened == "alone",
@@ -197,25 +173,13 @@ def _contents(pages: Sequence[_RunPage], title: str | None) -> dict[str, Any]:
     """Return the variables of the templates."""
     runs = [page.run for page in pages]
     shown = [episode for page in pages for episode in page.shown]
-    episodes = [episode.facts for episode in shown]
     names = [run.path.resolve().name.removesuffix(".jsonl") for run in runs]
     return {
         "title": title or " and ".join(names),
         "runs": [{"letter": run.letter, "name": name} for run, name in zip(runs, names, strict=True)],
-        "failures": [(page.run.letter, failure) for page in pages for failure in page.summary.failures],
-        "lines": [{**line, "run": page.run.letter} for page in pages for line in lines(page.summary)],
-        "totals": [{**totals(page.summary), "run": page.run.letter} for page in pages],
         "comparison": list(_comparison(pages)),
-        "pairs": list(pairs_of(episodes)) if len(runs) > 1 else [],
+        "results": [(page.run.letter, headline(page.summary)) for page in pages if page.summary.cells],
         "tables": [(page.run.letter, table) for page in pages for table in _tables(page)],
-        "profiles": [
-            (page.run.letter, profile, profile.condition.label_among(each.condition for each in page.summary.profiles))
-            for page in pages
-            for profile in page.summary.profiles
-            if profile.capabilities.settings
-        ],
-        "privileged": any(cell.privileged for page in pages for cell in page.summary.cells),
-        "left_out": sum(len(page.rows) - sum(cell.episodes for cell in page.summary.cells) for page in pages),
         **_packed(shown, PARTS),
         "figures": [figure for page in pages for figure in page.figures],
         "manifests": [(run.letter, _manifest(run)) for run in runs if run.sources.manifest],
@@ -234,7 +198,6 @@ def _packed(shown: Sequence[ShownEpisode], part_words: Mapping[str, str]) -> dic
         "words": {version: fixed_texts(version) for version in known()},
         "mistakes": MISTAKES,
         "partWords": part_words,
-        "usual": Budget().words(),
         "episodes": [
             {name: episode[name] for name in LISTED} | {"pack": pack_of[episode["key"]]} for episode in episodes
         ],
@@ -283,8 +246,14 @@ def _page_of_run(run: ShownRun, drawing: Sequence[ShownRun], *, plugins: bool) -
     failures: Sequence[Row] | None = run.sources.failures
     if failures is None:
         facts = [episode.facts for episode in shown]
-        failures = [failed_row(each["key"], each) for each in facts if each["status"] == "failed"]
+        failures = [_failed_row(each) for each in facts if each["status"] == "failed"]
     return _RunPage(run, shown, rows, summarize(rows, failures), drawn, damaged)
+
+
+def _failed_row(episode: Mapping[str, Any]) -> Row:
+    """The row of a failed attempt that is not part of a run."""
+    reason = "exception" if episode["result"] is None else episode["result"]["end_reason"]
+    return {"end_reason": reason, **{name: episode[name] for name in ("key", "game", "player", "error")}}
 
 
 def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
@@ -296,14 +265,13 @@ def _comparison(pages: Sequence[_RunPage]) -> Iterator[TextTable]:
 
 
 def _tables(page: _RunPage) -> Iterator[TextTable]:
-    """The tables below the results: what windows cost and keep, and what the paper did not do."""
-    if len(page.summary.cells) > 1:
-        comparisons = compare_windows(page.rows)
-        if any(not comparison.is_reference for comparison in comparisons):
-            yield windows_table(comparisons)
+    """The tables below the results, as `results --all` has them, and what windows cost."""
+    comparisons = compare_windows(page.rows)
+    if any(not comparison.is_reference for comparison in comparisons):
+        yield windows_table(comparisons)
+    yield from details(page.summary)
     yield from remembering_tables(page.rows)
-    if page.summary.cells:
-        yield deviations_table(page.summary.cells)
+    yield from points_tables(comparisons)
 
 
 def _static(name: str) -> str:

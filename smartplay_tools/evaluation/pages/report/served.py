@@ -1,4 +1,4 @@
-"""Replay pages for a site that serves them: one episode that may still be played, and several side by side.
+"""Replay pages for a site that serves them: each is one episode, which may still be played.
 
 Such a page knows the site (`site`): where the list is, which episodes are its neighbours, and where new turns come
 from. It may ask this server, and no other.
@@ -6,9 +6,8 @@ from. It may ask this server, and no other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from string import ascii_uppercase
 from typing import Any
 
 from smartplay_tools.evaluation.pages.report.episode_reading import packs, read_episodes
@@ -37,14 +36,3 @@ def pack_episode(record: Path, key: str, *, plugins: bool = False) -> str:
     if damaged:
         raise DamageError(damaged[0])
     return packs(shown)[0][1]
-
-
-def render_side_by_side(records: Sequence[tuple[str, Path]], site: Mapping[str, Any], *, plugins: bool = False) -> str:
-    """Return the page of several episodes side by side, each with the name of its run."""
-    several = len({name for name, _ in records}) > 1
-    runs = [
-        ShownRun(record, name if several else "", Sources([Source(f"{letter}.{record.stem}", record)]))
-        for letter, (name, record) in zip(ascii_uppercase, records, strict=False)
-    ]
-    with importing_packages(plugins):
-        return render_runs(runs, "Side by side", plugins=plugins, opened="compared", site=site)

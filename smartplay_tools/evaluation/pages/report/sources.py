@@ -130,29 +130,17 @@ def _run(folder: RunFolder) -> Sources:
 
 
 MOST_EPISODES = 1_000
-"""The most episodes of a page if none were chosen."""
+"""The most episodes of a page."""
 
 MOST_BYTES = 40_000_000
 """The most bytes of their records: such a page is written in some ten seconds, and is 3 MB large."""
 
 
-def choose(runs: Sequence[ShownRun], asked: str | None) -> list[ShownRun]:
-    """Return the runs with the sources that the page holds; those that it leaves out keep their rows for the tables.
+def that_open_well(runs: Sequence[ShownRun]) -> list[ShownRun]:
+    """Return the runs with the sources that the page holds: all or, with a `SmartPlayWarning`, the first trials.
 
-    `asked` is how many, the first trials of every game and player, or "all". None is all, or the first trials with a
-    `SmartPlayWarning` if all are too many.
+    Those that it leaves out keep their rows for the tables.
     """
-    asked = asked or _opens_well(runs)
-    if asked == "all":
-        return list(runs)
-    if not (asked.isascii() and asked.isdigit()) or int(asked) < len(runs):
-        raise InvalidArgumentError(f"--episodes {asked} chooses no episode; it takes a number of episodes, or all.")
-    each = int(asked) // len(runs)
-    return [_only(run, {source.key for source in _by_trial(run)[:each]}) for run in runs]
-
-
-def _opens_well(runs: Sequence[ShownRun]) -> str:
-    """Return "all", or how many of the first episodes make a page that opens well."""
     held = size = 0
     for number, episodes in enumerate(zip_longest(*map(_by_trial, runs))):
         there = [source.transcript for source in episodes if source]
@@ -161,12 +149,12 @@ def _opens_well(runs: Sequence[ShownRun]) -> str:
             count = sum(len(run.sources.episodes) for run in runs)
             why = (
                 f"The page holds {held:,} of {count:,} episodes, the first trials of every game and player, because "
-                "more would be slow to open; --episodes says how many, or all. Its tables are of all episodes."
+                "more would be slow to open; its tables are of all, and `view` shows each."
             )
             warnings.warn(why, SmartPlayWarning, stacklevel=2)
-            return str(number * len(runs))
+            return [_only(run, {source.key for source in _by_trial(run)[:number]}) for run in runs]
         held += len(there)
-    return "all"
+    return list(runs)
 
 
 def _by_trial(run: ShownRun) -> list[Source]:

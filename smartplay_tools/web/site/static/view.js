@@ -15,10 +15,9 @@ const WIDTHS = {
 // Columns that are shown only if an episode of the run has something there.
 const RARE = new Set(["cost", "cut", "time", "date"]);
 const LIST = "smartplay-list";
-const MOST_MARKED = 4;
 
-// `run` is the name of the run that is shown; `marked` are records of any run, as RUN/KIND/STEM.
-const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], lines: [], closed: new Set(), columns: SHOWN, selected: 0, marked: [], sort: null, down: false, cards: new Map(), headings: new Map() };
+// `run` is the name of the run that is shown.
+const site = { runs: [], run: null, at: {}, all: [], texts: [], listed: [], lines: [], closed: new Set(), columns: SHOWN, selected: 0, sort: null, down: false, cards: new Map(), headings: new Map() };
 
 function value(episode, name) {
   return episode[site.at[name]];
@@ -28,46 +27,25 @@ function encoded(name) {
   return name.split("/").map(encodeURIComponent).join("/");
 }
 
-function recordOf(episode) {
-  const record = value(episode, "record");
-  return record ? `${site.run}/${record}` : null;
-}
-
 function address(episode) {
-  const record = recordOf(episode);
-  return record ? `/episode/${encoded(record)}` : null;
+  const record = value(episode, "record");
+  return record ? `/episode/${encoded(`${site.run}/${record}`)}` : null;
 }
 
 function shownRun() {
   return site.runs.find((run) => run.name === site.run);
 }
 
-// --- Reports, and what the server tells -----------------------------------------------------------------------------
-
-// The report page of the run that is shown; with another one, their comparison.
-function linkReport() {
-  const others = site.runs.filter((run) => run.name !== site.run && !run.error);
-  const chosen = $("other").value;
-  const choices = others.map((run) => element("option", { value: run.name, selected: run.name === chosen }, run.name));
-  $("other").replaceChildren(element("option", { value: "" }, "no other run"), ...choices);
-  $("against").hidden = !others.length;
-  const other = $("other").value;
-  const asked = new URLSearchParams([site.run, other].filter(Boolean).map((name) => ["run", name]));
-  $("report").hidden = !shownRun();
-  $("report").setAttribute("href", `/report?${asked}`);
-  $("report").textContent = other ? "comparison of both runs" : "report of this run";
-}
+// --- What the server tells --------------------------------------------------------------------------------------------
 
 function listen() {
   const stream = new EventSource("/api/live");
   stream.onmessage = (event) => {
     const before = shownRun();
-    const names = site.runs.map((run) => run.name).join("\n");
     site.runs = JSON.parse(event.data);
     $("live").textContent = "up to date";
     if (site.run === null && site.runs.length) return choose(site.runs[0].name);
     showRuns();
-    if (site.runs.map((run) => run.name).join("\n") !== names) linkReport();
     const now = shownRun();
     const changed = ["finished", "running", "paused", "failed"].some((name) => before?.[name] !== now?.[name]);
     if (changed) load();
@@ -118,7 +96,6 @@ function choose(name) {
   site.selected = 0;
   keep("pushState");
   showRuns();
-  linkReport();
   return load();
 }
 
@@ -182,7 +159,7 @@ function draw() {
   for (let place = first; place < last; place += 1) {
     const one = site.lines[place];
     const isGroup = one.group !== undefined;
-    const kind = isGroup ? "group" : site.marked.includes(recordOf(one)) ? "marked" : "";
+    const kind = isGroup ? "group" : "";
     const onclick = () => (select(place), isGroup && toggle(one));
     const attributes = { role: "row", id: `row-${place}`, class: kind, "aria-selected": String(place === site.selected), "aria-rowindex": place + 2, onclick };
     const cells = isGroup ? groupCells(one, $("group").value, site.columns, site.closed.has(one.group)) : site.columns.map((name) => cell(one, name));
@@ -204,22 +181,6 @@ function select(place) {
   draw();
   // The row has to be in sight of the page, too.
   document.getElementById(`row-${site.selected}`)?.scrollIntoView({ block: "nearest" });
-}
-
-function mark() {
-  const one = site.lines[site.selected];
-  const record = one && one.group === undefined && recordOf(one);
-  if (!record) return;
-  const isMarked = site.marked.includes(record);
-  site.marked = isMarked ? site.marked.filter((one) => one !== record) : [...site.marked, record].slice(-MOST_MARKED);
-  showMarks();
-  draw();
-}
-
-function showMarks() {
-  $("compare").hidden = site.marked.length < 2;
-  $("compare").textContent = `compare ${site.marked.length} episodes`;
-  $("compare").setAttribute("href", `/compare?${new URLSearchParams(site.marked.map((record) => ["episode", record]))}`);
 }
 
 function heads() {
@@ -266,7 +227,7 @@ function recall() {
 // What an episode's page needs to know of this list, and what this list needs when it is shown again.
 function remember() {
   const records = site.listed.map(address).filter(Boolean);
-  const place = { selected: site.selected, top: $("list").scrollTop, marked: site.marked };
+  const place = { selected: site.selected, top: $("list").scrollTop };
   try {
     sessionStorage.setItem(LIST, JSON.stringify({ home: listAddress(), records, ...place }));
   } catch {
@@ -282,8 +243,6 @@ function restore() {
     return;
   }
   if (!kept) return;
-  site.marked = kept.marked ?? [];
-  showMarks();
   if (kept.home !== listAddress()) return;
   site.selected = between(0, kept.selected, Math.max(0, site.lines.length - 1));
   $("list").scrollTop = kept.top;
@@ -295,7 +254,6 @@ const KEYS = {
   k: () => select(site.selected - 1),
   ArrowDown: () => select(site.selected + 1),
   ArrowUp: () => select(site.selected - 1),
-  x: mark,
   "/": () => $("find").focus(),
   t: toggleTheme,
   "?": () => $("keys").showModal(),
@@ -315,13 +273,11 @@ async function start() {
   $("cards-by").addEventListener("input", () => [keep(), showRuns()]);
   $("list").addEventListener("scroll", draw);
   window.addEventListener("resize", draw);
-  window.addEventListener("popstate", () => [recall(), heads(), showRuns(), linkReport(), load()]);
+  window.addEventListener("popstate", () => [recall(), heads(), showRuns(), load()]);
   window.addEventListener("pagehide", remember);
   connectKeys(KEYS);
   showRuns();
   document.querySelector('#runs [aria-pressed="true"]')?.scrollIntoView({ block: "nearest" });
-  linkReport();
-  $("other").addEventListener("input", linkReport);
   await load();
   restore();
   listen();

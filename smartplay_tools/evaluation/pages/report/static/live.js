@@ -20,8 +20,7 @@ function connectSite() {
 // The list as it was left, if it led here; else the run in it.
 function home() {
   const list = listed();
-  const isFromThere = location.pathname === "/compare" || list?.records.includes(location.pathname);
-  return list && isFromThere ? list.home : served.home;
+  return list?.records.includes(location.pathname) ? list.home : served.home;
 }
 
 function listed() {

@@ -24,13 +24,6 @@ async function loadSheet(textures) {
 async function route() {
   const asked = new URLSearchParams(location.hash.slice(1));
   if (asked.has("bare")) document.body.classList.add("alone", "bare");
-  document.body.classList.toggle("show", asked.has("show"));
-  const together = JSON.parse(document.body.dataset.compared ?? "[]");
-  if (together.length && !asked.has("compare") && !asked.has("episode")) {
-    asked.set("compare", together[0]);
-    for (const key of together.slice(1)) asked.append("with", key);
-  }
-  if (await showComparison(asked)) return;
   const key = asked.get("episode") ?? document.body.dataset.open;
   if (page.episodes.some((episode) => episode.key === key)) {
     const opened = shown.episode?.key !== key || $("player").hidden;
@@ -59,7 +52,6 @@ async function widen(image) {
 }
 
 function connect() {
-  connectComparison();
   for (const image of document.querySelectorAll(".figures img")) widen(image);
   window.addEventListener("hashchange", route);
   window.addEventListener("resize", again);
@@ -77,8 +69,6 @@ function connect() {
   $("why-turn").addEventListener("input", () => askAbout($("why-turn").valueAsNumber || 0));
   const buttons = {
     play,
-    "compare-play": play,
-    show,
     "next-mistake": () => goToMistake(1),
     "episode-before": () => goToEpisode(-1),
     "episode-after": () => goToEpisode(1),
@@ -91,7 +81,7 @@ function connect() {
   };
   for (const [id, action] of Object.entries(buttons)) $(id).addEventListener("click", action);
   for (const [name, key] of [["first", "Home"], ["previous", "ArrowLeft"], ["next", "ArrowRight"], ["last", "End"]])
-    for (const id of [name, `compare-${name}`]) $(id).addEventListener("click", () => KEYS[key]({ shiftKey: false }));
+    $(name).addEventListener("click", () => KEYS[key]({ shiftKey: false }));
   $("pace").addEventListener("change", () => {
     if (shown.timer) [stop(), play()];
   });
@@ -116,15 +106,12 @@ function again() {
 
 // --- Keys ------------------------------------------------------------------------------------------------------------
 
-const TOGETHER = new Set(["ArrowLeft", "ArrowRight", "Home", "End", " ", "s", "Escape"]);
-
 const KEYS = {
-  ArrowLeft: (event) => moving().go(moving().at - (event.shiftKey ? 10 : 1)),
-  ArrowRight: (event) => moving().go(moving().at + (event.shiftKey ? 10 : 1)),
-  Home: () => moving().go(moving().first),
-  End: () => moving().go(moving().last),
+  ArrowLeft: (event) => goTo(shown.turn - (event.shiftKey ? 10 : 1)),
+  ArrowRight: (event) => goTo(shown.turn + (event.shiftKey ? 10 : 1)),
+  Home: () => goTo(0),
+  End: () => goTo(lastTurn()),
   " ": play,
-  s: show,
   m: () => goToMistake(1),
   M: () => goToMistake(-1),
   p: togglePrompt,
@@ -132,18 +119,8 @@ const KEYS = {
   w: () => askAbout(shown.asked_about),
   n: () => goToEpisode(1),
   b: () => goToEpisode(-1),
-  Escape: () => (document.body.classList.contains("show") ? show() : served ? leave() : (location.hash = "")),
+  Escape: () => (served ? leave() : (location.hash = "")),
 };
-
-// For an audience: the game, the words and the band fill the screen, and the episode plays.
-function show() {
-  const isShown = document.body.classList.toggle("show");
-  if (isShown) document.documentElement.requestFullscreen?.().catch(() => {});
-  else if (document.fullscreenElement) document.exitFullscreen();
-  $("pace").value = isShown ? "1400" : "600";
-  if (Boolean(shown.timer) !== isShown && !served?.playing) play();
-  moving().go(moving().at);
-}
 
 // Open the prompt where it can be seen, or close it.
 function togglePrompt() {
@@ -168,8 +145,7 @@ function onKey(event) {
     : event.target.matches("[type=range]")
       ? ["Home", "End"]
       : [];
-  const works = $("compare").hidden ? !$("player").hidden : TOGETHER.has(event.key);
-  if (!works || !(event.key in KEYS) || own.includes(event.key)) return;
+  if ($("player").hidden || !(event.key in KEYS) || own.includes(event.key)) return;
   event.preventDefault();
   KEYS[event.key](event);
 }

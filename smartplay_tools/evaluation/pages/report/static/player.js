@@ -38,7 +38,7 @@ function goTo(turn, step = null) {
   shown.step = step;
   try {
     // Inside of a notebook the page has no address of its own.
-    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}${modes()}`);
+    if (location.protocol !== "about:") history.replaceState(null, "", `#episode=${encodeURIComponent(shown.episode.key)}&turn=${shown.turn}${document.body.classList.contains("bare") ? "&bare" : ""}`);
   } catch {
     // Safari refuses more than a hundred of these in half a minute; the address then lags behind.
   }
@@ -128,21 +128,10 @@ function renderCurves() {
 
 // --- Moving ----------------------------------------------------------------------------------------------------------
 
-// What moves: the turns of one episode, or the steps of several side by side.
-function moving() {
-  if ($("compare").hidden) return { at: shown.turn, first: 0, last: lastTurn(), go: goTo };
-  return { at: compared.step, first: 0, last: lastStep(), go: goToStep };
-}
-
-// The parts of the address that say how the page is shown.
-function modes() {
-  return ["bare", "show"].filter((mode) => document.body.classList.contains(mode)).map((mode) => `&${mode}`).join("");
-}
-
 function play() {
   if (shown.timer) return stop();
-  if (moving().at >= moving().last) moving().go(moving().first);
-  shown.timer = setInterval(() => (moving().at < moving().last ? moving().go(moving().at + 1) : stop()), Number($("pace").value));
+  if (shown.turn >= lastTurn()) goTo(0);
+  shown.timer = setInterval(() => (shown.turn < lastTurn() ? goTo(shown.turn + 1) : stop()), Number($("pace").value));
   labelPlay("⏸", "Pause");
 }
 
@@ -153,7 +142,7 @@ function stop() {
 }
 
 function labelPlay(sign, name) {
-  for (const button of [$("play"), $("compare-play")]) fill(button, { "aria-label": name }, []).textContent = sign;
+  fill($("play"), { "aria-label": name }, []).textContent = sign;
 }
 
 function goToMistake(direction) {

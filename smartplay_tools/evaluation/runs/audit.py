@@ -1,7 +1,4 @@
-"""Merging the shards of a run, which were played on independent machines, and auditing the episodes of a run.
-
-Every shard's manifest contains the whole plan, which shows that the parts belong together. A merged folder is a run
-like any other: the same command, without the shard, plays the episodes that no part has played.
+"""Auditing the episodes of a run.
 
 An audit replays every episode and compares every row with its record. A replay that is identical bit for bit shows that
 the record follows from the game, the budget and the replies. The audit also checks that the row agrees with the record,
@@ -12,7 +9,6 @@ it left.
 from __future__ import annotations
 
 import functools
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,86 +20,13 @@ from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.processes import parallel_map, worth
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
-from smartplay_tools.evaluation.run_folder.follower import run_snapshot
-from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.games.specs import IN_FILES as GAMES_IN_FILES, load_game
-from smartplay_tools.records.damage import DamageError, damage_left_out, damage_named
+from smartplay_tools.records.damage import DamageError, damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.replays import replay_record
 from smartplay_tools.records.resumption import chain_fault
 from smartplay_tools.records.rows import LATER, Row, row_of
 from smartplay_tools.registry import is_in_file
-
-SHARED = ("seed", "cells", "episodes")
-"""The fields that are equal in the manifests of a run's parts."""
-
-
-def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
-    """Merge the parts of a run into a new folder, and return it.
-
-    Parts of different runs or with different prices, with different results of the same episode, or with a part of a
-    chain of trials only, raise an `InvalidArgumentError`.
-    """
-    folders, whole = [RunFolder(part) for part in parts], RunWriter(out)
-    if not folders:
-        raise InvalidArgumentError("Name at least one folder to merge.")
-    if (whole.path / "manifest.json").exists():
-        raise InvalidArgumentError(f"{whole.path} already contains a run; name a new folder.")
-    if len({folder.path.resolve() for folder in folders}) < len(folders):
-        raise InvalidArgumentError("The same folder is named twice; name every part once.")
-    manifests = [folder.manifest() for folder in folders]
-    for folder, manifest in zip(folders, manifests, strict=True):
-        if any(getattr(manifest, name) != getattr(manifests[0], name) for name in SHARED):
-            raise InvalidArgumentError(f"{folder.path} and {folders[0].path} are not parts of the same run.")
-        if manifest.prices != manifests[0].prices:
-            raise InvalidArgumentError(
-                f"{folder.path} and {folders[0].path} have costs at different prices; play one of them again with "
-                "the prices of the other, which keeps its episodes and computes their costs anew."
-            )
-    rows = _all_rows(folders)
-    for folder in folders:
-        _check_chains(folder, manifests[0].predecessors)
-    with whole.writing():
-        merged = manifests[0].model_copy(update={"shard": None})
-        whole.write_manifest(merged)
-        for folder in folders:
-            _copy_records(folder, whole)
-            for timing in folder.timings():
-                whole.append_timing(timing)
-        whole.write_rows(rows.values())
-        whole.write_rows(whole.rows())  # reading sorts them as planned
-        whole.write_manifest(merged.model_copy(update={"spending": run_snapshot(whole).spending.to_json()}))
-    return whole
-
-
-def _all_rows(folders: Sequence[RunFolder]) -> dict[str, Row]:
-    rows: dict[str, Row] = {}
-    for folder in folders:
-        for row in folder.rows():
-            if rows.setdefault(row["key"], row) != row:
-                raise InvalidArgumentError(
-                    f"Episode {row['key']} was played twice with different results, once in {folder.path}; "
-                    "leave one of the folders out."
-                )
-    return rows
-
-
-def _check_chains(folder: RunFolder, predecessors: Mapping[str, str]) -> None:
-    """Refuse a part in which a trial did not begin with what the trial before it in its chain left."""
-    for key in sorted(folder.finished() & predecessors.keys()):
-        record = Record.head(folder.transcript(key))
-        if fault := chain_fault(record, folder.transcript(predecessors[key])):
-            raise InvalidArgumentError(f"Episode {key} of {folder.path} does not follow in its chain. {fault}")
-
-
-def _copy_records(folder: RunFolder, whole: RunWriter) -> None:
-    for record in (*map(folder.transcript, sorted(folder.finished())), *folder.attempts()):
-        with damage_left_out(record):
-            if record.parent.name == "attempts":
-                whole.add_attempt(record)
-            else:
-                shutil.copyfile(record, whole.transcript(record.stem))
-
 
 WORTH_A_PROCESS = 300_000
 """Bytes of records for which another process is started: fewer are usually replayed before it is ready."""
@@ -149,9 +72,7 @@ def audit(
     records = [(folder.transcript(row["key"]), before.get(row["key"]), row) for row in rows]
     processes = worth(workers, (record for record, _, _ in records), WORTH_A_PROCESS)
     named = {"games": games, "strategies": strategies, "tokenizers": named_tokenizers()}
-    work = functools.partial(_audit_all, named=named)
-    for _, findings in parallel_map(work, records, processes):
-        yield from findings
+    yield from parallel_map(functools.partial(_audit, named=named), records, processes)
 
 
 def _without_row(folder: RunFolder, manifest: Manifest, rows: Sequence[Row]) -> Iterator[EpisodeAudit]:
@@ -206,19 +127,15 @@ def _place(strategy: str) -> str:
     return custom.parted(custom.name_on_record(strategy))[0]
 
 
-def _audit_all(
-    records: Sequence[tuple[Path, Path | None, Row]], *, named: Mapping[str, Sequence[str]]
-) -> list[EpisodeAudit]:
+def _audit(given: tuple[Path, Path | None, Row], *, named: Mapping[str, Sequence[str]]) -> EpisodeAudit:
+    """Audit a record, with that of the trial before it and its row, in any process."""
+    record, before, row = given
     import_named(named["games"], named["strategies"])
     open_tokenizers(named["tokenizers"])
-    return [_audit(record, before, row, named["strategies"]) for record, before, row in records]
-
-
-def _audit(record: Path, before: Path | None, row: Row, strategies: Sequence[str]) -> EpisodeAudit:
     differences, not_compared, not_replayed = [], None, None
     try:
         read = Record.read(record, checks_fields=False)
-        replayed = replay_record(read, calls_compactor=is_called_again(read.config, strategies))
+        replayed = replay_record(read, calls_compactor=is_called_again(read.config, named["strategies"]))
         differences, not_compared = [*replayed.differences], replayed.not_compared
         with damage_named(record):
             if replayed.complete or not read.is_complete:

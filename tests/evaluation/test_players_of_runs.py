@@ -1,4 +1,4 @@
-"""Run files, players with options of their own, and that no credential comes to be on disk."""
+"""Players with options of their own, and that no credential comes to be on disk."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import PlayerConfig
-from smartplay_tools.evaluation.runs.run_options import RunOptions, read_run_file
+from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
 from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.registry import read_file
@@ -23,56 +22,6 @@ from tests.evaluation.servers import calling, completion, serving
 
 BANDIT, HANOI = "BanditTwoArmedHighLowFixed-v0", "Hanoi3Disk-v0"
 SECRET = "sk-Ab3dE6gH9jK2mN5pQ8sT1vW4"
-
-FILE = """
-games = ["Hanoi3Disk-v0"]
-trials = 2
-seed = 3
-
-[[budgets]]
-history = 5
-
-[[players]]
-name = "openai:m"
-base_url = "{url}"
-api_key_env = "MY_SERVERS_KEY"
-concurrency = 1
-price = [1.0, 2.0]
-options = {{ parameters = {{ temperature = 0 }} }}
-
-[[players]]
-name = "rule"
-"""
-
-
-@pytest.fixture
-def written(tmp_path: Path):
-    def write(text: str) -> Path:
-        path = tmp_path / "run.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
-
-
-def test_a_run_file_says_everything_and_the_command_line_overrides(tmp_path, written, monkeypatch):
-    monkeypatch.setenv("MY_SERVERS_KEY", SECRET)
-    reply = completion(calling("act", action="1"), prompt_tokens=100, completion_tokens=10)
-    with serving(lambda body, number: reply) as (url, bodies):
-        file = written(FILE.format(url=url))
-        code, _, stderr = run("eval", file, "--trials", 1, "--executor", "inline", "--out", tmp_path / "run")
-    assert code == 0, stderr
-    folder = RunFolder(tmp_path / "run")
-    model, rule = folder.rows()
-    assert (model["player"], rule["player"]) == ("openai:m", "rule")
-    assert model["player_options"] == {"base_url": url, "parameters": {"temperature": 0}}
-    assert rule["player_options"] == {}
-    assert model["cost"] == pytest.approx(model["turns"] * 120e-6)
-    assert {row["budget"]["history"] for row in (model, rule)} == {5}
-    assert all(body["temperature"] == 0 for body in bodies)
-    manifest = folder.manifest()
-    assert manifest.run_file == file.read_text(encoding="utf-8")
-    assert manifest.seed == 3
 
 
 @pytest.mark.slow
@@ -100,31 +49,6 @@ def test_one_player_has_so_many_episodes_at_a_time(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("games = [", "is not TOML"),
-        ('game = ["Hanoi3Disk-v0"]', "game: there is no such field; did you mean games?"),
-        ("trails = 5", "trails: there is no such field; did you mean trials?"),
-        ('players = [{ name = "rule", concurency = 1 }]', "did you mean concurrency?"),
-        ("[[budgets]]\nhistroy = 1", "did you mean history or beyond_history or strategy?"),
-        ("trials = 0", "trials: Input should be greater than or equal to 1"),
-        ('players = [{ name = "rule", concurrency = 0 }]', "concurrency"),
-        ('players = [{ name = "rule", price = [-1, 2] }]', "price.0: Input should be greater than or equal to 0"),
-        ('players = [{ name = "rule", price = [1, inf] }]', "price.1: Input should be a finite number"),
-        (f'players = [{{ name = "openai:m", options = {{ api_key = "{SECRET}" }} }}]', "looks like a credential"),
-        (f"# the key is {SECRET}\ntrials = 1", "looks like a credential"),
-        ('players = [{ name = "openai:m", base_url = "http://me:secret@host/v1" }]', "looks like a credential"),
-    ],
-)
-def test_what_is_wrong_with_a_run_file_is_one_sentence(tmp_path, written, text, sentence):
-    code, _, stderr = run("eval", written(text), "--out", tmp_path / "run")
-    assert code == 2
-    assert sentence in stderr
-    assert SECRET not in stderr
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
     "option",
     [
         ("--player-option", f"api_key={SECRET}"),
@@ -145,22 +69,24 @@ def test_a_credential_in_an_option_is_refused_before_anything_is_written(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_key_from_the_environment_is_in_no_file_of_a_run(tmp_path, written, monkeypatch):
+def test_a_key_from_the_environment_is_in_no_file_of_a_run(tmp_path, monkeypatch):
     monkeypatch.setenv("MY_SERVERS_KEY", SECRET)
     with serving(lambda body, number: completion(calling("act", action="1"))) as (url, _):
-        assert run("eval", written(FILE.format(url=url)), "--out", tmp_path / "run")[0] == 0
+        model = PlayerConfig(name="openai:m", options={"base_url": url}, api_key_env="MY_SERVERS_KEY", price=(1, 2))
+        done = sp.evaluate([HANOI], [model], budgets=sp.Budget(history=5), trials=1, out=tmp_path / "run")
+    assert done.rows[0]["cost"] is not None
     assert run("report", tmp_path / "run", "--out", tmp_path / "run" / "page.html")[0] == 0
     files = [path for path in (tmp_path / "run").rglob("*") if path.is_file()]
-    assert len(files) > 6
+    assert len(files) > 4
     for path in files:
         assert SECRET.encode() not in path.read_bytes(), path
 
 
-def test_a_variable_that_is_not_set_is_one_sentence(tmp_path, written, monkeypatch):
+def test_a_variable_that_is_not_set_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.delenv("MY_SERVERS_KEY", raising=False)
-    code, _, stderr = run("eval", written(FILE.format(url="http://127.0.0.1:9/v1")), "--out", tmp_path / "run")
-    assert code == 2
-    assert "The api_key of openai:m is taken from the variable MY_SERVERS_KEY, which is not set." in stderr
+    model = PlayerConfig(name="openai:m", api_key_env="MY_SERVERS_KEY")
+    with pytest.raises(sp.InvalidArgumentError, match="taken from the variable MY_SERVERS_KEY, which is not set"):
+        sp.evaluate([HANOI], [model], trials=1, out=tmp_path / "run")
 
 
 def test_ordinary_options_are_no_credentials():
@@ -175,11 +101,6 @@ def test_ordinary_options_are_no_credentials():
     assert json.loads(json.dumps(cell.player_options)) == ordinary
 
 
-def test_a_file_without_players_is_a_file_of_the_rule_player(written):
-    file, _ = read_run_file(written('games = ["Hanoi3Disk-v0"]'))
-    assert file.configs() == []
-
-
 def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path):
     """Windows' editors put one in front of text in UTF-8."""
 
@@ -187,9 +108,6 @@ def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path)
         (tmp_path / name).write_bytes(codecs.BOM_UTF8 + text.encode())
         return tmp_path / name
 
-    file, text = read_run_file(marked("run.toml", 'games = ["Hanoi3Disk-v0"]'))
-    assert file.games == [HANOI]
-    assert text.startswith("games")
     own = resources.files("smartplay_tools.providers").joinpath("data/vllm.toml").read_text(encoding="utf-8")
     assert cache_rules(marked("caches.toml", "[vllm]" + own.partition("[caches.vllm]")[2])) == cache_rules()
     nim = marked("nim.py", Path("tests/data/nim.py").read_text())
