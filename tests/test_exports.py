@@ -110,6 +110,9 @@ def test_data_is_never_overwritten(run, tmp_path):
 def test_what_cannot_be_exported_is_said_in_a_sentence(run, tmp_path):
     with pytest.raises(sp.SmartPlayError, match="csv"):
         export(run, tmp_path / "data", format="csv")
+    for name in ("games", "players"):
+        with pytest.raises(sp.InvalidArgumentError, match=rf"{name} is a list of names, such as \['rule'\]"):
+            export(run, tmp_path / "data", **{name: "rule"})
 
 
 def test_the_papers_protocol_has_rows_for_replies_only(tmp_path):

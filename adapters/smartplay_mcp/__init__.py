@@ -3,9 +3,9 @@
     smartplay-tools serve mcp Hanoi3Disk-v0
 
 The protocol has no session to which a game could belong: since 2026-07-28 every request is independent. On HTTP an
-episode therefore belongs to a handle that cannot be guessed, which the operator creates and which is part of the URL or
-of the header `X-Episode`. The host manages the context, so `observe` also returns the history, and token budgets for
-prompts cannot be enforced.
+episode therefore belongs to a handle that cannot be guessed, which the program that serves creates and which is part of
+the URL or of the header `X-Episode`. The host manages the context, so `observe` also returns the history, and token
+budgets for prompts cannot be enforced.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def export(
     ] = False,
     tokenizer: options.Tokenizers = None,
 ) -> None:
-    """Write finished episodes as training rows or Inspect logs.
+    """Write finished episodes as training rows.
 
     Example: smartplay-tools export runs/first --format sft --completed --out data
     """

@@ -33,6 +33,9 @@ from smartplay_tools.terminal import Console, Text, say
 NOW = ("calls", "steps", "tokens", "cost", "latest_error", "stalled", "began_again")
 """The figures of a run that is being played."""
 
+NAMED = 10
+"""The most cells without a finished episode that are named."""
+
 
 @dataclass(frozen=True)
 class _Shown:
@@ -147,5 +150,14 @@ def _show(console: Console, run: _Shown, *, everything: bool) -> None:
         say(f"Now: {now.describe()}.\n")
     for table in run_tables(run.rows, run.summary, everything=everything):
         print_table(console, table)
-    for line in (*spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply)):
+    lines = (*_without_episode(now), *spending_sentences(now.spending), *unplayed(run.rows, run.folder.first_reply))
+    for line in lines:
         say(line)
+
+
+def _without_episode(now: RunSnapshot) -> Iterator[str]:
+    """Say which cells have no finished episode, and therefore no row in the tables."""
+    cells = [", ".join(filter(None, (cell.game, cell.player, cell.given))) for cell in now.cells if not cell.finished]
+    if cells:
+        more = f"; and {len(cells) - NAMED} more" if len(cells) > NAMED else ""
+        yield f"Without a finished episode: {'; '.join(cells[:NAMED])}{more}."

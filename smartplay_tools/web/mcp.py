@@ -6,7 +6,7 @@ This module implements the part of the protocol that it needs, for both generati
 importing it takes longer than hosts wait for a server, and because agent frameworks pin conflicting versions of it.
 
 The text of a result is for the model. It is in two places, because some hosts show the content blocks to the model,
-others only the structured content. Score and reward are in neither; the operator can request them.
+others only the structured content. Score and reward are in neither; they are in the transcript.
 """
 
 from __future__ import annotations

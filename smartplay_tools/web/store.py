@@ -1,4 +1,4 @@
-"""Episodes by handle: an operator opens them, agents with the handle play them, and idle ones are closed.
+"""Episodes by handle: the program that serves opens them, agents with the handle play them, and idle ones are closed.
 
 With a folder, every episode has its transcript there and survives a restart: the recorded calls are played again on a
 new game, and their answers compared. A running episode then continues, with its record; a finished one has its recorded

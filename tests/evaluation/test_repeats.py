@@ -21,6 +21,7 @@ from smartplay_tools.evaluation.analysis.repeats import (
     variances,
 )
 from smartplay_tools.evaluation.analysis.summary import summarize
+from smartplay_tools.evaluation.pages.report.page import write_report
 from tests.evaluation.command import shown_by
 
 GAME = "MessengerL1-v0"
@@ -88,6 +89,8 @@ def test_the_commands(run, tmp_path):
     shown = shown_by("results", run.folder.path)
     assert "pass^k" in shown
     assert "6 x 3" in shown
+    page = write_report(run.folder.path, tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "pass^k" in page
     printed = json.loads(shown_by("results", run.folder.path, "--json"))["repeats"]
     assert [each["repeats"] for each in printed] == [3, 3]
     assert len(printed[1]["pass^3"]) == 3

@@ -11,6 +11,7 @@ import sys
 import pytest
 from typer.testing import Result
 
+import smartplay_tools as sp
 from smartplay_tools.evaluation.runs.runner import evaluate
 from tests.evaluation.command import refused, result_of
 
@@ -101,6 +102,9 @@ def test_a_run_under_way_shows_what_there_is(folder, tmp_path):
     (there / "results.jsonl").write_text("".join(lines[:3]) + lines[3][:40], encoding="utf-8")
     shown = run(there)
     assert "3 of 8 episodes finished" in shown.output
+    played = {(row["game"], row["player"]) for row in map(json.loads, lines[:3])}
+    others = [f"{game}, {player}" for game in GAMES for player in ("random", "rule") if (game, player) not in played]
+    assert f"Without a finished episode: {'; '.join(others)}." in shown.output.replace("\n", "")
     (there / "results.jsonl").unlink()
     assert "0 of 8 episodes finished" in run(there).output
 
@@ -109,6 +113,15 @@ def test_a_shard_is_as_long_as_its_part(tmp_path):
     part = evaluate(GAMES, ("random",), out=tmp_path, trials=3, executor="inline", shard=(2, 3))
     assert 0 < part.planned < 3 * len(GAMES)
     assert f"{part.planned} of {part.planned} episodes finished" in run(tmp_path).output
+
+
+def test_cells_without_an_episode_are_named_up_to_ten_with_their_budgets(tmp_path):
+    budgets = [sp.Budget(prompt_tokens=tokens) for tokens in range(700, 1900, 100)]
+    evaluate([GAMES[0]], ["rule"], budgets=budgets, out=tmp_path, trials=1, executor="inline")
+    (tmp_path / "results.jsonl").write_text("")
+    shown = " ".join(run(tmp_path).output.split())
+    assert "Without a finished episode: Hanoi3Disk-v0, rule, prompts <= 700; Hanoi3Disk-v0" in shown
+    assert "prompts <= 1,600; and 2 more." in shown
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path):

@@ -67,6 +67,9 @@ def export(
             f"{format} has no place for summaries; {' and '.join(WITH_SUMMARIES)} have, so choose one of them or leave "
             "that out."
         )
+    for name, chosen in (("games", games), ("players", players)):
+        if isinstance(chosen, str):
+            raise InvalidArgumentError(f"{name} is a list of names, such as [{chosen!r}], not the text {chosen!r}.")
     more = {"summaries": True} if summaries else {}
     records: list[Path] = []
     left_out: Counter[str] = Counter()

@@ -46,6 +46,8 @@ class CellSnapshot(NamedTuple):
 
     game: str
     player: str
+    given: str
+    """What the player is given, in a few words; "" if that is as by default."""
     planned: int
     finished: int
     score: float
@@ -305,7 +307,9 @@ class RunFollower:
         for key in self.results.keys() & plan.cell_of.keys():
             scores[plan.cell_of[key]].append(self.results[key].mean_score)
         return tuple(
-            CellSnapshot(cell.game, cell.player or "", planned[place], len(scores[place]), sum(scores[place]))
+            CellSnapshot(
+                cell.game, cell.player or "", cell.describe(), planned[place], len(scores[place]), sum(scores[place])
+            )
             for place, cell in enumerate(plan.cells)
             if planned[place]
         )

@@ -285,6 +285,11 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
         asked = "everything that was asked for there"
         if None in limits[0] - limits[1]:
             asked += ", with stalled_turns=None (--stalled-turns none), which runs of earlier versions have"
+        if before.run_file is not None:
+            asked += (
+                " (it was begun by a run file, whose text is in manifest.json; in Python `evaluate` takes several "
+                "budgets and players)"
+            )
         raise InvalidArgumentError(
             f"{folder.path} holds another run: {len(gone)} of its {len(before.episodes)} episodes are not in this "
             f"one. Name another folder, or ask for {asked}."

@@ -24,6 +24,7 @@ from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.headline import headline
 from smartplay_tools.evaluation.analysis.remembering import remembering_tables
+from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
@@ -67,9 +68,9 @@ def write_report(
 ) -> Path:
     """Write the replay page of a run folder, a folder of transcripts or one transcript; return its path.
 
-    Several runs become one page that compares them, pair by pair. A page of a very large run holds the first trials,
-    with a warning. An existing file is replaced: a page can be made again, a record cannot. Games of installed
-    packages, which records name, are imported for the drawings and figures only with `plugins`.
+    Several runs become one page that compares them. A page of a very large run holds the first trials, with a warning.
+    An existing file is replaced: a page can be made again, a record cannot. Games of installed packages, which records
+    name, are imported for the drawings and figures only with `plugins`.
     """
     file = _html_file(out)
     page = render_report(run, title=title, plugins=plugins)
@@ -272,6 +273,8 @@ def _tables(page: _RunPage) -> Iterator[TextTable]:
     yield from details(page.summary)
     yield from remembering_tables(page.rows)
     yield from points_tables(comparisons)
+    if repeats := repeated(page.rows):
+        yield repeats_table(repeats)
 
 
 def _static(name: str) -> str:
