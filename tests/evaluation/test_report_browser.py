@@ -159,6 +159,7 @@ def test_the_prompt_can_be_read_on_the_page(show, tmp_path):
     page.get_by_text("The prompt, word for word", exact=True).click()
     [last] = [sent for sent in sent_prompts(sp.read_transcript(path)) if sent.turn == 4]
     cards = page.locator("#messages .message:not(.schema)")
+    cards.first.wait_for()
     assert cards.count() == len(last.prompt.messages)
     for at, message in enumerate(last.prompt.messages):
         if message["content"]:
