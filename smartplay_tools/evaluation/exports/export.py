@@ -16,9 +16,9 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 
 Write = Callable[..., dict[str, int]]
-"""Writes episodes into an existing folder, and returns how much of each kind it wrote: `write(episodes, folder)`.
+"""Writes episodes into an existing folder, and returns how much of each kind it wrote.
 
-The functions of `WITH_SUMMARIES` also take `summaries`.
+`write(episodes, folder, summaries=...)` also writes replies to prompts for a summary if it is told so.
 """
 
 FORMATS: dict[str, str] = {
@@ -26,9 +26,6 @@ FORMATS: dict[str, str] = {
     "sft-chains": "smartplay_tools.evaluation.exports.sft:write_chains",
 }
 """The formats: name -> the function that writes it."""
-
-WITH_SUMMARIES = ("sft", "sft-chains")
-"""The formats that can have rows for prompts for a summary."""
 
 _REGISTRY = Registry("export format", FORMATS)
 
@@ -62,15 +59,9 @@ def export(
     a `DamageWarning`, and a selection without any episode is an `InvalidArgumentError`.
     """
     write: Write = _REGISTRY[format]
-    if summaries and format not in WITH_SUMMARIES:
-        raise InvalidArgumentError(
-            f"{format} has no place for summaries; {' and '.join(WITH_SUMMARIES)} have, so choose one of them or leave "
-            "that out."
-        )
     for name, chosen in (("games", games), ("players", players)):
         if isinstance(chosen, str):
             raise InvalidArgumentError(f"{name} is a list of names, such as [{chosen!r}], not the text {chosen!r}.")
-    more = {"summaries": True} if summaries else {}
     records: list[Path] = []
     left_out: Counter[str] = Counter()
     for path, reason in _judged(Path(source), games, players, completed=completed):
@@ -92,7 +83,7 @@ def export(
             begun: list[Path] = []
             try:
                 with damage_named(source):
-                    counts = write(_read(records, begun), part, **more)
+                    counts = write(_read(records, begun), part, summaries=summaries)
                 break
             except DamageError as error:
                 records = [record for record in records if record not in begun[-1:]]
