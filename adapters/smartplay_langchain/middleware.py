@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from smartplay_tools.errors import extra_named
+from smartplay_tools.players.cache_marks import CacheMarks
 
 with extra_named("SmartPlayMiddleware", "langchain"):
     from langchain.agents.middleware import (
@@ -28,7 +29,7 @@ with extra_named("SmartPlayMiddleware", "langchain"):
     from langchain_core.tools import BaseTool
     from langgraph.types import Command
 
-from smartplay_langchain.asking import OVER, RequestOutcome
+from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
@@ -44,12 +45,30 @@ ToolOutput: TypeAlias = ToolMessage | Command[Any]
 class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
     """Plays one episode in one agent, which gets the game's tools from it.
 
-    `options` are those of `GraphSession`, except `foreign_tools`: the agent's other tools are known from its requests.
+    The arguments are those of `GraphSession`; the agent's other tools are known from its requests.
     """
 
-    def __init__(self, episode: Episode | AgentSession, **options: Any) -> None:
+    def __init__(
+        self,
+        episode: Episode | AgentSession,
+        *,
+        player: str = "langchain",
+        limit_field: str = "max_tokens",
+        summary_tool_choice: ToolChoice = "none",
+        cache: CacheMarks = True,
+        only_game_tools: bool = False,
+        pictures: bool = False,
+    ) -> None:
         super().__init__()
-        self._graph = GraphSession(episode, **options)
+        self._graph = GraphSession(
+            episode,
+            player=player,
+            limit_field=limit_field,
+            summary_tool_choice=summary_tool_choice,
+            cache=cache,
+            only_game_tools=only_game_tools,
+            pictures=pictures,
+        )
         self.episode = self._graph.episode
         self.tools: Sequence[BaseTool] = self._graph.tools
 
