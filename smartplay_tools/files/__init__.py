@@ -1,1 +1,1 @@
-"""JSON Lines files: appended line by line, read while they grow, and dated in a file beside them."""
+"""Files of records and rows: JSON Lines that grow while they are read, the times of their lines, and a full disk."""
