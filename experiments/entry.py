@@ -136,7 +136,9 @@ def player_of(model: str, file: str, form: str) -> PlayerConfig:
 
 
 def play_cell(folder: Path, player: PlayerConfig, game: str, worlds: int, seed: int, **fields: Any) -> None:
-    """Play worlds with fields of the budget; what was played is not played again."""
+    """Play worlds with fields of the budget, unless as many or more were played."""
+    if sum(1 for _ in folder.glob("episodes/*.jsonl")) >= worlds:
+        return
     budget = sp.Budget(**{"history": None, "reply_tokens": 80, **fields})
     given: Any = {"trials": worlds, "seed": seed, "executor": "inline", **RULES}
     done = complete([game], [player], budgets=budget, out=folder, **given)
