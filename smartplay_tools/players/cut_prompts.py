@@ -1,4 +1,4 @@
-"""Servers that cut prompts without a word, noticed by their own count: it stays the same, far below ours, which changes.
+"""Servers that cut prompts without a word, noticed by their count: it stays the same, far below ours, which changes.
 
 Ours has to change by more than a turn of a small game: prompts of a window that slides have almost one size, so two of
 them may have equal counts, and a model that is sent no schemas of tools has counts far below ours.

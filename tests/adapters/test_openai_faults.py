@@ -335,9 +335,7 @@ def test_prompts_of_one_size_are_no_cut_prompts(caplog):
         counts.note(size, sp.Usage(prompt=450))  # the model's server is sent no schemas of tools
     assert not caplog.records
     counts.note(900, sp.Usage(prompt=450))
-    assert [*map(str, caplog.messages)][0].startswith(
-        "The server of openai:m has counted 450 tokens in prompts of about 752"
-    )
+    assert caplog.messages[0].startswith("The server of openai:m has counted 450 tokens in prompts of about 752")
 
 
 @pytest.mark.parametrize(
