@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from smartplay_tools.web.store import Hosted
 
 __all__ = [
-    "BATCHES",
     "CALL_KEY",
     "INSTRUCTIONS",
     "INTERNAL_ERROR",
@@ -42,9 +41,6 @@ CALL_KEY = "smartplay/call-id"
 
 HANDSHAKE_VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25")
 """Versions of the protocol that begin with `initialize`, oldest first."""
-
-BATCHES = "2025-03-26"
-"""The version of the protocol that has batches: a list of messages, whose answers are a list. The next one has none."""
 
 STATELESS_VERSIONS = ("2026-07-28",)
 """Versions of the protocol in which every request names its version in `_meta`."""
@@ -109,16 +105,8 @@ class ProtocolError(Exception):
         return {"jsonrpc": "2.0", "id": request_id, "error": error}
 
 
-async def respond(
-    hosted: Hosted, message: Any, *, takes_batches: bool = False
-) -> dict[str, Any] | list[dict[str, Any]] | None:
-    """Return the answer to a message, for a batch a list; None for a notification, which has none.
-
-    The messages of a batch are answered in their order; `initialize` is not part of one.
-    """
-    if takes_batches and isinstance(message, list) and message and not _initializes(message):
-        answers: list[Any] = [await respond(hosted, each) for each in message]
-        return [answer for answer in answers if answer is not None] or None
+async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
+    """Return the answer to a message; None for a notification, which has none."""
     if not isinstance(message, dict) or message.get("jsonrpc") != "2.0" or not isinstance(message.get("method"), str):
         return ProtocolError(INVALID_REQUEST, "Send one JSON-RPC request at a time.").body(None)
     request_id = message.get("id")
@@ -133,10 +121,6 @@ async def respond(
         return {"jsonrpc": "2.0", "id": request_id, "result": await _answer(hosted, message["method"], params)}
     except ProtocolError as error:
         return error.body(request_id)
-
-
-def _initializes(batch: list[Any]) -> bool:
-    return any(isinstance(message, dict) and message.get("method") == "initialize" for message in batch)
 
 
 async def _answer(hosted: Hosted, method: str, params: dict[str, Any]) -> dict[str, Any]:

@@ -62,12 +62,9 @@ async def _answer(request: Request) -> Response:
         return _json(error.body(request_id), 400)
     except (ValueError, RecursionError):
         return _json(ProtocolError(mcp.PARSE_ERROR, "The body is not JSON.").body(None), 400)
-    takes_batches = request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES
-    answer = await respond(hosted, message, takes_batches=takes_batches)
+    answer = await respond(hosted, message)
     if answer is None:
         return Response(status_code=202)
-    if isinstance(answer, list):
-        return _json(answer, 200)
     code = answer.get("error", {}).get("code")
     is_refused = code is not None and (stateless or answer["id"] is None)
     return _json(answer, STATUS.get(code, 400) if is_refused else 200)
