@@ -84,10 +84,9 @@ def _check_headers(request: Request, message: Any) -> None:
     meta = params.get("_meta") if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or mcp.VERSION_KEY not in meta:
         raise ProtocolError(mcp.INVALID_PARAMS, f"params._meta has no {mcp.VERSION_KEY}.")
-    method, named = message.get("method"), {"tools/call": "name", "resources/read": "uri"}
-    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": method}
-    if method in named and params.get(named[method]) is not None:
-        expected["mcp-name"] = params[named[method]]
+    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": message["method"]}
+    if message["method"] == "tools/call" and params.get("name") is not None:
+        expected["mcp-name"] = params["name"]
     for header, value in expected.items():
         if _decoded(request.headers.get(header)) != value:
             raise ProtocolError(mcp.HEADER_MISMATCH, f"The header {header} does not agree with the body.")

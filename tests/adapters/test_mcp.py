@@ -15,7 +15,7 @@ import httpx2
 import pytest
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer
+from smartplay_mcp import CALL_KEY, HttpServer
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
@@ -67,21 +67,14 @@ class TestServer:
         assert text_of(result).startswith("You tried to move")
         assert "score" not in json.dumps(result.model_dump(mode="json"))
 
-    async def test_the_manual_is_a_resource_and_a_tool(self, mode):
+    async def test_there_are_tools_only(self, mode):
+        """Coding agents show the model tools of their own where a server has resources."""
         episode, _ = fresh(context="host")
         async with client_of(episode, mode) as client:
-            (resource,) = (await client.list_resources()).resources
-            (content,) = (await client.read_resource(str(resource.uri))).contents
-            assert content.text == text_of(await client.call_tool("read_manual")) == episode.game.manual
-            with pytest.raises(MCPError, match="There is no resource"):
-                await client.read_resource("smartplay://secrets")
-
-    async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
-        episode, _ = fresh(context="host", manual="none")
-        async with client_of(episode, mode) as client:
-            assert (await client.list_resources()).resources == []
-            with pytest.raises(MCPError, match="There is no resource"):
-                await client.read_resource(MANUAL)
+            assert text_of(await client.call_tool("read_manual")) == episode.game.manual
+            assert client.server_capabilities.model_dump(exclude_none=True) == {"tools": {"list_changed": False}}
+            with pytest.raises(MCPError, match="Method not found"):
+                await client.list_resources()
 
     async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
         episode, _ = fresh(context="host")
