@@ -14,9 +14,9 @@ import operator
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import NO_RESULT
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
+from smartplay_tools.manager.plain import named
 from smartplay_tools.manager.units import Part, Unit
 from smartplay_tools.manager.window import AgentWindow
 
@@ -25,10 +25,8 @@ __all__ = ["Reading"]
 
 def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
     """Return what a message is; one that the form does not have is an `InvalidArgumentError` with its number."""
-    try:
+    with named(f"Message {number}"):
         return form.kind(message)
-    except InvalidArgumentError as error:
-        raise InvalidArgumentError(f"Message {number} {error}.") from None
 
 
 class Reading:
@@ -159,12 +157,10 @@ class Reading:
             for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
                 part.is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
-                try:
+                with named(f"Message {part.source}"):
                     part.cost = self.window.messages.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
                     )
-                except InvalidArgumentError as error:
-                    raise InvalidArgumentError(f"Message {part.source} {error}.") from None
             if unit.kind == "word":
                 is_operator = unit.parts[0].message.get("role") in ("system", "developer")
                 (self.instructions if is_operator else self.users).append(number)
