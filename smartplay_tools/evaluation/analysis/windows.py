@@ -9,7 +9,7 @@ dropping, with the same manual. It is **full context** if nothing left the windo
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
 compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of which holds by
 itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that hold together
-in 95 of 100 sweeps, and p values (`together`). Controls, which do not read their prompts, are not among the K. The
+in 95 of 100 sweeps (`together`). Controls, which do not read their prompts, are not among the K. The
 Pareto fronts compare the means of all cells of a game, including different players, manuals and protocols, because
 these have a price too. A point is dominated if another one is at most as expensive and at least as good, and better in
 one of the two. The front consists of the points that are not dominated; equal points are on it together.
@@ -32,7 +32,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
     pairs,
     samples,
 )
-from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
+from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.records.rows import Row, is_whole
 from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
 from smartplay_tools.types import STRATEGIES, Budget
@@ -84,14 +84,10 @@ class WindowComparison:
     """Whether every prompt and reply is equal to the reference's."""
     together: MeanEstimate | None
     """The difference of scores with an interval that holds together with those of all other cells."""
-    p: float | None
-    """The p value of that difference, adjusted for all other cells (Holm); None for references and controls."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
     pairs: int
     """Episodes with a counterpart in the reference."""
-    confidence: float
-    """The level of each interval that holds together with the others."""
     ends: Mapping[str, int]
     """How many of its episodes ended before their game did, by the reason."""
     on_token_front: bool
@@ -126,9 +122,7 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
     paired = named_estimates(differing)
     scores = [{"score": measures["score"]} if measures else {} for measures in differing]
     judged = [at for at, own in enumerate(scores) if own and not is_control(groups[at][0].player)]
-    method = jointly([scores[at]["score"] for at in judged])
-    together = named_estimates(scores, method)
-    p_values = dict(zip(judged, holm([p_value(scores[at]["score"]) for at in judged]), strict=True))
+    together = named_estimates(scores, jointly([scores[at]["score"] for at in judged]))
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
         WindowComparison(
@@ -140,10 +134,8 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             differences=paired[at],
             is_identical=are_identical(played[at]),
             together=together[at].get("score"),
-            p=p_values.get(at),
             cut_share=cut_share(members),
             pairs=len(played[at]),
-            confidence=method.confidence,
             ends=ends_of(members),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
@@ -215,5 +207,5 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     joint = with_ends("score_difference_together", comparison.together)
     row |= {name: end for name, end in joint.items() if name != "score_difference_together"}
     row |= {"pairs": None if comparison.is_reference else comparison.pairs}
-    row |= {"identical": comparison.is_identical, "p_holm": comparison.p}
+    row |= {"identical": comparison.is_identical}
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}
