@@ -1,7 +1,7 @@
 """The distributions from which intervals and tests follow, and the intervals of shares.
 
 Student's t, central and not. The standard library has the normal distribution only, and NumPy draws from others without
-having their probabilities. SciPy has them all, but takes more than 100 MB, which the core does not need otherwise; tests
+having their probabilities. SciPy has them all, but takes more than 100 MB, which the core needs not otherwise; tests
 compare these functions with it (`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`).
 
 A share, or the difference of two shares in pairs of episodes, has a distribution that is known but for one number, so
