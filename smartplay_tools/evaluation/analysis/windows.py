@@ -34,7 +34,7 @@ from smartplay_tools.evaluation.analysis.pairs import (
 )
 from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.records.rows import Row, is_whole
-from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
+from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimate, named_estimates, with_ends
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.groups import grouped
@@ -114,15 +114,13 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     references = _references(groups, along)
-    means = named_estimates(samples(members) for _, members in groups)
+    means = [named_estimates(samples(members)) for _, members in groups]
     played = [
         [] if at == reference else pairs(groups[at][1], groups[reference][1]) for at, reference in enumerate(references)
     ]
     differing = [difference_samples(own) if own else {} for own in played]
-    paired = named_estimates(differing)
-    scores = [{"score": measures["score"]} if measures else {} for measures in differing]
-    judged = [at for at, own in enumerate(scores) if own and not is_control(groups[at][0].player)]
-    together = named_estimates(scores, jointly([scores[at]["score"] for at in judged]))
+    judged = zip(differing, groups, strict=True)
+    method = jointly([own["score"] for own, (cell, _) in judged if own and not is_control(cell.player)])
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
         WindowComparison(
@@ -131,9 +129,9 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             reference=groups[reference][0],
             is_whole=all(map(is_whole, members)),
             means=means[at],
-            differences=paired[at],
+            differences=named_estimates(differing[at]),
             is_identical=are_identical(played[at]),
-            together=together[at].get("score"),
+            together=mean_estimate(own.values, own.bounds, method) if (own := differing[at].get("score")) else None,
             cut_share=cut_share(members),
             pairs=len(played[at]),
             ends=ends_of(members),
