@@ -109,7 +109,7 @@ class RunCommand:
         )
         if self.dry_run:
             check_prices(how.prices or (), map(player_of, plan.cells))
-            print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
+            print_estimate(plan, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
             return None
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)

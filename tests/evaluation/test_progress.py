@@ -73,7 +73,7 @@ def test_one_look_knows_the_newest_failure(tmp_path):
     assert run_snapshot(folder).latest_error.endswith("RuntimeError: b")
 
 
-def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):
+def test_a_log_has_lines_with_times_and_a_failure_is_logged_beside_it(tmp_path, caplog):
     plan = plan_episodes(make_cells([HANOI], ["rule", "broken"], [sp.Budget()]), trials=1)
     from tests.evaluation.players import Broken
 
@@ -83,7 +83,8 @@ def test_a_log_has_lines_with_times_and_the_reason_of_a_failure(tmp_path):
     run_plan(plan, tmp_path, {"broken": Broken}, options, display=display)
     lines = console.file.getvalue().splitlines()
     assert all(re.match(r"\d\d:\d\d:\d\d ", line) for line in lines)
-    assert any("failed" in line and "RuntimeError: no more ideas" in line for line in lines)
+    [said] = [message for message in caplog.messages if "failed: RuntimeError: no more ideas" in message]
+    assert said.startswith(f"broken at {HANOI} (")
     assert "1/2 episodes" in lines[-1]
     assert "/10.0M tokens" in lines[0]
 

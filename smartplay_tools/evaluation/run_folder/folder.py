@@ -103,8 +103,6 @@ class Manifest(BaseModel):
     """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
     until: Mapping[str, Any] | None = None
     """In runs of earlier versions: the margin at which their comparisons were decided, which ended them early."""
-    spending: dict[str, Any] | None = None
-    """What the run had used when it was last stopped (`Spending.to_json`)."""
 
     @field_validator("episodes")
     @classmethod
@@ -145,7 +143,7 @@ class Manifest(BaseModel):
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""
-        optional = ("repeats", "run_file", "game_files", "strategy_files", "until", "spending")
+        optional = ("repeats", "run_file", "game_files", "strategy_files", "until")
         return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
 
 

@@ -20,11 +20,10 @@ from smartplay_tools.evaluation.processes import check_may_start_processes
 from smartplay_tools.evaluation.runs.agents import FunctionAgent
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of, priced_names
-from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players import ModelPlayer
-from smartplay_tools.providers.prices import Price
 from smartplay_tools.types import AsyncPlayer, Player
 
 ELSEWHERE = ("processes", "ray")
@@ -41,8 +40,6 @@ class Roster:
     """The episodes of the part, by the name of the executor that suits their player; models come first."""
     tried: Set[str]
     """The players of which one episode is tried first: models and agent functions."""
-    prices: Mapping[str, Price]
-    """The prices that the user gives, by the player's name."""
 
 
 def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> Roster:
@@ -50,9 +47,8 @@ def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) 
     configs = _configs(plan, players)
     part = plan if options.shard is None else plan.shard(*options.shard)
     check_prices(options.prices or (), priced_names(plan.cells))
-    prices = {**given_prices(configs.values()), **(options.prices or {})}
     episodes, tried = _by_executor(part, configs, options.executor)
-    return Roster(part, configs, episodes, tried, prices)
+    return Roster(part, configs, episodes, tried)
 
 
 def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:

@@ -71,13 +71,12 @@ class Scheduler:
         self._running: dict[str, Task] = {}
         self._awaited: dict[Path, Record] = {}
         self._answered: Counter[str] = Counter()
-        self._refusals: dict[str, tuple[int, int]] = {}
         self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._failures: Counter[tuple[str, str]] = Counter()
         self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
-        self._reasons: set[tuple[str, str]] = set()
+        self._reasons: set[tuple[str, str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
         self.cap_reached = False
@@ -297,15 +296,17 @@ class Scheduler:
             self._capped = True
         elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
+            self._tell(episode, "%s failed: %s", error)
             self._judge(episode, error, record)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
     def _tell(self, episode: PlannedEpisode, sentence: str, why: str | None) -> None:
-        """Log what is to be known of an attempt, once for each reason; a row of `timings.jsonl` has it, too."""
-        if why is not None and (sentence, reason_of(why)) not in self._reasons:
-            self._reasons.add((sentence, reason_of(why)))
-            log.warning(sentence, episode.key, why)
+        """Log what is to be known of an attempt, once for each player and reason."""
+        told = self._who[episode.place], sentence, reason_of(why or "")
+        if why is not None and told not in self._reasons:
+            self._reasons.add(told)
+            log.warning(sentence, f"{player_of(episode.cell)} at {episode.cell.game} ({episode.key})", why)
 
     def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
         """End the run if a server refuses a player; give up a player that never answers, or always fails."""
@@ -313,39 +314,27 @@ class Scheduler:
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
-            if self._is_refused(episode, kind):
+            # A server may also refuse one request of a player's, with the same status.
+            replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
+            if not replies or self._count_failure(episode, f"{kind} after {replies} replies") >= SAME_FAILURES:
                 self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
                 self._executor.stop.set()
         elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
         elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break
             frames = FRAME.findall(record.traceback or "")
-            self._count_failure(episode, f"{kind} {frames[-1:]}", error)
+            count = self._count_failure(episode, f"{kind} {frames[-1:]}")
+            if count >= SAME_FAILURES and player not in self._silent:
+                self._silent.add(player)
+                why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
+                log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
-    def _is_refused(self, episode: PlannedEpisode, kind: str) -> bool:
-        """Whether a refusal is the player's: it was never answered, or not between this refusal and some before.
-
-        A server may also refuse one request of a player's, with the same status.
-        """
-        player = self._who[episode.place]
-        replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
-        in_a_row, heard = self._refusals.get(player, (0, 0))
-        if self._failures_before[episode.key][player, kind] >= self._failures[player, kind]:
-            self._failures[player, kind] += 1
-            in_a_row = in_a_row + 1 if replies == heard else 1
-            self._refusals[player] = in_a_row, replies
-        return not replies or in_a_row >= SAME_FAILURES
-
-    def _count_failure(self, episode: PlannedEpisode, place: str, error: str) -> None:
-        """Count a failure, unless one in the same place was counted while this attempt was played."""
-        player = self._who[episode.place]
-        if self._failures_before[episode.key][player, place] < self._failures[player, place]:
-            return
-        self._failures[player, place] += 1
-        if self._failures[player, place] == SAME_FAILURES:
-            self._silent.add(player)
-            why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
-            log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
+    def _count_failure(self, episode: PlannedEpisode, place: str) -> int:
+        """Return how often the player has failed in a place: failures that attempts made side by side count once."""
+        where = self._who[episode.place], place
+        if self._failures_before[episode.key][where] >= self._failures[where]:
+            self._failures[where] += 1
+        return self._failures[where]
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._prices), episode.trial)
