@@ -17,7 +17,7 @@ LOG_SECONDS = 60.0
 
 @contextmanager
 def showing(console: Console) -> Iterator[OnSnapshot]:
-    """Show the progress of a run: its figures and latest failure on a terminal, elsewhere as lines."""
+    """Show the progress of a run: one line of figures on a terminal, elsewhere lines."""
     if console.is_terminal:
         with console.status("", spinner="line") as status:
             yield lambda snapshot: status.update(_shown(snapshot))
@@ -29,8 +29,6 @@ def _shown(snapshot: RunSnapshot) -> Text:
     shown = Text(snapshot.describe())
     if warning := snapshot.warning:
         shown.append(f"\n{warning}", "yellow")
-    if error := snapshot.latest_error:
-        shown.append(f"\nlatest failure: {error}", "red")
     return shown
 
 

@@ -69,13 +69,12 @@ def test_a_refusal_of_one_request_stops_no_run(tmp_path, refused, at):
     assert sum(row["tokens"]["provider"].get("refused", 0) for row in rows) == (refused is FLAGGED)
 
 
-def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
+def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path, caplog):
     arguments = ("--trials", 20, "--player-option", "retries=1", "--player-option", "pause=0.01")
-    code, _, stderr = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
-    assert code == 1
+    assert play(tmp_path, "http://127.0.0.1:9/v1", *arguments)[0] == 1
     (failure,) = RunFolder(tmp_path).failures()
     assert "http://127.0.0.1:9/v1/chat/completions" in failure["error"]
-    assert "http://127.0.0.1:9/v1/chat/completions" in stderr
+    assert "http://127.0.0.1:9/v1/chat/completions" in caplog.text
 
 
 @pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", *FRAMEWORKS])

@@ -89,8 +89,6 @@ class RunSnapshot:
     cost: float | None
     seconds_left: float | None
     """None if the pace is not known: before the first reply, or if the run is not being played."""
-    latest_error: str
-    """The latest failure; "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int
@@ -279,26 +277,25 @@ class RunFollower:
         running = to_come & {record.key for record in playing}
         latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
         spending = self._spending(playing)
-        failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
+        failed = [attempt.row for attempt in self._attempts.values() if attempt.outcome == "failed"]
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
             finished=len(plan.cell_of) - len(to_come),
             planned=len(plan.cell_of),
             running=len(running),
-            failed=sum(self._attempts[path].row["key"] in plan.cell_of for path in failed),
+            failed=sum(row["key"] in plan.cell_of for row in failed),
             calls=calls,
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
             cost=spending.total.cost,
             seconds_left=self._seconds_left(plan, playing, spending.total.replies),
-            latest_error=self._latest_error(plan, max(failed, key=_changed_at, default=None)),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             began_again=self._began_again,
             caps=plan.caps,
             paused=sum(latest.get(key) == "paused" for key in to_come - running),
             cells=self._cells(plan),
             spending=spending,
-            failed_attempts=tuple(self._attempts[path].row for path in failed),
+            failed_attempts=tuple(failed),
             playing=tuple(playing),
         )
 
@@ -342,24 +339,10 @@ class RunFollower:
         means = {cell: fmean(own) for cell, own in lengths.items()}
         return sum(max(0.0, means.get(cell, every) - played.get(key, 0)) for key, cell in to_come)
 
-    def _latest_error(self, plan: _Plan, latest: Path | None) -> str:
-        if latest is None:
-            return ""
-        row = self._attempts[latest].row
-        cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
-        name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
-        return f"{name}{row['error'] or row['end_reason']}"
-
 
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is, in one look, which knows no time left."""
     return RunFollower(folder).snapshot()
-
-
-def _changed_at(path: Path) -> float:
-    with suppress(OSError):  # a run that is continued takes the record of an attempt away
-        return path.stat().st_mtime
-    return 0.0
 
 
 def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
@@ -370,7 +353,3 @@ def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
             return _ReadAttempt(failure(path, record), record.outcome, spent)
     except SmartPlayError as error:
         return _ReadAttempt(damaged_attempt(path, error), "failed", Record.readable_totals(path, prices))
-
-
-def _has_failed(attempt: _ReadAttempt) -> bool:
-    return attempt.outcome not in ("paused", "interrupted")
