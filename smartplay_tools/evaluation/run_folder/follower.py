@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.damage import DamageError, damage_named
@@ -99,8 +99,6 @@ class RunSnapshot:
     """Episodes without a result whose latest attempt a cap of the run paused."""
     cells: tuple[CellSnapshot, ...]
     spending: Spending
-    failed_attempts: tuple[Row, ...] = field(repr=False)
-    """A row for every attempt that failed, as `RunFolder.failures` returns them."""
     playing: tuple[Record, ...] = field(repr=False)
     """The records that are growing, those without an event for the longest time first."""
 
@@ -166,7 +164,7 @@ class Result(NamedTuple):
 class _ReadAttempt(NamedTuple):
     """What is kept of the record of an attempt that is over."""
 
-    row: Row
+    key: str
     outcome: Outcome
     spent: Spent
 
@@ -275,15 +273,15 @@ class RunFollower:
         playing = sorted(self._playing.values(), key=lambda record: record.last_change)
         to_come = plan.cell_of.keys() - self.results.keys()
         running = to_come & {record.key for record in playing}
-        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
+        attempts = self._attempts.values()
+        latest = {attempt.key: attempt.outcome for attempt in attempts}
         spending = self._spending(playing)
-        failed = [attempt.row for attempt in self._attempts.values() if attempt.outcome == "failed"]
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
             finished=len(plan.cell_of) - len(to_come),
             planned=len(plan.cell_of),
             running=len(running),
-            failed=sum(row["key"] in plan.cell_of for row in failed),
+            failed=sum(attempt.outcome == "failed" and attempt.key in plan.cell_of for attempt in attempts),
             calls=calls,
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
@@ -295,7 +293,6 @@ class RunFollower:
             paused=sum(latest.get(key) == "paused" for key in to_come - running),
             cells=self._cells(plan),
             spending=spending,
-            failed_attempts=tuple(failed),
             playing=tuple(playing),
         )
 
@@ -346,10 +343,10 @@ def run_snapshot(folder: RunFolder) -> RunSnapshot:
 
 
 def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
+    key = path.name.partition(".")[0]
     try:
         with damage_named(path):
             record = Record.follow(path, prices)
-            spent = record.own_totals + record.open_call
-            return _ReadAttempt(failure(path, record), record.outcome, spent)
-    except SmartPlayError as error:
-        return _ReadAttempt(damaged_attempt(path, error), "failed", Record.readable_totals(path, prices))
+            return _ReadAttempt(key, record.outcome, record.own_totals + record.open_call)
+    except SmartPlayError:
+        return _ReadAttempt(key, "failed", Record.readable_totals(path, prices))

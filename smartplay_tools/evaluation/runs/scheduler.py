@@ -98,11 +98,10 @@ class Scheduler:
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
-        now = run_snapshot(self._folder)
-        for attempt in now.failed_attempts:
+        for attempt in self._folder.failures():
             if attempt["end_reason"] == DAMAGED:
                 log.warning("What an attempt has used counts as far as it can be read. %s", attempt["error"])
-        return now.spending.total
+        return run_snapshot(self._folder).spending.total
 
     @property
     def spent(self) -> tuple[int, float]:
