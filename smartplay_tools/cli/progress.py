@@ -20,39 +20,25 @@ def showing(console: Console) -> Iterator[OnSnapshot]:
     """Show the progress of a run: one line of figures on a terminal, elsewhere lines."""
     if console.is_terminal:
         with console.status("", spinner="line") as status:
-            yield lambda snapshot: status.update(_shown(snapshot))
+            yield lambda snapshot: status.update(Text(snapshot.describe()))
     else:
         yield _Log(console)
 
 
-def _shown(snapshot: RunSnapshot) -> Text:
-    shown = Text(snapshot.describe())
-    if warning := snapshot.warning:
-        shown.append(f"\n{warning}", "yellow")
-    return shown
-
-
 class _Log:
-    """Lines with the time: at the start, at every tenth, every minute and the end, and for the first stall."""
+    """Lines with the time: at the start, at every tenth, every minute and the end."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._tenth, self._last, self._words = -1, 0.0, ""
-        self._has_warned = False
 
     def __call__(self, snapshot: RunSnapshot) -> None:
         """Log what has changed since the last snapshot."""
-        if snapshot.warning and not self._has_warned:
-            self._has_warned = True
-            self._say(snapshot.warning)
         tenth = 10 * snapshot.finished // max(1, snapshot.planned)
         is_due = time.monotonic() - self._last >= LOG_SECONDS
         if tenth > self._tenth or is_due or (not snapshot.running and snapshot.describe() != self._words):
             self._tenth, self._last, self._words = tenth, time.monotonic(), snapshot.describe()
-            self._say(self._words)
-
-    def _say(self, words: str) -> None:
-        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, soft_wrap=True)
+            self._console.print(f"{time.strftime('%H:%M:%S')} {self._words}", highlight=False, soft_wrap=True)
 
 
 def spending_sentences(spending: Spending) -> list[str]:

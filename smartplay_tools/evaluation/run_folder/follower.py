@@ -122,14 +122,6 @@ class RunSnapshot:
         troubles = {"failed": self.failed, "stalled": self.stalled, "began again": self.began_again}
         return ", ".join([*words, *(f"{count} {name}" for name, count in troubles.items() if count)])
 
-    @property
-    def warning(self) -> str:
-        """A sentence as soon as an episode has stalled, "" until then."""
-        if not self.stalled:
-            return ""
-        episodes = "an episode has" if self.stalled == 1 else f"{self.stalled} episodes have"
-        return f"{episodes} stalled: turn after turn played no step and showed the player nothing new"
-
 
 class Result(NamedTuple):
     """The figures of a finished episode, kept from its row."""
