@@ -101,10 +101,14 @@ def check_extras() -> list[PartCheck]:
         return list(pool.map(lambda extra: check_modules("extra", extra, needed[extra]), extras))
 
 
-def requirements(extra: str | None = None) -> list[Requirement]:
-    """Return what the installed package needs on this machine: always or, if an extra is given, for that extra."""
+def requirements(extra: str = "") -> list[Requirement]:
+    """Return what the installed package needs on this machine: always or, if one is given, for an extra alone."""
+
+    def holds(need: Requirement, asked: str) -> bool:
+        return need.marker is None or need.marker.evaluate({"extra": asked})
+
     declared = [Requirement(line) for line in metadata.requires(PACKAGE) or []]
-    return [need for need in declared if _applies(need, extra)]
+    return [need for need in declared if holds(need, extra) and not (extra and holds(need, ""))]
 
 
 def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck:
@@ -112,7 +116,7 @@ def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck
     wrong = _missing(needed) or _broken([*_modules(needed), *_adapters(name)])
     if wrong:
         return PartCheck(kind, name, False, f"{wrong}; {install_command(name if kind == 'extra' else '')}")
-    return PartCheck(kind, name, True, ", ".join(f"{need.name} {_version(need)}" for need in needed))
+    return PartCheck(kind, name, True, ", ".join(f"{need.name} {metadata.version(need.name)}" for need in needed))
 
 
 def check_vocabulary() -> PartCheck:
@@ -140,29 +144,15 @@ def check_games() -> PartCheck:
     return PartCheck("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
 
 
-def _applies(need: Requirement, extra: str | None) -> bool:
-    """Whether a requirement holds for the extra and not without it; for None, whether it always holds."""
-    always = need.marker is None or need.marker.evaluate({"extra": ""})
-    if extra is None or always:
-        return extra is None and always
-    return need.marker is not None and need.marker.evaluate({"extra": extra})
-
-
 def _missing(needed: list[Requirement]) -> str:
     for need in needed:
-        version = _version(need)
-        if version is None:
+        try:
+            version = metadata.version(need.name)
+        except metadata.PackageNotFoundError:
             return f"{need.name} is not installed"
         if not need.specifier.contains(version, prereleases=True):
             return f"{need.name} is {version}, but {need.specifier} is needed"
     return ""
-
-
-def _version(need: Requirement) -> str | None:
-    try:
-        return metadata.version(need.name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _modules(needed: list[Requirement]) -> list[str]:

@@ -184,7 +184,7 @@ def run_plan(
         manifest = _manifest(folder, before, plan, options)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        scheduler = Scheduler(folder, roster, manifest.prices, options, repriced)
+        scheduler = Scheduler(folder, roster, manifest, options, repriced)
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
+from smartplay_tools.evaluation.run_folder.folder import DAMAGED, Manifest, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.runs.roster import Roster
 from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
-from smartplay_tools.providers.prices import Price, check_known
+from smartplay_tools.providers.prices import check_known
 from smartplay_tools.records.damage import damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
@@ -59,10 +59,11 @@ class Scheduler:
     """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
 
     def __init__(
-        self, folder: RunWriter, roster: Roster, prices: Mapping[str, Price], how: RunOptions, repriced: Collection[str]
+        self, folder: RunWriter, roster: Roster, manifest: Manifest, how: RunOptions, repriced: Collection[str]
     ) -> None:
         """`repriced` are the names of players whose price has changed since the run was played before."""
-        self._folder, self._roster, self._prices, self._caps = folder, roster, prices, how.caps
+        self._folder, self._roster, self._prices, self._caps = folder, roster, manifest.prices, how.caps
+        self._predecessors = manifest.predecessors
         self._plan = plan = roster.part
         self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
@@ -94,7 +95,7 @@ class Scheduler:
         }
         folder.write_rows(self._rows.values())
         self._spent = self._spent_before() if self._caps else Spent()
-        self._expected = Expectations(plan, self._rows.values(), prices)
+        self._expected = Expectations(plan, self._rows.values(), self._prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
@@ -117,9 +118,8 @@ class Scheduler:
         self._capped, self._executor = False, executor
         attempts: Counter[str] = Counter()
         while True:
-            left = [episode for episode in episodes if episode.key not in self._rows]
-            left = [episode for episode in left if attempts[episode.key] <= RETRIES]
-            self._queue = deque(self._tryouts_first(left))
+            left = (episode for episode in episodes if episode.key not in self._rows)
+            self._queue = deque(episode for episode in left if attempts[episode.key] <= RETRIES)
             if not self._queue or self._is_over():
                 break
             before = attempts.total()
@@ -160,7 +160,8 @@ class Scheduler:
         return sum(e.key not in self._rows and self._waits(e) for e in self._plan.episodes)
 
     def _waits(self, episode: PlannedEpisode) -> bool:
-        return episode.after is not None and episode.after not in self._rows
+        before = self._predecessors.get(episode.key)
+        return before is not None and before not in self._rows
 
     def again(self, task: Task) -> Task:
         """Keep the record of a lost worker, and return the task that continues it (`executors.Again`)."""
@@ -176,16 +177,6 @@ class Scheduler:
     def _is_over(self) -> bool:
         assert self._executor is not None
         return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
-
-    def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
-        """Move one episode of every player that is tried first, and has not played an action yet, to the front."""
-        first: dict[str, PlannedEpisode] = {}
-        for episode in episodes:
-            player = self._who[episode.place]
-            if player in self._roster.tried and player not in self._acted:
-                first.setdefault(player, episode)
-        keys = {episode.key for episode in first.values()}
-        return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
@@ -223,7 +214,8 @@ class Scheduler:
         cell = episode.cell
         config = self._roster.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
-        carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
+        before = self._predecessors.get(episode.key)
+        carried = None if before is None else left_by(self._folder.transcript(before))
         task = Task(
             episode,
             config,
