@@ -145,7 +145,7 @@ def test_a_dry_run_plays_nothing(tmp_path):
     command = ["sweep", "--games", BANDIT, "--history", "1,5", "--dry-run", "--out", tmp_path / "run"]
     table = shown_by(*command).splitlines()
     assert table[0].split()[:4] == ["game", "and", "player", "episodes"]
-    assert [line[:11].strip() for line in table[2:5]] == ["history 1", "history 5", "all"]
+    assert [line[:17].strip() for line in table[2:5]] == ["rule, history 1", "rule, history 5", "all"]
     assert not (tmp_path / "run").exists()
 
 
