@@ -196,7 +196,7 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        trimmed_before, elided = (view.get(name, 0) for name in ("words", "pictures"))
+        trimmed_before, elided = view.get("words", 0), view.get("pictures", 0)
         return self._sum(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
 
     def _summary(self, view: ViewEvent) -> int:
