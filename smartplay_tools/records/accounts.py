@@ -22,6 +22,7 @@ from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import ships
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.view import numbers_in
+from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.records.prompts import Rebuilder, oldest_of, rewritten_prompts, selection_of
 from smartplay_tools.records.record import Record
 from smartplay_tools.transcript.events import Event, ViewEvent, concerns_summary, purpose_of
@@ -87,6 +88,9 @@ class Accounts:
         self._turns = record.turns
         self._replies: dict[Form, Tokens] = {}
         """The parts of the replies, as they were said or trimmed."""
+        self._shown: list[tuple[int | Form, Form]] = []
+        self._sums: list[Tokens] = [[0] * len(PARTS)]
+        """The messages of the latest prompt after its head, and the parts of those before each."""
         self._manuals: dict[Form, int] = {}
         """What a manual, or the newest notes, add to the system message."""
 
@@ -117,15 +121,33 @@ class Accounts:
             more = sum(map(self._manual, head["messages"], window.head))
             tokens[_TASK] += self._sum(window.head) - more
             tokens[_NOTES if head.get("compacts") else _MANUAL] = more
-        for place, form in zip(flat(chosen.pieces), forms, strict=True):
-            if isinstance(place, Form):
-                tokens[_TEXTS if self._form is None else _SUMMARY] += form.tokens(self._counter)
-            elif (number := window.turn_of(place)) < 0:
-                tokens[_TASK] += form.tokens(self._counter)
-            elif (item := window.item(place)) is not None:
-                tokens[_part_of(item, form)] += form.tokens(self._counter)
-            else:
-                tokens = list(map(add, tokens, self._parts_of_reply(self._turns[number], form)))
+        shown = [*zip(flat(chosen.pieces), forms, strict=True)]
+        return list(map(add, tokens, self._parts_of_messages(window, shown)))
+
+    def _parts_of_messages(self, window: ContextWindow, shown: list[tuple[int | Form, Form]]) -> Tokens:
+        """The parts of the messages after the head; those that the prompt before began with are not counted again."""
+        same = 0
+        for (place, form), (one, other) in zip(shown, self._shown, strict=False):
+            if form is not other or place != one:
+                break
+            same += 1
+        del self._sums[same + 1 :]
+        for place, form in shown[same:]:
+            self._sums.append(list(map(add, self._sums[-1], self._parts_of_message(window, place, form))))
+        self._shown = shown
+        return self._sums[-1]
+
+    def _parts_of_message(self, window: ContextWindow, place: int | Form, form: Form) -> Tokens:
+        if isinstance(place, Form):
+            part = _TEXTS if self._form is None else _SUMMARY
+        elif (number := window.turn_of(place)) < 0:
+            part = _TASK
+        elif (item := window.item(place)) is None:
+            return self._parts_of_reply(self._turns[number], form)
+        else:
+            part = _part_of(item, form)
+        tokens = [0] * len(PARTS)
+        tokens[part] = form.tokens(self._counter)
         return tokens
 
     def _manual(self, plain: Message, shown: Form) -> int:
