@@ -28,7 +28,7 @@ with extra_named("An endpoint", "serve"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.endpoint import HANDLERS, WRONG_KEY, json_response, model_object, read_request, respond
+from smartplay_gateway.endpoint import HANDLERS, WRONG_KEY, json_response, model_object, read_request, refuse, respond
 from smartplay_gateway.window.episode import WindowEpisode
 from smartplay_gateway.window.formats import CHAT_FORMAT, HostFormat
 from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
@@ -80,7 +80,7 @@ def window_app(
         if surface not in ("mcp", "v1"):
             return PlainTextResponse("Not found", 404)
         if token is not None and not carries(request, token, key_header=KEY_HEADER):
-            return await _refuse(request, WRONG_KEY)
+            return await refuse(request, WRONG_KEY)
         return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
@@ -96,8 +96,7 @@ def window_app(
         yield
         await store.aclose()
 
-    handlers: Any = {**HANDLERS, RequestError: _refuse}
-    app = Starlette(routes=routes, exception_handlers=handlers, lifespan=lifespan)
+    app = Starlette(routes=routes, exception_handlers=HANDLERS, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
@@ -220,12 +219,6 @@ def _counter(store: WindowStore) -> Any:
         return json_response({"input_tokens": (await _episode(store, model)).prompt_tokens})
 
     return count
-
-
-async def _refuse(request: Request, error: RequestError) -> Response:
-    """Answer a request that is refused, in the form of its interface."""
-    form = MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
-    return json_response(form.refusal(error), error.status, error.headers)
 
 
 def _is_retry(request: Request) -> bool:

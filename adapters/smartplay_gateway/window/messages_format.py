@@ -13,6 +13,7 @@ import uuid
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from smartplay_gateway.surfaces import MESSAGES
 from smartplay_gateway.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
 from smartplay_tools import Message, Usage
 from smartplay_tools.players.conversion import encodable, halves
@@ -38,15 +39,6 @@ DELTAS = {
 
 NOTHING = "..."
 """Replaces an empty message, which the interface does not have."""
-
-KINDS = {
-    400: "invalid_request_error",
-    401: "authentication_error",
-    404: "not_found_error",
-    413: "request_too_large",
-    503: "overloaded_error",
-}
-"""The types of errors by status; any other is an `api_error`."""
 
 
 class MessagesFormat(HostFormat):
@@ -143,13 +135,7 @@ class MessagesFormat(HostFormat):
 
     def failure(self, error: RequestError) -> Event:
         """Return the event of a stream that ends without a message."""
-        return "error", self.refusal(error)
-
-    def refusal(self, error: RequestError) -> dict[str, Any]:
-        """Return the body of an error; its code is where the client looks for one."""
-        details = {"details": {"error_code": error.code}} if error.code else {}
-        error_body = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
-        return {"type": "error", "error": error_body}
+        return "error", MESSAGES.refusal(error)
 
 
 def _functions(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
