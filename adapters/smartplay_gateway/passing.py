@@ -35,11 +35,12 @@ with extra_named("smartplay_gateway", "gateway"):
 from smartplay_gateway.answers import GONE, Report, while_connected
 from smartplay_gateway.compaction import is_managed, managed, opened
 from smartplay_gateway.endpoint import HANDLERS, event_text, json_response
-from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
+from smartplay_gateway.surfaces import CHAT, COUNTED, MESSAGES, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
+from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, SmartPlayError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
-from smartplay_tools.players.wire import RequestError
+from smartplay_tools.players.wire import RESPONSES, RequestError, Streaming
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web import Server, check_address, guarded
 
@@ -195,10 +196,11 @@ class _Exchange:
     async def fitted(self, body: Json, content: bytes) -> Response:
         """Return the answer to a request whose prompt is read."""
         made = await managed(body, self.surface, _betas(self.request), self.manager, self.ask)
-        if made.answer is not None and made.report is not None:
+        if made.answer is not None:
             if not body.get("stream"):
                 return json_response(made.answer)
-            events = [event_text((event["type"], event)) for event in made.report.stream(made.answer)]
+            form: Streaming = MESSAGES_FORMAT if self.surface is MESSAGES else RESPONSES
+            events = map(event_text, form.stream(made.answer, {}))
             return Response("".join(events), media_type="text/event-stream")
         given = made.body.get(self.surface.messages)
         messages, counted = await self.fit(made.body)

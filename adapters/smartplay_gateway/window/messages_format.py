@@ -34,6 +34,7 @@ DELTAS = {
     "text": ("text", "text_delta", "text"),
     "thinking": ("thinking", "thinking_delta", "thinking"),
     "tool_use": ("input", "input_json_delta", "partial_json"),
+    "compaction": ("content", "compaction_delta", "content"),
 }
 """For each type of block: the field that is streamed, the type of its pieces, and the field that has them."""
 
@@ -123,12 +124,7 @@ class MessagesFormat(HostFormat):
         begun = {**answer, "content": [], "stop_reason": None, "usage": {**answer["usage"], "output_tokens": 0}}
         yield _event("message_start", message=begun)
         for index, block in enumerate(answer["content"]):
-            field, kind, name = DELTAS[block["type"]]
-            whole = block[field]
-            yield _event("content_block_start", index=index, content_block={**block, field: type(whole)()})
-            for piece in halves(whole if isinstance(whole, str) else json.dumps(whole)):
-                yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
-            yield _event("content_block_stop", index=index)
+            yield from block_events(index, block)
         end = {"stop_reason": answer["stop_reason"], "stop_sequence": None}
         yield _event("message_delta", delta=end, usage=answer["usage"])
         yield _event("message_stop")
@@ -167,7 +163,22 @@ def _ours(call_id: str) -> str:
     return OURS + call_id.removeprefix(THEIRS)
 
 
-def _event(kind: str, **data: Any) -> Event:
+def block_events(index: int, block: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the events of a block. A compaction comes in one piece; one that is signed begins with it."""
+    field, kind, name = DELTAS[block["type"]]
+    whole: Any = block[field]
+    if kind == "compaction_delta":
+        begun, pieces = (block, []) if "signature" in block else ({**block, field: None}, [whole])
+    else:
+        begun = {**block, field: type(whole)()}
+        pieces = [*halves(whole if isinstance(whole, str) else json.dumps(whole))]
+    yield _event("content_block_start", index=index, content_block=begun)
+    for piece in pieces:
+        yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
+    yield _event("content_block_stop", index=index)
+
+
+def _event(kind: str, **data: Any) -> tuple[str, dict[str, Any]]:
     return kind, {"type": kind, **data}
 
 
