@@ -93,6 +93,7 @@ class Store(ABC, Generic[H]):
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
+
         def begin(handle: str) -> H:
             return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
 
