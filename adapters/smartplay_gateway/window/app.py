@@ -10,7 +10,6 @@ logged once an episode.
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -37,7 +36,7 @@ from smartplay_gateway.window.responses_format import RESPONSES_FORMAT
 from smartplay_gateway.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
 from smartplay_tools.players.wire import RequestError, bad
-from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
+from smartplay_tools.web import LARGEST_REQUEST, NotServedError, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 PREFIX = "smartplay/"
@@ -61,6 +60,10 @@ SHORT_REQUEST = 16 * 1024
 
 LONGEST_HEADER = 4_000
 """Characters of a header; servers and clients take few more. The log has the whole text."""
+
+
+CODES = {404: "model_not_found", 500: "record_refused", 503: "full"}
+"""The codes of the refusals of episodes, by their status."""
 
 
 def window_app(
@@ -228,18 +231,11 @@ def _is_retry(request: Request) -> bool:
 async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
     if not isinstance(model, str):
         raise bad("A request names its model.", "model")
-    handle = model.removeprefix(PREFIX)
     try:
-        episode = store.opened(handle) or await asyncio.to_thread(store.find, handle)
-    except FullError as error:
-        raise RequestError(503, str(error), code="full") from error
-    except SmartPlayError as error:
-        raise RequestError(500, "The record of this episode cannot be continued.", code="record_refused") from error
-    if episode is None:
-        gone = store.gone(handle)
-        problem = gone.why if gone else f"There is no episode {model[:80]!r}; the model is {PREFIX}HANDLE."
-        raise RequestError(404, problem, code="model_not_found")
-    return episode
+        return await store.asked_for(model.removeprefix(PREFIX))
+    except NotServedError as error:
+        problem = f"{error} (the model {model[:80]!r}; an episode is {PREFIX}HANDLE)"
+        raise RequestError(error.status, problem, code=CODES[error.status]) from error
 
 
 async def _list_models(request: Request) -> Response:

@@ -14,10 +14,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from smartplay_gateway.surfaces import MESSAGES
-from smartplay_gateway.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
+from smartplay_gateway.window.formats import (
+    CompletionRequest,
+    HostFormat,
+    Ignored,
+    fields_of,
+    functions_of,
+    json_schema,
+    messages_of,
+)
 from smartplay_tools import Message, Usage
 from smartplay_tools.players.conversion import encodable, halves
-from smartplay_tools.players.wire import Event, RequestError, bad, objects, read_tools
+from smartplay_tools.players.wire import Event, RequestError, objects, read_tools
 from smartplay_tools.types.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -137,19 +145,15 @@ class MessagesFormat(HostFormat):
 def _functions(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
     """The tools of a request as functions, and what those are that Anthropic's servers run."""
     tools = body.get("tools")
-    if not isinstance(tools, list | None):
-        raise bad("tools is a list.", "tools")
-    functions, left_out = list[Any](), list[str]()
-    for tool in tools or ():
-        if not isinstance(tool, Mapping):
-            functions.append(tool)
-        elif tool.get("name") != PLACEHOLDER:
-            # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
-            if "input_schema" in tool or tool.get("type") in (None, "custom"):
-                functions.append({**tool, "type": "function", "parameters": tool.get("input_schema")})
-            else:
-                left_out.append(f"{tool.get('name')} ({tool['type']})")
-    return functions, left_out
+    if isinstance(tools, list):
+        tools = [_function(tool) for tool in tools if not isinstance(tool, Mapping) or tool.get("name") != PLACEHOLDER]
+    return functions_of({"tools": tools})
+
+
+def _function(tool: Any) -> Any:
+    """A tool in OpenAI's form, if it is a function: Claude Code's that are marked `defer_loading` are as good as others."""
+    is_function = isinstance(tool, Mapping) and ("input_schema" in tool or tool.get("type") in (None, "custom"))
+    return {**tool, "type": "function", "parameters": tool.get("input_schema")} if is_function else tool
 
 
 def _forbids_calls(choice: Any, messages: list[Any]) -> bool:
