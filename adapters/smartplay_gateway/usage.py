@@ -1,7 +1,7 @@
-"""The tokens of a prompt as its provider reports them, read from an answer while it passes.
+"""The tokens of a prompt as its provider reports them, read from an answer once it has passed.
 
-A reader is given copies of pieces that have been sent on already, so that no byte waits for it and none is changed. An
-answer that it cannot read, in an encoding or a form that it does not know, has no count.
+A reader is given pieces that have been sent on already, so that no byte waits for it and none is changed. An answer
+that it cannot read, in an encoding or a form that it does not know, has no count.
 """
 
 from __future__ import annotations

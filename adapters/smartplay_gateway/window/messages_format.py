@@ -151,7 +151,7 @@ def _functions(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
 
 
 def _function(tool: Any) -> Any:
-    """A tool in OpenAI's form, if it is a function: Claude Code's that are marked `defer_loading` are as good as others."""
+    """A tool in OpenAI's form, if it is a function; Claude Code's that have `defer_loading` are as good as others."""
     is_function = isinstance(tool, Mapping) and ("input_schema" in tool or tool.get("type") in (None, "custom"))
     return {**tool, "type": "function", "parameters": tool.get("input_schema")} if is_function else tool
 
