@@ -12,13 +12,12 @@ from typing import Any, Literal
 
 from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.fitted import Draft, FittedPrompt
 from smartplay_tools.manager.memo import MemoFolder, Texts
 from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
-from smartplay_tools.manager.units import TooLongError
 
 __all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
 
@@ -136,15 +135,11 @@ class Asking:
                 shown = self.summaries.shown(text, draft.covered.form) if text else None
                 return replace(draft, summary=shown)
             if self.strategy is not None and draft.asked is not None:
-                chosen = yield from self.strategy.chosen(draft.asked)
-                return draft.with_choice(chosen)
+                return replace(draft, chosen=(yield from self.strategy.chosen(draft.asked)))
         except AskError as error:
             if self._on_error == "raise" or self.summaries is None:
                 raise error.reason from None
             return replace(draft, failed=str(error))
-        except TooLongError as error:
-            parts = {**draft.parts, "pinned": error.pins, "newest turn": error.newest}
-            raise PromptOverflowError.of(self._settings.prompt_tokens or 0, parts) from None
         return draft
 
     def _asked(self) -> Callable[..., Any]:
@@ -158,7 +153,7 @@ def _next(fitting: Fitting, answer: str | Exception | None) -> Question | Fitted
     """Go on with an answer, or with what was raised in its place; return the next question, or the prompt."""
     try:
         if isinstance(answer, Exception):
-            return fitting.throw(answer)
+            return fitting.throw(AskError(answer))
         return next(fitting) if answer is None else fitting.send(answer)
     except StopIteration as end:
         prompt: FittedPrompt = end.value

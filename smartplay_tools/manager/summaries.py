@@ -19,7 +19,7 @@ from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import cut_end
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import SENTENCES, Cost, notice_of_cut
+from smartplay_tools.manager.counting import SENTENCES, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
 from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown
@@ -102,7 +102,7 @@ class SummaryChain:
         message = {"role": "user", "content": f"{self._frame}{text}"}
         if form.name == "responses":
             message["type"] = "message"
-        return Shown.whole(Part(None, message, Cost(self._size(message["content"]))))
+        return Shown(Part(None, message), message, self._size(message["content"]))
 
     def text(self, covered: Covered) -> Generator[Question, str, str]:
         """Yield the questions of a summary, be sent the answers, and return it; empty if no answer had a word."""
@@ -115,10 +115,7 @@ class SummaryChain:
             rest = list(_told(covered.units[start:end], covered.form))
             while rest:
                 part, rest = self._part(text, rest)
-                try:
-                    answer = yield self._question(text, part)
-                except Exception as error:
-                    raise AskError(error) from None
+                answer = yield self._question(text, part)
                 text = self._cut(read_answer(answer)) or text
             with self._lock:
                 text = self._memo.setdefault(key, text)

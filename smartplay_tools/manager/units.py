@@ -12,15 +12,7 @@ from smartplay_tools.manager.counting import Cost, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm, with_text
 from smartplay_tools.transcript.hashing import canonical_json
 
-__all__ = ["Chosen", "Part", "Shown", "TooLongError", "Unit", "as_first_shown", "squeezed"]
-
-
-class TooLongError(Exception):
-    """What cannot be left out is too long: `pins` and `newest` are its tokens."""
-
-    def __init__(self, pins: int, newest: int) -> None:
-        super().__init__(pins, newest)
-        self.pins, self.newest = pins, newest
+__all__ = ["Chosen", "Part", "Shown", "Unit", "as_first_shown", "squeezed"]
 
 
 @dataclass(slots=True)

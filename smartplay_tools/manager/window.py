@@ -21,9 +21,10 @@ from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.window import ContextWindow
-from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, Cost, MessageCounter
+from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, without_pictures
-from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError, Unit, as_first_shown, squeezed
+from smartplay_tools.manager.units import Chosen, Part, Shown, Unit, as_first_shown, squeezed
 from smartplay_tools.providers.reply_fields import texts_in
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.call_ids import CallIds
@@ -160,6 +161,8 @@ class AgentWindow(ContextWindow):
         """Whether a strategy decides, and whether it is given thoughts."""
         self.rewritten: set[int] = set()
         """The messages in whose place a strategy has put its own."""
+        self.reserved: tuple[int, Mapping[str, int]] = 0, {}
+        """The cap on prompts, and the tokens of what they have beside the units, by part."""
         self._taken: list[list[str]] = []
         """For each turn the ids of its calls, of which none comes twice."""
         self._given_ids: dict[str, str] = {}
@@ -198,7 +201,8 @@ class AgentWindow(ContextWindow):
         shorter = squeezed(turn.unit, most - needs + newest, self.form, self.messages)
         if shorter is None:
             pins = needs - newest - self.head_tokens - self.tokens(range(self.starts[0]))
-            raise TooLongError(pins, newest)
+            cap, parts = self.reserved
+            raise PromptOverflowError.of(cap, {**parts, "pinned": pins, "newest turn": newest})
         self.back_to(last)
         self.add(AgentTurn(self, last, shorter, turn.step, turn.first_picture))
         try:
@@ -418,7 +422,7 @@ class AgentWindow(ContextWindow):
 
     def _own(self, message: Given) -> Shown:
         tokens = self.messages.tokens(message, self.form)
-        return Shown(Part(None, message, Cost(tokens)), message, tokens)
+        return Shown(Part(None, message), message, tokens)
 
 
 def grouped(messages: Iterable[T], is_result: Callable[[T], bool]) -> list[list[T]]:
