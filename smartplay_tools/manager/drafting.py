@@ -50,7 +50,7 @@ class Drafts:
         head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(part.cost.whole for part in head)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._asking.summaries is None else {**parts, "summary": self._asking.summaries.reserve}
-        cap = self._settings.prompt_tokens
+        cap = self._settings.budget.prompt_tokens
         room = math.inf if cap is None else cap - sum(reserved.values())
         if room < 0:
             raise PromptOverflowError.of(cap or 0, reserved)

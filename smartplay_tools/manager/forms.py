@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.providers.reply_fields import BESIDE_WORDS, NOT_SENT, THOUGHTS
 from smartplay_tools.types.arguments import as_text, object_in
 
@@ -386,8 +386,14 @@ _OF_A_CALL = {"id", "type", "index", "function", "custom"}
 _BLOCKS = {"tool_use", "tool_result", "thinking", "redacted_thinking", "server_tool_use", "document"}
 
 
-def form_of(messages: Sequence[Given]) -> MessageForm:
-    """Return the form of messages, by the first that only one form has; words alone are the same in all forms."""
+def form_of(messages: Sequence[Given], name: str | None = None) -> MessageForm:
+    """Return the form of a name, or that of messages, by the first that only one form has.
+
+    Words alone are the same in all forms.
+    """
+    if name is not None:
+        check_choice("form", name, FORMS)
+        return FORMS[name]
     for message in messages:
         if message.get("role") == "tool" or message.get("tool_calls"):
             return FORMS["chat"]

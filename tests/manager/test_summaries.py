@@ -189,7 +189,7 @@ async def asynchronous(messages: Messages, max_tokens: int) -> str:
         ({"prompt_tokens": None}, "Nothing ever leaves"),
         ({"memo": 3}, "a folder or a mutable mapping"),
         ({"memo": __file__}, "is no folder"),
-        ({"on_error": "ignore"}, "on_error is one of"),
+        ({"on_error": "ignore"}, "on_error must be one of"),
         ({"ask": asynchronous}, "afit"),
         ({"ask": lambda _, __: 3}, "returns the text of an answer, not int"),
     ],
