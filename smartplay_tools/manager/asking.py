@@ -19,8 +19,6 @@ from smartplay_tools.manager.settings import Settings, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
 
-__all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
-
 Ask = Callable[[list[dict[str, Any]], int], str | Awaitable[str]]
 """Asks a model: returns its answer to chat messages of words alone, in at most so many tokens."""
 

@@ -23,8 +23,6 @@ from smartplay_tools.manager.plain import as_json
 from smartplay_tools.providers.reply_fields import ENCRYPTED, texts_in
 from smartplay_tools.types.tables import read_table
 
-__all__ = ["SENTENCES", "Cost", "MessageCounter", "Tokens", "notice_of_cut"]
-
 Tokens = int | Callable[[Given], int]
 """The tokens of a part: a number, or a function of the part."""
 

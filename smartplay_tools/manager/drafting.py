@@ -25,8 +25,6 @@ from smartplay_tools.manager.units import Chosen, Part, Shown
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 
-__all__ = ["Drafts"]
-
 READINGS = 16
 """How many conversations are remembered, by their heads."""
 

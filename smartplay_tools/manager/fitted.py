@@ -11,8 +11,6 @@ from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
 from smartplay_tools.manager.units import Chosen, Shown
 
-__all__ = ["Conversation", "Draft", "FittedPrompt"]
-
 
 @dataclass(frozen=True, slots=True)
 class Conversation:

@@ -32,8 +32,6 @@ from smartplay_tools.manager.threads import ThreadRecords, recorded
 from smartplay_tools.manager.tools import plain_tool
 from smartplay_tools.types import Budget, ResolvedBudget
 
-__all__ = ["ContextManager"]
-
 
 class ContextManager:
     """Fits the messages of an agent into a budget of tokens and history.

@@ -11,8 +11,6 @@ from smartplay_tools.manager.counting import MessageCounter
 from smartplay_tools.manager.forms import Given, form_of
 from smartplay_tools.types import ResolvedBudget
 
-__all__ = ["FormName", "Settings", "check_numbers"]
-
 FormName = Literal["chat", "responses", "anthropic"]
 """The name of a form of messages."""
 

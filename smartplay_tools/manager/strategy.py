@@ -37,13 +37,11 @@ from smartplay_tools.manager.kept import KeptCompacting
 from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Reading
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
-from smartplay_tools.manager.units import Chosen, Part, Shown
+from smartplay_tools.manager.units import Chosen, Part, Shown, digests_of
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.messages import Message
-
-__all__ = ["AskedStrategy", "StrategyMaker", "StrategyRunner"]
 
 FOLDS = 16
 """How many conversations a runner remembers the strategies of."""
@@ -99,11 +97,8 @@ class AskedStrategy:
 
     def keys(self) -> list[bytes]:
         """Return the digest of the conversation up to each of its units."""
-        digest, keys = hashlib.sha256(self.seed), []
-        for at, turn in enumerate(self.reading.turns):
-            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, turn.unit.is_late]))
-            keys.append(digest.digest())
-        return keys
+        turns, pinned = enumerate(self.reading.turns), self.reading.pinned
+        return digests_of(self.seed, (t.unit.digest + bytes([at in pinned, t.unit.is_late]) for at, t in turns))
 
     def kept(self, stop: int) -> set[int]:
         """Return the turns before one that every prompt shows, beside the newest."""
@@ -131,14 +126,10 @@ class StrategyRunner:
     ) -> None:
         """`goes_on` says that a prompt whose question nobody answers is made without the compactor."""
         self._make, self._budget, self._messages = make, budget, messages
+        self.compacts = make.compacts
         self._memo, self._goes_on = memo, goes_on
         self._folds: dict[bytes, _Fold] = {}
         self._lock = threading.Lock()
-
-    @property
-    def compacts(self) -> bool:
-        """Whether the strategy rewrites messages."""
-        return self._make.compacts
 
     def chosen(self, asked: AskedStrategy) -> Generator[Question, str, Chosen]:
         """Yield the questions of the strategy, be sent the answers, and return what the prompt shows."""

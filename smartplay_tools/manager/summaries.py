@@ -7,7 +7,6 @@ and a conversation whose beginning was edited gets others. Nothing here asks a m
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import threading
 from bisect import bisect_left
@@ -22,9 +21,7 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import SENTENCES, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
 from smartplay_tools.manager.memo import Texts
-from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown
-
-__all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain", "read_answer"]
+from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown, digests_of
 
 Question: TypeAlias = tuple[list[dict[str, Any]], int]
 """The messages of a question, and the most tokens that its answer should have."""
@@ -61,13 +58,8 @@ class Covered:
 
     def keys(self) -> list[str]:
         """Return the digest of what each summary covers, as hex."""
-        digest, keys, start = hashlib.sha256(self.seed), [], 0
-        for end in self.ends:
-            for unit in self.units[start:end]:
-                digest.update(unit.digest)
-            keys.append(digest.hexdigest())
-            start = end
-        return keys
+        digests = digests_of(self.seed, (unit.digest for unit in self.units))
+        return [digests[end - 1].hex() for end in self.ends]
 
 
 class AskError(Exception):

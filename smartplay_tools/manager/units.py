@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from smartplay_tools.manager.counting import Cost, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm, with_text
 from smartplay_tools.transcript.hashing import canonical_json
-
-__all__ = ["Chosen", "Part", "Shown", "Unit", "as_first_shown", "squeezed"]
 
 
 @dataclass(slots=True)
@@ -81,6 +79,15 @@ class Chosen:
     """The messages that were changed, or in whose place others stand."""
     failed: str = ""
     """Why a compactor was not asked."""
+
+
+def digests_of(seed: bytes, parts: Iterable[bytes]) -> list[bytes]:
+    """Return for each part the sha256 of a seed and all parts up to it."""
+    digest, found = hashlib.sha256(seed), []
+    for part in parts:
+        digest.update(part)
+        found.append(digest.digest())
+    return found
 
 
 def as_first_shown(part: Part, form: MessageForm) -> Given:

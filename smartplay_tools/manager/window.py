@@ -30,8 +30,6 @@ from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, text_of
 
-__all__ = ["AgentForm", "AgentTurn", "AgentWindow", "grouped"]
-
 WORDING = Wording(VERSION, {**Wording.of(VERSION).texts, "observation_left": RESULT_LEFT})
 """The sentences of games, with the manager's in place of a result that is too old."""
 
@@ -326,9 +324,7 @@ class AgentWindow(ContextWindow):
         if isinstance(first, AgentForm) and first.turn.is_whole(forms):
             yield from (Shown.whole(part, first.turn.number) for part in first.turn.unit.parts)
             return
-        if first.is_result:  # of a reply that the strategy has put elsewhere; never sent
-            results = [*forms]
-        elif isinstance(first, AgentForm):
+        if isinstance(first, AgentForm):
             yield from self._replied(first)
         elif (turn := self.edited(first)) is not None:
             yield from self._edited(self.turns[turn], first.message)
