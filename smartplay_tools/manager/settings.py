@@ -14,8 +14,11 @@ from smartplay_tools.types import ResolvedBudget
 FormName = Literal["chat", "responses", "anthropic"]
 """The name of a form of messages."""
 
-AGES = ("history", "own_words", "newest_pictures")
-"""What decides how old what is shown may be."""
+RECORDED = (
+    *("head", "cut", "history", "slack", "masks", "own_words", "first_turns", "newest_pictures"),
+    *("prompt_tokens", "result_tokens", "repair"),
+)
+"""What a record has of the settings, in this order, after the tokenizer."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class Settings:
         """Check them."""
         budget, result_tokens = self.budget, None if self.result_tokens == "auto" else self.result_tokens
         check_numbers(prompt_tokens=budget.prompt_tokens, result_tokens=result_tokens)
-        check_numbers(0, first_turns=budget.first_turns, **{name: getattr(budget, name) for name in AGES})
+        ages = {name: getattr(budget, name) for name in ("history", "own_words", "first_turns", "newest_pictures")}
+        check_numbers(0, **ages)
         check_choice("beyond_history", budget.beyond_history, ("drop", "mask"))
         check_choice("head", self.head, ("task", "system"))
         form_of((), self.form)
@@ -54,10 +58,9 @@ class Settings:
     @property
     def recorded(self) -> dict[str, Any]:
         """What a record has of them."""
-        own = {name: getattr(self, name) for name in ("head", "cut", "masks", "result_tokens", "repair")}
-        shared = {name: getattr(self.budget, name) for name in ("prompt_tokens", "slack", *AGES)}
+        own = {name: getattr(self, name, getattr(self.budget, name, None)) for name in RECORDED}
         first_turns = self.budget.first_turns or 0
-        return {"tokenizer": self.messages.counter.tokenizer.name, "first_turns": first_turns, **own, **shared}
+        return {"tokenizer": self.messages.counter.tokenizer.name, **own, "first_turns": first_turns}
 
 
 def check_numbers(least: int = 1, **numbers: int | None) -> None:
