@@ -98,7 +98,6 @@ class Asking:
         """Ask what a prompt needs, and return it."""
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
-            answer: Any
             ask = self._asked()
             try:
                 answer = ask(*made)
@@ -111,7 +110,6 @@ class Asking:
         """Do what `answered` does. An asynchronous function is awaited; any other runs in a thread."""
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
-            answer: Any
             ask = self._asked()
             try:
                 is_async = inspect.iscoroutinefunction(ask)

@@ -120,6 +120,13 @@ class MessageForm:
         """Return a copy with other contents, None for a result that goes; None if nothing is left of it."""
         return None if contents[0] is None else {**message, "content": contents[0]}
 
+    def cut(self, message: Given, texts: Sequence[str | None]) -> Given:
+        """Return a copy with other texts of its results, None for one that stays."""
+        pairs = zip(self.results(message), texts, strict=True)
+        cut = self.with_results(message, [each if text is None else with_text(each, text) for each, text in pairs])
+        assert cut is not None
+        return cut
+
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         """Return messages that answer calls with a text."""
         return [{"role": "tool", "tool_call_id": i, "content": text} for i in ids]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from smartplay_tools.manager.counting import Cost, MessageCounter
-from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm, with_text
+from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm
 from smartplay_tools.transcript.hashing import canonical_json
 
 
@@ -92,12 +92,7 @@ def digests_of(seed: bytes, parts: Iterable[bytes]) -> list[bytes]:
 
 def as_first_shown(part: Part, form: MessageForm) -> Given:
     """Return a message with its results cut to their cap."""
-    if part.cost.cut is None:
-        return part.message
-    contents = [c if cut is None else with_text(c, cut) for c, cut in _cuts(part, form)]
-    message = form.with_results(part.message, contents)
-    assert message is not None
-    return message
+    return part.message if part.cost.cut is None else form.cut(part.message, part.cost.cut)
 
 
 def squeezed(unit: Unit, room: float, form: MessageForm, counter: MessageCounter) -> Unit | None:
