@@ -80,6 +80,7 @@ class AgentTurn(Turn):
         reply = sum(part.cost.whole for part in unit.parts if not part.cost.is_result)
         self.whole = (AgentForm(self, 0, "whole", reply), *self._results_at("whole"))
         self._levels: dict[Level, tuple[Form, ...]] = {"whole": self.whole}
+        """All its messages, with the results at each level."""
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("assistant", "shown", "items", "calls", "arguments"):
@@ -122,14 +123,10 @@ class AgentTurn(Turn):
             level = "masked"
         elif self._pictures and self.first_picture < elided:
             level = "unpictured"
-        forms = self._at(level)
-        return (self.trimmed, *forms[1:]) if self.step < trimmed_before and self.is_wordy else forms
-
-    def _at(self, level: Level) -> tuple[Form, ...]:
-        """All its messages, with the results at a level."""
         if level not in self._levels:
             self._levels[level] = (self.whole[0], *self._results_at(level))
-        return self._levels[level]
+        forms = self._levels[level]
+        return (self.trimmed, *forms[1:]) if self.step < trimmed_before and self.is_wordy else forms
 
     def _results_at(self, level: Level) -> Iterator[AgentForm]:
         """Its results at a level; their tokens add up to those of the messages that they are in."""
