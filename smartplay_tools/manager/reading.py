@@ -123,29 +123,25 @@ class Reading:
         return units
 
     def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
-        """Put a message with results into the unit of its calls; results without a call are left out."""
-        form = self.form
-        answered = form.answers(message)
+        """Put the results of a message into the units of their calls; results without a call are left out."""
+        form, answered = self.form, self.form.answers(message)
         owners = [waiting[call].pop() if waiting.get(call) else None for call in answered]
-        owner = next((each for each in owners if each is not None), None)
-        contents = form.results(message)
-        for at, (call, each) in enumerate(zip(answered, owners, strict=True)):
-            if each is owner and each is not None:
-                each.open.remove(call)
-                continue
-            contents = [*contents[:at], None, *contents[at + 1 :]]
-            if each is not None:  # it is open again
-                waiting[call].append(each)
+        for call, owner in zip(answered, owners, strict=True):
+            if owner is not None:
+                owner.open.remove(call)
+        last = next((unit for unit in reversed(units) if any(unit is owner for owner in owners)), None)
+        shares = {id(owner): owner for owner in owners if owner is not None}
         kept: Given | None = message
-        if owner is None or any(each is not owner for each in owners):
-            kept = form.with_results(message, contents)
-        if kept is not message or owner is not units[-1]:
+        for owner in shares.values() or [None]:
+            if owner is None or any(each is not owner for each in owners):
+                pairs = zip(form.results(message), owners, strict=True)
+                contents = [content if owner is not None and each is owner else None for content, each in pairs]
+                kept = form.with_results(message, contents, with_words=owner is last)
+            if kept is not None:
+                parts = [Part(number, kept)]
+                units.append(Unit("word", parts)) if owner is None else owner.parts.extend(parts)
+        if kept is not message or last is not units[-1]:
             self.repaired.append(number)
-        if kept is not None:
-            if owner is None:
-                units.append(Unit("word", [Part(number, kept)]))
-            else:
-                owner.parts.append(Part(number, kept))
 
     def _append(self, units: Sequence[Unit], messages: Sequence[Given], keys: list[object], start: int) -> None:
         newest, is_whole = start - 1, True
