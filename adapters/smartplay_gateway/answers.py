@@ -22,8 +22,6 @@ from smartplay_tools.types.arguments import object_in
 if TYPE_CHECKING:
     from starlette.requests import Request
 
-__all__ = ["GONE", "Report", "while_connected"]
-
 Json = dict[str, Any]
 
 ENDS = ("response.completed", "response.incomplete", "response.failed")

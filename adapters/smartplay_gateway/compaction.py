@@ -33,8 +33,6 @@ from smartplay_tools.compactors.provider_edits import (
 )
 from smartplay_tools.types.arguments import object_in
 
-__all__ = ["Managed", "NoSummaryError", "is_managed", "managed", "opened"]
-
 FIELD = "context_management"
 EDITS_BETA, THRESHOLD_BETA, DEMAND_BETA = "context-management-2025-06-27", "compact-2026-01-12", "compact-2026-09-04"
 

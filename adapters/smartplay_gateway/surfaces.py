@@ -9,8 +9,6 @@ from typing import Any
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.players.wire import RequestError
 
-__all__ = ["CHAT", "COMPACT", "COUNTED", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
-
 Json = dict[str, Any]
 
 STORED = ("previous_response_id", "conversation", "prompt")

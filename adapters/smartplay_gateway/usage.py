@@ -13,8 +13,6 @@ from typing import Any
 from smartplay_tools.players import read_usage
 from smartplay_tools.types.arguments import object_in
 
-__all__ = ["PromptTokens"]
-
 LARGEST = 32 * 1024 * 1024
 """The most bytes of an answer, or of a line of a stream, that are kept to be read."""
 

@@ -15,6 +15,7 @@ from smartplay_tools.manager.asking import Asking
 from smartplay_tools.manager.counting import Cost
 from smartplay_tools.manager.fitted import Conversation, Draft
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm
+from smartplay_tools.manager.plain import named
 from smartplay_tools.manager.reading import Reading, kind_of
 from smartplay_tools.manager.settings import Settings
 from smartplay_tools.manager.strategy import AskedStrategy
@@ -116,10 +117,8 @@ class Drafts:
 
     def _cost(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> Cost:
         """The cost of a message of the head."""
-        try:
+        with named(f"Message {number}"):
             return self._messages.cost(message, form, None, keys[number])
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"Message {number} {error}.") from None
 
     def _system_tokens(self, system: str | Sequence[Any] | None) -> int:
         if not system:

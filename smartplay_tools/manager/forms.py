@@ -103,8 +103,11 @@ class MessageForm(Protocol):
     def results(self, message: Given) -> Sequence[Any]:
         """Return the contents of these results, as the message holds them."""
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
-        """Return a copy with other contents, None for a result that goes; None if nothing is left of it."""
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
+        """Return a copy with other contents, None for a result that goes; None if nothing is left of it.
+
+        `with_words` is False for a copy that has none of the words beside the results.
+        """
 
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
         """Return messages that answer calls with a text."""
@@ -160,7 +163,7 @@ class Chat(MessageForm):
     def results(self, message: Given) -> Sequence[Any]:
         return [message.get("content") or ""]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
         return None if contents[0] is None else {**message, "content": contents[0]}
 
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
@@ -245,7 +248,7 @@ class Responses(MessageForm):
     def results(self, message: Given) -> Sequence[Any]:
         return [message.get("output") or ""]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
         if contents[0] is None:
             return None
         return {**message, "output": contents[0]} if "output" in message else message
@@ -321,11 +324,11 @@ class Anthropic(MessageForm):
     def results(self, message: Given) -> Sequence[Any]:
         return [block.get("content") or "" for block in self._blocks(message, "tool_result")]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
         left, blocks = iter(contents), []
         for block in message["content"]:
             if _type(block) != "tool_result":
-                blocks.append(block)
+                blocks += [block] if with_words else []
             elif (content := next(left)) is not None:
                 blocks.append(block if content is block.get("content") else {**block, "content": content})
         return {**message, "content": blocks} if blocks else None

@@ -21,8 +21,9 @@ from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
 from smartplay_tools.manager.asking import Ask, Asking, Fitting, GivenStrategy, Memo
 from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.drafting import Drafts
-from smartplay_tools.manager.fitted import Conversation, FittedPrompt, PlainMessages, check_plain, plain
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt
 from smartplay_tools.manager.forms import FORMS, Given, form_of
+from smartplay_tools.manager.plain import plain, plain_messages
 from smartplay_tools.manager.record import ThreadRecord
 from smartplay_tools.manager.settings import FormName, Settings, check_choice
 from smartplay_tools.manager.summaries import Summaries
@@ -134,7 +135,6 @@ class ContextManager:
         self._drafts = Drafts(self._settings, self._asking)
         folder, written = record, self._settings.recorded | self._asking.recorded
         self._threads = None if folder is None else ThreadRecords(Path(folder), written)
-        self._plain = PlainMessages()
         self._lock = threading.Lock()
         """Held while a prompt is made, and never while a model is asked."""
 
@@ -218,15 +218,6 @@ class ContextManager:
     def _fitting(
         self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
     ) -> Fitting:
-        try:
-            return (yield from self._made(messages, beside, form, thread))
-        except (RecursionError, TypeError):
-            check_plain(messages)  # where no message is at fault, it is an error of another kind
-            raise
-
-    def _made(
-        self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
-    ) -> Fitting:
         asking, cap = self._asking, self._settings.prompt_tokens
         with self._lock:
             conversation = self._read(messages, form)
@@ -249,7 +240,7 @@ class ContextManager:
         """The messages of a request as plain data."""
         check_choice("form", form, (None, *FORMS))
         name = form or self._settings.form
-        data, keys = self._plain.read(messages)
+        data, keys = plain_messages(messages)
         return Conversation(messages, data, keys, form_of(data) if name is None else FORMS[name])
 
     def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:

@@ -12,10 +12,10 @@ config. The words that the host's model said with its calls are in no record.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeVar
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
@@ -36,6 +36,8 @@ from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
 from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,7 @@ def sent_prompts(
         yield from _prompts_of_the_paper(events)
         return
     rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns, pictures)
-    with ErrorLocation() as at:
-        for at.number, at.event in enumerate(events, start=1):
-            rebuilder.take(at.event)
-            if at.event["event"] == "view":
-                yield rebuilder.rebuild(at.event)
+    yield from rebuilder.each(rebuilder.rebuild)
 
 
 def rewritten_prompts(
@@ -77,10 +75,9 @@ def rewritten_prompts(
     """Yield every prompt to play whose messages a compactor has rewritten: its view, the messages, what it shows."""
     if is_compacted(events):
         rebuilder = Rebuilder(events, turns)
-        for event in events:
-            rebuilder.take(event)
-            if event["event"] == "view" and purpose_of(event) == "play":
-                yield event, rebuilder.window, rebuilder.reach(event)
+        for view, chosen in rebuilder.each(lambda view: (view, rebuilder.reach(view))):
+            if purpose_of(view) == "play":
+                yield view, rebuilder.window, chosen
 
 
 def _prompts_of_the_paper(events: Sequence[Event]) -> Iterator[SentPrompt]:
@@ -150,7 +147,7 @@ class Rebuilder:
     def __init__(
         self, events: Sequence[Event], turns: Sequence[Turn], pictures: Mapping[str, Picture] = NO_PICTURES
     ) -> None:
-        self._turns, self._pictures = turns, pictures
+        self._events, self._turns, self._pictures = events, turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
         self._version, self._budget = words.version, ResolvedBudget(**events[0]["budget"])
@@ -169,7 +166,15 @@ class Rebuilder:
             raise ValueError("it comes before the head of a conversation")
         return self._window
 
-    def take(self, event: Event) -> None:
+    def each(self, make: Callable[[Event], T]) -> Iterator[T]:
+        """Yield what is made of each view, in their order; an error names its event."""
+        with ErrorLocation() as at:
+            for at.number, at.event in enumerate(self._events, start=1):
+                self._take(at.event)
+                if at.event["event"] == "view":
+                    yield make(at.event)
+
+    def _take(self, event: Event) -> None:
         """Take the next event; a `head` and a `rewrite` event change what the following prompts show."""
         if event["event"] == "head":
             tools = tuple(ToolSpec(**tool) for tool in event["tools"])

@@ -62,12 +62,9 @@ async def _answer(request: Request) -> Response:
         return _json(error.body(request_id), 400)
     except (ValueError, RecursionError):
         return _json(ProtocolError(mcp.PARSE_ERROR, "The body is not JSON.").body(None), 400)
-    takes_batches = request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES
-    answer = await respond(hosted, message, takes_batches=takes_batches)
+    answer = await respond(hosted, message)
     if answer is None:
         return Response(status_code=202)
-    if isinstance(answer, list):
-        return _json(answer, 200)
     code = answer.get("error", {}).get("code")
     is_refused = code is not None and (stateless or answer["id"] is None)
     return _json(answer, STATUS.get(code, 400) if is_refused else 200)
@@ -87,10 +84,9 @@ def _check_headers(request: Request, message: Any) -> None:
     meta = params.get("_meta") if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or mcp.VERSION_KEY not in meta:
         raise ProtocolError(mcp.INVALID_PARAMS, f"params._meta has no {mcp.VERSION_KEY}.")
-    method, named = message.get("method"), {"tools/call": "name", "resources/read": "uri"}
-    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": method}
-    if method in named and params.get(named[method]) is not None:
-        expected["mcp-name"] = params[named[method]]
+    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": message["method"]}
+    if message["method"] == "tools/call" and params.get("name") is not None:
+        expected["mcp-name"] = params["name"]
     for header, value in expected.items():
         if _decoded(request.headers.get(header)) != value:
             raise ProtocolError(mcp.HEADER_MISMATCH, f"The header {header} does not agree with the body.")

@@ -29,7 +29,6 @@ from smartplay_tools.games.minecraft.minedojo.engine import (
     _turned,
     _walked,
 )
-from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
 from smartplay_tools.games.minecraft.rules import PAPER_GOALS, Goal, Stride, strides, turn
@@ -294,7 +293,7 @@ def test_a_late_start_is_one_sentence(tmp_path, monkeypatch):
 
 def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
     monkeypatch.delenv(INTERPRETER, raising=False)
-    with pytest.raises(sp.InvalidArgumentError, match="smartplay-tools minedojo install --venv DIR"):
+    with pytest.raises(sp.InvalidArgumentError, match=r"commands in docs/minecraft\.md make"):
         sp.Episode(GAME, seed=1, engine="minedojo")
 
 
@@ -339,47 +338,7 @@ def test_only_this_engine_is_compared_with_people(interpreter):
     assert set(played["voxel"].deviations) >= {"engine", "text"}
 
 
-# Installing the environment.
-
-
-def test_an_environment_is_made_in_a_new_folder_only(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(sp.InvalidArgumentError, match="is there already; name a new folder"):
-        install(tmp_path)
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        (["echo 3 12"], "MineDojo needs Python 3.11; .* is 3.12"),
-        (["exit 1"], "MineDojo needs Python 3.11; .* is not a Python"),
-        (None, "/nowhere/python cannot be run: No such file"),
-    ],
-)
-def test_another_python_is_refused(lines, sentence, tmp_path):
-    python = "/nowhere/python" if lines is None else program(tmp_path / "python", *lines)
-    with pytest.raises(sp.InvalidArgumentError, match=sentence):
-        install(tmp_path / "venv", python)
-
-
-def test_a_failed_installation_says_why_and_leaves_no_folder(tmp_path):
-    """Here, an index without the packages."""
-    pip = f"{tmp_path}/venv/bin/python"
-    maker = program(
-        tmp_path / "python",
-        'if [ "$1" = -c ]; then echo 3 11; exit; fi',
-        f"mkdir -p {tmp_path}/venv/bin",
-        f"echo '#!/bin/sh' > {pip}",
-        f"echo 'echo ERROR: No matching distribution found for pip==24.0; echo; exit 1' >> {pip}",
-        f"chmod +x {pip}",
-    )
-    with pytest.raises(EngineError, match=r"is the package index in reach\? \(ERROR: No matching distribution"):
-        install(tmp_path / "venv", maker)
-    assert not (tmp_path / "venv").exists()
-
-
-# The real package. `smartplay-tools minedojo install` makes what is needed.
+# The real package. The commands of docs/minecraft.md make what is needed.
 
 
 @pytest.fixture

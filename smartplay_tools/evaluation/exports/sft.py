@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 from smartplay_tools.episode import schema
@@ -23,18 +22,7 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.types import Purpose, SampledTokens
 from smartplay_tools.types.messages import Message, text_of
 
-FILE = "data.jsonl"
 Row = dict[str, Any]
-
-
-def write_replies(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
-    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows."""
-    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries))
-
-
-def write_chains(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
-    """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
-    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries))
 
 
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -122,16 +110,3 @@ def _facts(episode: Record) -> Row:
         "normalized_score": result.normalized_score,
         "completed": result.completed,
     }
-
-
-def _write(folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]]) -> dict[str, int]:
-    counts = {"episodes": 0, "rows": 0}
-    with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
-        for episode in episodes:
-            counts["episodes"] += 1
-            for row in rows_of(episode):
-                counts["rows"] += 1
-                if "replies" in row:
-                    counts["replies"] = counts.get("replies", 0) + row["replies"]
-                file.write(json.dumps(row, ensure_ascii=False) + "\n")
-    return counts

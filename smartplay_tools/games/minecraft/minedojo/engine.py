@@ -76,7 +76,8 @@ class MineDojoEngine:
         seconds = _seconds(START_SECONDS)
         if self._worker is None or not self._worker.alive:
             self._worker = start(_interpreter())
-            self.versions = _make(self._worker, seconds, task=_TASKS[goal.name], seed=seed)
+            made = {"task": _TASKS[goal.name], "settings": _settings(seed)}
+            self.versions = self._worker.call("make", seconds=seconds, **made)
         try:
             # Minecraft takes a seed of 0 as no seed.
             answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
@@ -118,29 +119,14 @@ def start(python: str) -> WorkerProcess:
     return WorkerProcess(command, log=Path(log).absolute() if log else None, MINEDOJO_DEBUG_LOG=verbose)
 
 
-def check_package(python: str) -> dict[str, str]:
-    """Import MineDojo in that interpreter and make a task, without starting a client; return the versions."""
-    seconds = _seconds(START_SECONDS)
-    process = start(python)
-    try:
-        return _make(process, seconds, task=0, seed=0)
-    finally:
-        process.close()
-
-
 def _interpreter() -> str:
     python = os.environ.get(INTERPRETER)
     if not python:
         raise InvalidArgumentError(
-            "The engine minedojo needs a separate environment: `smartplay-tools minedojo install --venv DIR` makes "
-            f"it, and {INTERPRETER} has to name its Python."
+            "The engine minedojo needs a separate environment, which three commands in docs/minecraft.md make, and "
+            f"{INTERPRETER} has to name its Python."
         )
     return python
-
-
-def _make(process: WorkerProcess, seconds: float, *, task: int, seed: int) -> dict[str, str]:
-    versions: dict[str, str] = process.call("make", seconds=seconds, task=task, settings=_settings(seed))
-    return versions
 
 
 def _seconds(variable: str) -> float:
