@@ -163,30 +163,27 @@ class GraphSession(CallPlayer):
 
         Its calls have the ids of the session. A reply without a call is followed by the user message that says so.
         """
-        assert self.session is not None
         assert asked.reply is not None
         for wasted in asked.discarded:
             if wasted.usage is not None:
-                self.session.spend(wasted.usage)
+                self._session.spend(wasted.usage)
         self.begin_turn()
-        calls = self.session.receive(asked.reply)
+        calls = self._session.receive(asked.reply)
         return self._for_state(_with_ids(reply or asked.reply.source, calls))
 
     def _add(self, added: Sequence[BaseMessage]) -> None:
         """Add a middleware's messages for this prompt."""
-        assert self.session is not None
         for message in added:
             if not isinstance(message, HumanMessage):
                 raise InvalidArgumentError(
                     f"A middleware added a message of the type {message.type!r} to the prompt during the game; only "
                     "user and system messages can be added."
                 )
-            if self.session.latest_turn is not None:
-                self.session.add(from_langchain(message))
+            if self._session.latest_turn is not None:
+                self._session.add(from_langchain(message))
 
     def _for_state(self, reply: AIMessage) -> list[AnyMessage]:
-        assert self.session is not None
-        turn = self.session.latest_turn
+        turn = self._session.latest_turn
         assert turn is not None
         marked = reply.model_copy(update={"response_metadata": {**reply.response_metadata, TURN: turn.number}})
         if turn.calls:
@@ -195,8 +192,7 @@ class GraphSession(CallPlayer):
 
     def _take(self, since: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Take over results in the order of their calls, then user messages; returns messages for the state."""
-        assert self.session is not None
-        turn = self.session.latest_turn
+        turn = self._session.latest_turn
         assert turn is not None
         results = {message.tool_call_id: message for message in since if isinstance(message, ToolMessage)}
         ours = {call_id: message for call_id, message in results.items() if is_ours(message)}
@@ -210,7 +206,7 @@ class GraphSession(CallPlayer):
         notes: list[Message] = []
         for call in turn.calls:
             if call.id in ours:
-                message, answer = ours[call.id], self.session.answer(call.id)
+                message, answer = ours[call.id], self._session.answer(call.id)
                 if HELD in message.text:
                     text = message.text.replace(HELD, answer.text)
                     message = self._message(call.id, call.name, text, artifact_of(answer))
