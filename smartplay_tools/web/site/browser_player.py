@@ -102,7 +102,7 @@ class BrowserPlayer:
             "tools": [tool.to_json() for tool in prompt.tools],
             "actions": Reading(prompt).actions,
             "budget_bars": [
-                {"short": bar.short, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
+                {"short": bar.text, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
             ],
             "steps": None if self._conversation is None else self._conversation.episode.stats.steps,
             "rollout": None if self._conversation is None else self._conversation.episode.spec.rollout,
