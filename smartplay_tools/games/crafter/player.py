@@ -30,20 +30,6 @@ class CrafterPlayer:
         sleeping: whether it sleeps; only an injury or full energy wakes it.
     """
 
-    __slots__ = (
-        "_fatigue",
-        "_hunger",
-        "_last_health",
-        "_recovery",
-        "_thirst",
-        "at",
-        "facing",
-        "inventory",
-        "sleeping",
-        "unlocked",
-        "world",
-    )
-
     def __init__(self, world: World) -> None:
         self.world = world
         self.at = place(CENTER, CENTER)
