@@ -63,7 +63,6 @@ def test_where_prompts_are_marked_is_a_part_of_the_question(swept: str) -> None:
     ("words", "error"),
     [
         (["--cache", "vlm"], "There is no rule of a cache 'vlm'; did you mean vllm?"),
-        (["--caches", "none.toml"], "none.toml cannot be read"),
         (["--price", "-1,2"], "is not a price"),
         (["--marks", "middle"], "A mark is at one of stable, end, not middle."),
     ],

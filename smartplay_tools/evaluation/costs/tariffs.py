@@ -38,15 +38,14 @@ class Charged(NamedTuple):
 def tariffs_of(
     names: Sequence[str],
     *,
-    caches: Path | None = None,
     price: Price | None = None,
     marks: Sequence[Place] = PLACES,
 ) -> list[Tariff]:
     """Return the tariffs that a user names: rules, or models as `PROVIDER:MODEL` with their price in the tables.
 
-    Without names they are all rules. `caches` is a file with further rules; `price` is one for all tariffs.
+    Without names they are all rules. `price` is one for all tariffs.
     """
-    rules = cache_rules(caches)
+    rules = cache_rules()
     return [
         Tariff(name, rule_named(name, rules), price or (None if name in rules else find_price(name, {})), marks)
         for name in names or rules
@@ -54,7 +53,7 @@ def tariffs_of(
 
 
 def charge_records(
-    records: Mapping[str, Path], tariffs: Sequence[Tariff], prices: Mapping[str, Price], *, caches: Path | None = None
+    records: Mapping[str, Path], tariffs: Sequence[Tariff], prices: Mapping[str, Price]
 ) -> dict[str, Charged | None]:
     """Return the cost of each record by its key; None for a record without prompts, or one that is damaged.
 
@@ -62,7 +61,7 @@ def charge_records(
 
     `prices` are those of the run by player.
     """
-    rules = cache_rules(caches)
+    rules = cache_rules()
     charged: dict[str, Charged | None] = dict.fromkeys(records)
     for key, path in records.items():
         try:
