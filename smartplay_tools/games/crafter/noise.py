@@ -153,9 +153,8 @@ class Points:
         lattice, distance = self._reach(x, y, z)
         closeness = 2 - distance[0] * distance[0] - distance[1] * distance[1] - distance[2] * distance[2]
         first = (closeness <= 0).argsort(axis=1, kind="stable")[:, :CONTRIBUTING]
-        lattice, closeness, *distance = (
-            np.take_along_axis(each, first, axis=1) for each in (lattice, closeness, *distance)
-        )
+        lattice = np.take_along_axis(lattice, first, axis=1)
+        closeness, *distance = (np.take_along_axis(each, first, axis=1) for each in (closeness, *distance))
         squared = np.where(closeness > 0, closeness, 0) ** 2
         cells, corner = np.unique(lattice, return_inverse=True)
         self._cells = cells >> 16, cells >> 8 & 255, cells & 255
