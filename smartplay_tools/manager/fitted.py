@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from smartplay_tools.manager.forms import Given, MessageForm
 from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
 from smartplay_tools.manager.units import Chosen, Shown
-
-__all__ = ["Conversation", "Draft", "FittedPrompt"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +83,7 @@ class Draft:
     made: int
     lacks_user: bool
     """Whether no words of a user stand in the head."""
-    turns: Sequence[Shown] = ()
-    rewritten: Sequence[int] = ()
+    chosen: Chosen = field(default_factory=Chosen)
     covered: Covered | None = None
     """What a summary has to cover; None if nothing has left, or nobody asks for summaries."""
     asked: AskedStrategy | None = None
@@ -94,21 +91,15 @@ class Draft:
     summary: Shown | None = None
     failed: str = ""
 
-    def with_choice(self, chosen: Chosen) -> Draft:
-        """Return the prompt with what was chosen."""
-        own = sum(each.tokens for each in chosen.shown if each.turn is None)
-        texts = {"summary": own} if own else {}
-        of_turns = [each for each in chosen.shown if each.turn is not None and each.turn >= 0]
-        pinned = sum(each.tokens for each in of_turns if each.turn in chosen.pinned)
-        parts = {**self.parts, **texts, "pinned": pinned, "turns": sum(each.tokens for each in of_turns) - pinned}
-        return replace(self, turns=chosen.shown, parts=parts, rewritten=chosen.rewritten, failed=chosen.failed)
-
     def prompt(self, conversation: Conversation) -> FittedPrompt:
         """Return the prompt, with the objects that were given where nothing was changed."""
-        summary, parts = self.summary, dict(self.parts)
-        shown = [*self.head, *([] if summary is None else [summary]), *self.turns]
-        if summary is not None:
-            parts = {"tools": parts.pop("tools"), "head": parts.pop("head"), "summary": summary.tokens, **parts}
+        summary, chosen = self.summary, self.chosen
+        shown = [*self.head, *([] if summary is None else [summary]), *chosen.shown]
+        own = sum(each.tokens for each in shown if each.turn is None)
+        of_turns = [each for each in shown if each.turn is not None and each.turn >= 0]
+        pinned = sum(each.tokens for each in of_turns if each.turn in chosen.pinned)
+        parts = {**self.parts, "summary": own} if own else dict(self.parts)
+        parts |= {"pinned": pinned, "turns": sum(each.tokens for each in of_turns) - pinned}
         out: list[Any] = []
         changed: dict[str, Any] = {"masked": [], "trimmed": [], "elided": [], "cut": []}
         for each in shown:
@@ -118,7 +109,7 @@ class Draft:
             if each.change not in (None, "rewritten") and source is not None:
                 changed[str(each.change)].append(source)
         sources = [each.part.source for each in shown]
-        kept = {*sources, *self.repaired, *self.rewritten}
+        kept = {*sources, *self.repaired, *chosen.rewritten}
         return FittedPrompt(
             out,
             sum(parts.values()),
@@ -126,11 +117,11 @@ class Draft:
             dropped=sorted({*range(len(conversation.given))}.difference(kept)),
             **changed,
             repaired=self.repaired,
-            rewritten=self.rewritten,
+            rewritten=chosen.rewritten,
             made=self.made,
             uncertain=[e.part.source for e in shown if e.part.cost.is_uncertain and e.part.source is not None],
             parts=parts,
             costs=[each.tokens for each in shown],
             summary="" if summary is None else str(summary.message["content"]),
-            failed=self.failed,
+            failed=self.failed or chosen.failed,
         )

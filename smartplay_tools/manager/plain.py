@@ -36,7 +36,7 @@ def plain(message: Any, what: str) -> tuple[Given, object]:
     with named(what):
         data = as_json(message)
         if not isinstance(data, Mapping):
-            raise InvalidArgumentError(f"is {type(message).__name__}; a message is a mapping, or an object of a client")
+            raise InvalidArgumentError(f"is {type(message).__name__}; give a mapping, or an object of a client")
     return data, json.dumps(data, sort_keys=True)
 
 

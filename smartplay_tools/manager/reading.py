@@ -20,8 +20,6 @@ from smartplay_tools.manager.plain import named
 from smartplay_tools.manager.units import Part, Unit
 from smartplay_tools.manager.window import AgentWindow
 
-__all__ = ["Reading"]
-
 
 def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
     """Return what a message is; one that the form does not have is an `InvalidArgumentError` with its number."""

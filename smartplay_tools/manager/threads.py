@@ -18,8 +18,6 @@ from smartplay_tools.manager.record import CHANGES, ThreadRecord
 from smartplay_tools.manager.tools import recorded_tool
 from smartplay_tools.transcript.hashing import canonical_json
 
-__all__ = ["ThreadRecords"]
-
 RECORDS = 64
 """How many records are kept open; a server that runs for months sees many."""
 

@@ -426,9 +426,9 @@ def test_two_threads_on_one_manager_get_their_own_prompts():
         ({"slack": 2}, "slack is a share"),
         ({"history": -1}, "history is a whole number from 0 on"),
         ({"beyond_history": "mask"}, "give history a number"),
-        ({"beyond_history": "hide", "history": 1}, "beyond_history is one of 'drop', 'mask'"),
-        ({"head": "none"}, "head is one of"),
-        ({"form": "gemini"}, "form is one of"),
+        ({"beyond_history": "hide", "history": 1}, "beyond_history must be one of drop, mask"),
+        ({"head": "none"}, "head must be one of"),
+        ({"form": "gemini"}, "form must be one of"),
         ({"tokenizer": "nope"}, "nope"),
     ],
 )
