@@ -53,19 +53,19 @@ def cost(
     if files := thread_files(folders):
         print_thread_costs(files, tariffs, Format.JSON if as_json else form)
         return
-    cells = read_costs(folders, tariffs, caches)
+    cells = read_costs(folders, tariffs)
     rows = cost_rows(cells, tariffs)
     print_tables(Format.JSON if as_json else form, cost_tables(cells, tariffs), rows, rows)
 
 
-def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path | None) -> list[CellCost]:
+def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff]) -> list[CellCost]:
     """Return what the cells of runs cost; `InvalidArgumentError` if no cell's cost is known."""
 
     def of_run(folder: Path) -> list[CellCost]:
         run = RunFolder(folder)
         rows = run.rows()
         records = {row["key"]: run.transcript(row["key"]) for row in rows}
-        charged = charge_records(records, tariffs, run.manifest().prices, caches=caches)
+        charged = charge_records(records, tariffs)
         return cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
 
     cells = [cell for each in read_each(folders, of_run) for cell in each]
