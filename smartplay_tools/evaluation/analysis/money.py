@@ -185,19 +185,12 @@ def _amount(cost: float, tariff: Tariff) -> str:
 def _left_out(cells: Sequence[CellCost]) -> list[str]:
     """What a reader has to know of these episodes: which are left out, and which ended early."""
     uncounted = sum(cell.uncounted for cell in cells)
-    return [*_without(uncounted), *early_notes(map(_beside, cells))]
+    told = f"{uncounted} episodes have no usage or not what the model saw on record and are left out"
+    return [*([told] if uncounted else []), *early_notes(map(_beside, cells))]
 
 
 def _beside(cell: CellCost) -> Beside:
     return Beside(cell.cell.game, cell.score, cell.score, cell.steps, cell.ends)
-
-
-def _without(uncounted: int) -> list[str]:
-    return (
-        [f"{uncounted} episodes have no usage or not what the model saw on record and are left out"]
-        if uncounted
-        else []
-    )
 
 
 def _early(charge: Charge, score: float, money: float) -> float:
