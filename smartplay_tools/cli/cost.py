@@ -63,7 +63,7 @@ def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff]) -> list[CellC
         run = RunFolder(folder)
         rows = run.rows()
         records = {row["key"]: run.transcript(row["key"]) for row in rows}
-        charged = charge_records(records, tariffs, run.manifest().prices)
+        charged = charge_records(records, tariffs)
         return cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
 
     cells = [cell for each in read_each(folders, of_run) for cell in each]
