@@ -73,8 +73,9 @@ def driven(folder: Path, episodes: int) -> float:
     began = time.process_time()
     writer = RunWriter(folder)
     with writer.writing():
-        writer.write_manifest(plan.manifest(shard=None, prices={}))
-        scheduler = Scheduler(writer, Roster(plan, players, {}, set(), {}), {}, RunOptions(), ())
+        manifest = plan.manifest(shard=None, prices={})
+        writer.write_manifest(manifest)
+        scheduler = Scheduler(writer, Roster(plan, players, {}, set()), manifest, RunOptions(), ())
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()

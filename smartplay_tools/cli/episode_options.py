@@ -39,16 +39,8 @@ def _limit(text: str, metavar: str = "N", **how: Any) -> Any:
     return _option(Any, text, parser=_number, metavar=metavar, **how)
 
 
-def _option(kind: Any, text: str, panel: str = "Episode options", **how: Any) -> Any:
-    return Annotated[kind, typer.Option(help=text, rich_help_panel=panel, **how)]
-
-
-def _prompts() -> Any:
-    """The option of the rule `wording`, whose name on the command line says what it is about."""
-    text = "Other words around the games: a TOML file, or one of " + ", ".join(PARAPHRASES) + "."
-    return Annotated[
-        str | None, typer.Option("--prompts", help=text, metavar="FILE", rich_help_panel="Episode options")
-    ]
+def _option(kind: Any, text: str, *names: str, panel: str = "Episode options", **how: Any) -> Any:
+    return Annotated[kind, typer.Option(*names, help=text, rich_help_panel=panel, **how)]
 
 
 BUDGET: Mapping[str, tuple[Any, Any]] = {
@@ -72,6 +64,8 @@ BUDGET: Mapping[str, tuple[Any, Any]] = {
 }
 """The fields of `Budget`: the option and its default."""
 
+OTHER_WORDS = f"Other words around the games: a TOML file, or one of {', '.join(PARAPHRASES)}."
+
 RULES: Mapping[str, tuple[Any, Any]] = {
     "manual": (_option(str, "tool, pinned or none."), "tool"),
     "batch": (_option(str, "all or first_act."), "all"),
@@ -82,7 +76,7 @@ RULES: Mapping[str, tuple[Any, Any]] = {
     "offered_tools": (_option(str, "all, or useful: without tools that can say nothing new."), "all"),
     "carry": (_option(str | None, "What a trial takes over from the one before it: notes or memory."), None),
     "chain": (_option(int | None, "Trials of a chain, with --carry; all of a cell if not given."), None),
-    "wording": (_prompts(), None),
+    "wording": (_option(str | None, OTHER_WORDS, "--prompts", metavar="FILE"), None),
 }
 """The fields of `Rules`; `context` is not among them, since a command decides it."""
 
@@ -165,8 +159,7 @@ def listed(option: str, text: str) -> list[str]:
 
 def _list_of(annotation: Any, default: Any) -> tuple[Any, str]:
     """The same option as a list of values."""
-    text = annotation.__metadata__[0].help
-    return Annotated[str, typer.Option(metavar="LIST", help=text, rich_help_panel=GRID)], str(default)
+    return _option(str, annotation.__metadata__[0].help, panel=GRID, metavar="LIST"), str(default)
 
 
 def _values(name: str, text: str) -> list[Any]:

@@ -5,37 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import reduce
-from operator import add, attrgetter
-from typing import Any
+from operator import add
 
 from smartplay_tools.cli.show import print_json, print_table, table_console
-from smartplay_tools.episode.config import RULES, CellConfig
 from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.runs.estimate import Estimate, Range, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, prices_in_tables
-from smartplay_tools.evaluation.runs.players import PlayerConfig, given_prices
+from smartplay_tools.evaluation.runs.plan import Plan, player_of, prices_in_tables
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.terminal import say
 from smartplay_tools.types.quantities import short
 
-CUT_SHARE = 0.05
-"""The share of cut tool results that is worth a warning."""
 
-FACTS: tuple[Callable[[CellConfig], Any], ...] = (
-    player_of,
-    lambda cell: cell.budget.describe() or "default",
-    *map(attrgetter, RULES),
-)
-"""What cells of a game can differ in; a row is named by that in which they do."""
-
-
-def print_estimate(
-    plan: Plan, players: Sequence[PlayerConfig], options: RunOptions, *, reply_tokens: int | None, as_json: bool
-) -> None:
+def print_estimate(plan: Plan, options: RunOptions, *, reply_tokens: int | None, as_json: bool) -> None:
     """Print the estimate of a plan, or of the shard of it that would be played."""
     plan = plan if options.shard is None else plan.shard(*options.shard)
-    prices = {**prices_in_tables(plan.cells), **given_prices(players), **(options.prices or {})}
+    prices = {**prices_in_tables(plan.cells), **(options.prices or {})}
     estimates = estimate(plan, prices, reply_tokens=reply_tokens)
     if as_json:
         print_json([{**asdict(each), "cell": each.cell.model_dump(mode="json")} for each in estimates])
@@ -55,10 +40,10 @@ FIGURES: Sequence[ShownColumn[Estimate]] = (
 
 
 def _table(estimates: Sequence[Estimate]) -> TextTable:
-    differing = [fact for fact in FACTS if len({fact(each.cell) for each in estimates}) > 1] or [player_of]
     games: dict[str, list[tuple[str, Estimate]]] = {}
     for each in estimates:
-        games.setdefault(each.cell.game, []).append((", ".join(str(fact(each.cell)) for fact in differing), each))
+        name = ", ".join(filter(None, (player_of(each.cell), each.cell.describe())))
+        games.setdefault(each.cell.game, []).append((name, each))
     table = figures_table("", "game and player", games, lambda _: FIGURES)
     if len(estimates) < 2:
         return table
@@ -90,12 +75,6 @@ def _sentences(estimates: Sequence[Estimate], caps: Caps) -> list[str]:
     sentences += _against_cap("--run-tokens", caps.tokens, total.prompt_tokens + total.reply_tokens, _short)
     if total.cost is not None:
         sentences += _against_cap("--run-cost", caps.cost, total.cost, "${:,.2f}".format)
-    for each in estimates:
-        if each.cut_share > CUT_SHARE:
-            sentences.append(
-                f"{cell_name(each.cell)}: {each.cut_share:.0%} of the tool results are cut to fit; "
-                "raise --prompt-tokens."
-            )
     return sentences
 
 

@@ -17,55 +17,28 @@ LOG_SECONDS = 60.0
 
 @contextmanager
 def showing(console: Console) -> Iterator[OnSnapshot]:
-    """Show the progress of a run: its figures and latest failure on a terminal, elsewhere as lines."""
+    """Show the progress of a run: one line of figures on a terminal, elsewhere lines."""
     if console.is_terminal:
         with console.status("", spinner="line") as status:
-            yield lambda snapshot: status.update(_shown(snapshot))
+            yield lambda snapshot: status.update(Text(snapshot.describe()))
     else:
         yield _Log(console)
 
 
-def _shown(snapshot: RunSnapshot) -> Text:
-    shown = Text(snapshot.describe())
-    if warning := snapshot.warning:
-        shown.append(f"\n{warning}", "yellow")
-    if error := snapshot.latest_error:
-        shown.append(f"\nlatest failure: {error}", "red")
-    return shown
-
-
 class _Log:
-    """Lines with the time: at the start, at every tenth, every minute and the end, for failures and the first stall."""
+    """Lines with the time: at the start, at every tenth, every minute and the end."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._tenth, self._last, self._words = -1, 0.0, ""
-        self._failures: set[tuple[str, int]] | None = None
-        self._has_warned = False
 
     def __call__(self, snapshot: RunSnapshot) -> None:
         """Log what has changed since the last snapshot."""
-        self._log_failures(snapshot)
-        if snapshot.warning and not self._has_warned:
-            self._has_warned = True
-            self._say(snapshot.warning)
         tenth = 10 * snapshot.finished // max(1, snapshot.planned)
         is_due = time.monotonic() - self._last >= LOG_SECONDS
         if tenth > self._tenth or is_due or (not snapshot.running and snapshot.describe() != self._words):
             self._tenth, self._last, self._words = tenth, time.monotonic(), snapshot.describe()
-            self._say(self._words)
-
-    def _log_failures(self, snapshot: RunSnapshot) -> None:
-        before = self._failures
-        self._failures = {(row["key"], row["attempt"]) for row in snapshot.failed_attempts}
-        if before is not None:
-            for row in snapshot.failed_attempts:
-                if (row["key"], row["attempt"]) not in before:
-                    name = ", ".join(filter(None, (row["game"], row["player"])))
-                    self._say(f"failed: {row['key']} ({name}): {row['error'] or row['end_reason']}")
-
-    def _say(self, words: str) -> None:
-        self._console.print(f"{time.strftime('%H:%M:%S')} {words}", highlight=False, soft_wrap=True)
+            self._console.print(f"{time.strftime('%H:%M:%S')} {self._words}", highlight=False, soft_wrap=True)
 
 
 def spending_sentences(spending: Spending) -> list[str]:

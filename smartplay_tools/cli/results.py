@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snap
 from smartplay_tools.records.rows import Row, unplayed
 from smartplay_tools.terminal import Console, Text, say
 
-NOW = ("calls", "steps", "tokens", "cost", "latest_error", "stalled", "began_again")
+NOW = ("calls", "steps", "tokens", "cost", "stalled", "began_again")
 """The figures of a run that is being played."""
 
 NAMED = 10

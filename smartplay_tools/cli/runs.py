@@ -99,17 +99,10 @@ class RunCommand:
 
     def play(self, plan: Plan, players: Sequence[PlayerConfig]) -> Run | None:
         """Play a plan, with its progress on standard error; a dry run prints its estimate instead and returns None."""
-        how = RunOptions(
-            executor=self.executor,
-            workers=self.workers,
-            shard=read_shard(self.shard),
-            run_tokens=self.run_tokens,
-            run_cost=self.run_cost,
-            prices=prices(self.price),
-        )
+        how, _ = RunOptions.split(vars(self) | {"shard": read_shard(self.shard), "prices": prices(self.price)})
         if self.dry_run:
             check_prices(how.prices or (), map(player_of, plan.cells))
-            print_estimate(plan, players, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
+            print_estimate(plan, how, reply_tokens=self.assume_reply_tokens, as_json=self.as_json)
             return None
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)

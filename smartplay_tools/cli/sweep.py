@@ -65,11 +65,9 @@ def sweep(
 
 def _print_files(folder: Path, written: Sequence[Path]) -> None:
     """Print what was written, and what to do next."""
-    names: dict[str, list[str]] = {}
-    for path in sorted(written):
-        names.setdefault(str(path.relative_to(folder).with_suffix("")), []).append(path.suffix)
-    say(f"In {folder}: {', '.join(name + ', '.join(endings) for name, endings in names.items())}.")
-    if not any(path.parent.name == "figures" for path in written):
+    names = dict.fromkeys(path.relative_to(folder).parts[0] for path in sorted(written))
+    say(f"In {folder}: {', '.join(names)}.")
+    if "figures" not in names:
         say(f"For figures: {install_command('evaluation')}")
     print_next(table_console(), [folder])
 

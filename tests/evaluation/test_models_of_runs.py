@@ -69,13 +69,12 @@ def test_a_refusal_of_one_request_stops_no_run(tmp_path, refused, at):
     assert sum(row["tokens"]["provider"].get("refused", 0) for row in rows) == (refused is FLAGGED)
 
 
-def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path):
+def test_a_server_that_is_not_there_is_tried_out_by_one_episode_and_named(tmp_path, caplog):
     arguments = ("--trials", 20, "--player-option", "retries=1", "--player-option", "pause=0.01")
-    code, _, stderr = play(tmp_path, "http://127.0.0.1:9/v1", *arguments)
-    assert code == 1
+    assert play(tmp_path, "http://127.0.0.1:9/v1", *arguments)[0] == 1
     (failure,) = RunFolder(tmp_path).failures()
     assert "http://127.0.0.1:9/v1/chat/completions" in failure["error"]
-    assert "http://127.0.0.1:9/v1/chat/completions" in stderr
+    assert "http://127.0.0.1:9/v1/chat/completions" in caplog.text
 
 
 @pytest.mark.parametrize("player", ["openai:m", "openai-responses:m", *FRAMEWORKS])
@@ -131,7 +130,7 @@ def test_check_says_that_a_model_can_be_played_with(tmp_path):
     looks = completion(calling("observe", "read_manual"), prompt_tokens=120, completion_tokens=20)
     acts = completion(calling("act", action="1"), prompt_tokens=120, completion_tokens=20)
     with serving(lambda body, number: acts if number % 3 else looks) as (url, bodies):
-        command = ("check", "--players", f"{MODEL},rule", "--base-url", url, "--price", f"{MODEL}=1,2")
+        command = ("check", "--players", f"{MODEL},rule", "--base-url", url)
         code, output, _ = run(*command)
         (report,) = json.loads(run(*command, "--json")[1])
     assert code == 0
@@ -140,7 +139,6 @@ def test_check_says_that_a_model_can_be_played_with(tmp_path):
     assert [report[name] for name in ("reachable", "tools", "ids", "parallel", "usage", "played", "acted")] == [
         True
     ] * 7
-    assert report["cost"] == pytest.approx(3 * 160e-6)
     assert report["advice"] == []
     assert max(map(len, output.splitlines())) <= 80
 

@@ -72,9 +72,8 @@ def test_a_credential_in_an_option_is_refused_before_anything_is_written(tmp_pat
 def test_a_key_from_the_environment_is_in_no_file_of_a_run(tmp_path, monkeypatch):
     monkeypatch.setenv("MY_SERVERS_KEY", SECRET)
     with serving(lambda body, number: completion(calling("act", action="1"))) as (url, _):
-        model = PlayerConfig(name="openai:m", options={"base_url": url}, api_key_env="MY_SERVERS_KEY", price=(1, 2))
-        done = sp.evaluate([HANOI], [model], budgets=sp.Budget(history=5), trials=1, out=tmp_path / "run")
-    assert done.rows[0]["cost"] is not None
+        model = PlayerConfig(name="openai:m", options={"base_url": url}, api_key_env="MY_SERVERS_KEY")
+        sp.evaluate([HANOI], [model], budgets=sp.Budget(history=5), trials=1, out=tmp_path / "run")
     assert run("report", tmp_path / "run", "--out", tmp_path / "run" / "page.html")[0] == 0
     files = [path for path in (tmp_path / "run").rglob("*") if path.is_file()]
     assert len(files) > 4

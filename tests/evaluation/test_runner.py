@@ -83,16 +83,7 @@ def test_a_run_from_before_stalled_turns_says_how_to_go_on(tmp_path):
     assert len(evaluate(sp.Budget(stalled_turns=None)).rows) == 1
 
 
-def test_a_run_that_was_begun_by_a_run_file_says_where_its_text_is(tmp_path):
-    plan = {"out": tmp_path, "trials": 1, "executor": "inline"}
-    sp.evaluate([HANOI], ["rule"], **plan)
-    begun = RunFolder(tmp_path).manifest().model_copy(update={"run_file": "games = []"})
-    (tmp_path / "manifest.json").write_text(json.dumps(begun.to_json()))
-    with pytest.raises(sp.InvalidArgumentError, match=r"begun by a run file, whose text is in manifest\.json"):
-        sp.evaluate([HANOI], ["random"], **plan)
-
-
-def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_goes_on(tmp_path, caplog):
+def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_goes_on(tmp_path):
     """Its manifest has the margin of `--until decided`, and two of its three planned trials were not needed."""
     plan = {"games": [HANOI], "players": ["rule"], "out": tmp_path, "executor": "inline"}
     sp.evaluate(**plan, trials=1)
@@ -102,7 +93,6 @@ def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_
     for command in ("replay", "results"):
         shown_by(command, tmp_path)
     assert sp.evaluate(**plan, trials=3).complete
-    assert "it has all episodes that are asked for" in caplog.text
     assert RunFolder(tmp_path).manifest().until is None
 
 
@@ -217,11 +207,10 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     arguments = {"executor": "processes", "workers": 2, "player_options": {"victim": victim}}
     run = sp.evaluate([BANDIT], {"killer": Killer}, out=tmp_path, trials=4, **arguments)
     assert [row["trial"] for row in run.rows] == [0, 2, 3]
-    failed = [failure for failure in run.failures if failure["end_reason"] != "interrupted"]
-    assert {failure["seed"] for failure in failed} == {victim}
-    assert {failure["error"] for failure in failed} == {"The worker process died while it played this episode."}
+    assert {failure["seed"] for failure in run.failures} == {victim}
+    assert {failure["error"] for failure in run.failures} == {"The worker process died while it played this episode."}
     lost = run.spending.other_attempts.unknown_calls
-    assert 4 <= lost <= 8, "four attempts, in each of which the other worker's call was lost, too, if there was one"
+    assert len(run.failures) == lost >= 3, "one call in each attempt, of which no other episode had any"
     assert f"{lost} calls were under way when the run or a worker stopped" in spending_sentences(run.spending)[0]
     assert multiprocessing.active_children() == []
 
@@ -253,6 +242,9 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
         run = sp.evaluate(GAMES, out=tmp_path / str(number), shard=(number, 2), **arguments)
         assert run.complete
         assert 2 <= len(run.rows) <= 4
+    for shard in (None, (2, 2)):
+        with pytest.raises(sp.InvalidArgumentError, match="holds shard 1/2 of this run"):
+            sp.evaluate(GAMES, out=tmp_path / "1", shard=shard, **arguments)
     merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     assert results(tmp_path / "merged") == results(tmp_path / "whole")
     again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)

@@ -97,7 +97,7 @@ def test_the_same_call_resumes_it(played):
 @pytest.mark.slow
 def test_it_writes_tables_and_figures(played):
     written = {path.relative_to(played.folder.path).as_posix() for path in played.write()}
-    stems = ("score-against-history", "effects-of-slack", "frontier")
+    stems = ("score-against-history", "frontier")
     assert written == {"table.csv", "summary.csv"} | {
         f"figures/{stem}.{suffix}" for stem in stems for suffix in ("pdf", "png", "svg")
     }
@@ -145,7 +145,7 @@ def test_a_dry_run_plays_nothing(tmp_path):
     command = ["sweep", "--games", BANDIT, "--history", "1,5", "--dry-run", "--out", tmp_path / "run"]
     table = shown_by(*command).splitlines()
     assert table[0].split()[:4] == ["game", "and", "player", "episodes"]
-    assert [line[:11].strip() for line in table[2:5]] == ["history 1", "history 5", "all"]
+    assert [line[:17].strip() for line in table[2:5]] == ["rule, history 1", "rule, history 5", "all"]
     assert not (tmp_path / "run").exists()
 
 

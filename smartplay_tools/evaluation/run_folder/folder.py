@@ -103,8 +103,6 @@ class Manifest(BaseModel):
     """The paths of the files of custom strategies, by the sha256 of the file; None without such a strategy."""
     until: Mapping[str, Any] | None = None
     """In runs of earlier versions: the margin at which their comparisons were decided, which ended them early."""
-    spending: dict[str, Any] | None = None
-    """What the run had used when it was last stopped (`Spending.to_json`)."""
 
     @field_validator("episodes")
     @classmethod
@@ -145,7 +143,7 @@ class Manifest(BaseModel):
 
     def to_json(self) -> dict[str, Any]:
         """Return the manifest as plain data; what there is not is left out."""
-        optional = ("repeats", "run_file", "game_files", "strategy_files", "until", "spending")
+        optional = ("repeats", "run_file", "game_files", "strategy_files", "until")
         return self.model_dump(mode="json", exclude={name for name in optional if getattr(self, name) is None})
 
 
@@ -186,7 +184,7 @@ class RunFolder:
         The end reason is that of the episode; "exception" if there was no episode yet, "interrupted" if the run was
         stopped or killed, "run_budget" if a cap of the run paused it, "damaged" if its record cannot be read.
         """
-        return list(map(failure, self.attempts()))
+        return list(map(_failure, self.attempts()))
 
     def first_reply(self, row: Row) -> str:
         """Return the text of the first reply in a finished episode, "" if its record is not here."""
@@ -256,22 +254,17 @@ def read_each(folders: Sequence[Path], read: Callable[[Path], T]) -> list[T]:
     return parts
 
 
-def failure(path: Path, record: Record | None = None) -> Row:
-    """Return the row of an attempt without a result, from its record, which is read if it is not given."""
+def _failure(path: Path) -> Row:
+    """Return the row of an attempt without a result."""
     try:
         with damage_named(path):
-            record = record or Record.head(path)
+            record = Record.head(path)
             ended = {"end_reason": record.end_reason, "error": record.error}
             facts = {name: getattr(record.config, name) if record.start else None for name in ABOUT}
             return {"key": record.key, "attempt": record.attempt, **ended, **facts}
     except SmartPlayError as error:
-        return damaged_attempt(path, error)
-
-
-def damaged_attempt(path: Path, error: SmartPlayError) -> Row:
-    """Return the row of an attempt whose record cannot be read."""
-    key, attempt = _place(path)
-    return {"key": key, "attempt": attempt, "end_reason": DAMAGED, "error": str(error), **dict.fromkeys(ABOUT)}
+        key, attempt = _place(path)
+        return {"key": key, "attempt": attempt, "end_reason": DAMAGED, "error": str(error), **dict.fromkeys(ABOUT)}
 
 
 ABOUT = ("game", "player", "seed")

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import RunFolder, damaged_attempt, failure
+from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.files.growing_lines import GrowingLines
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.records.damage import DamageError, damage_named
@@ -89,8 +89,6 @@ class RunSnapshot:
     cost: float | None
     seconds_left: float | None
     """None if the pace is not known: before the first reply, or if the run is not being played."""
-    latest_error: str
-    """The latest failure; "" if there was none."""
     stalled: int
     """Finished episodes that ended because too many turns in a row showed nothing new (`Budget.stalled_turns`)."""
     began_again: int
@@ -101,8 +99,6 @@ class RunSnapshot:
     """Episodes without a result whose latest attempt a cap of the run paused."""
     cells: tuple[CellSnapshot, ...]
     spending: Spending
-    failed_attempts: tuple[Row, ...] = field(repr=False)
-    """A row for every attempt that failed, as `RunFolder.failures` returns them."""
     playing: tuple[Record, ...] = field(repr=False)
     """The records that are growing, those without an event for the longest time first."""
 
@@ -125,14 +121,6 @@ class RunSnapshot:
             words.append(f"{duration(self.seconds_left)} left")
         troubles = {"failed": self.failed, "stalled": self.stalled, "began again": self.began_again}
         return ", ".join([*words, *(f"{count} {name}" for name, count in troubles.items() if count)])
-
-    @property
-    def warning(self) -> str:
-        """A sentence as soon as an episode has stalled, "" until then."""
-        if not self.stalled:
-            return ""
-        episodes = "an episode has" if self.stalled == 1 else f"{self.stalled} episodes have"
-        return f"{episodes} stalled: turn after turn played no step and showed the player nothing new"
 
 
 class Result(NamedTuple):
@@ -168,7 +156,7 @@ class Result(NamedTuple):
 class _ReadAttempt(NamedTuple):
     """What is kept of the record of an attempt that is over."""
 
-    row: Row
+    key: str
     outcome: Outcome
     spent: Spent
 
@@ -277,28 +265,26 @@ class RunFollower:
         playing = sorted(self._playing.values(), key=lambda record: record.last_change)
         to_come = plan.cell_of.keys() - self.results.keys()
         running = to_come & {record.key for record in playing}
-        latest = {attempt.row["key"]: attempt.outcome for attempt in self._attempts.values()}
+        attempts = self._attempts.values()
+        latest = {attempt.key: attempt.outcome for attempt in attempts}
         spending = self._spending(playing)
-        failed = [path for path, attempt in self._attempts.items() if _has_failed(attempt)]
         calls = spending.results.replies + sum(record.totals.replies for record in playing)
         return RunSnapshot(
             finished=len(plan.cell_of) - len(to_come),
             planned=len(plan.cell_of),
             running=len(running),
-            failed=sum(self._attempts[path].row["key"] in plan.cell_of for path in failed),
+            failed=sum(attempt.outcome == "failed" and attempt.key in plan.cell_of for attempt in attempts),
             calls=calls,
             steps=sum(result.steps for result in self.results.values()) + sum(record.steps for record in playing),
             tokens=spending.total.tokens,
             cost=spending.total.cost,
             seconds_left=self._seconds_left(plan, playing, spending.total.replies),
-            latest_error=self._latest_error(plan, max(failed, key=_changed_at, default=None)),
             stalled=sum(result.end_reason == "stalled_turns" for result in self.results.values()),
             began_again=self._began_again,
             caps=plan.caps,
             paused=sum(latest.get(key) == "paused" for key in to_come - running),
             cells=self._cells(plan),
             spending=spending,
-            failed_attempts=tuple(self._attempts[path].row for path in failed),
             playing=tuple(playing),
         )
 
@@ -342,35 +328,17 @@ class RunFollower:
         means = {cell: fmean(own) for cell, own in lengths.items()}
         return sum(max(0.0, means.get(cell, every) - played.get(key, 0)) for key, cell in to_come)
 
-    def _latest_error(self, plan: _Plan, latest: Path | None) -> str:
-        if latest is None:
-            return ""
-        row = self._attempts[latest].row
-        cell = plan.cells[plan.cell_of[row["key"]]] if row["key"] in plan.cell_of else None
-        name = "" if cell is None else ", ".join(filter(None, (cell.game, cell.player, cell.describe()))) + ": "
-        return f"{name}{row['error'] or row['end_reason']}"
-
 
 def run_snapshot(folder: RunFolder) -> RunSnapshot:
     """Return how far the run in a folder is, in one look, which knows no time left."""
     return RunFollower(folder).snapshot()
 
 
-def _changed_at(path: Path) -> float:
-    with suppress(OSError):  # a run that is continued takes the record of an attempt away
-        return path.stat().st_mtime
-    return 0.0
-
-
 def _attempt(path: Path, prices: Mapping[str, Price]) -> _ReadAttempt:
+    key = path.name.partition(".")[0]
     try:
         with damage_named(path):
             record = Record.follow(path, prices)
-            spent = record.own_totals + record.open_call
-            return _ReadAttempt(failure(path, record), record.outcome, spent)
-    except SmartPlayError as error:
-        return _ReadAttempt(damaged_attempt(path, error), "failed", Record.readable_totals(path, prices))
-
-
-def _has_failed(attempt: _ReadAttempt) -> bool:
-    return attempt.outcome not in ("paused", "interrupted")
+            return _ReadAttempt(key, record.outcome, record.own_totals + record.open_call)
+    except SmartPlayError:
+        return _ReadAttempt(key, "failed", Record.readable_totals(path, prices))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.records.rows import MORE_TOKENS, without_calls
 from smartplay_tools.types import Reply
+from smartplay_tools.types.arguments import value_in
 from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
 
 
@@ -55,7 +54,7 @@ def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
 
 def _of_arguments(name: str, arguments: str, reason: str) -> str:
     shown = arguments if len(arguments) <= 80 else f"{arguments[:77]}..."
-    if not _is_json(arguments):
+    if value_in(arguments) is arguments:
         return (
             f"has called `{name}` with arguments that are not JSON ({shown}): use another --tool-call-parser, a model "
             "that is trained on tools, or a server with guided decoding."
@@ -65,11 +64,3 @@ def _of_arguments(name: str, arguments: str, reason: str) -> str:
         f"has called `{name}` with {shown}, which cannot be played ({why}): "
         "the model does not follow the tool's description; a larger model, or a lower temperature, may."
     )
-
-
-def _is_json(text: str) -> bool:
-    try:
-        json.loads(text)
-    except (ValueError, RecursionError):
-        return False
-    return True

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
-from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.records.damage import damage_left_out
 from smartplay_tools.records.record import Record
@@ -49,15 +48,13 @@ def merge(parts: Sequence[str | Path], out: str | Path) -> RunFolder:
     for folder in folders:
         _check_chains(folder, manifests[0].predecessors)
     with whole.writing():
-        merged = manifests[0].model_copy(update={"shard": None})
-        whole.write_manifest(merged)
+        whole.write_manifest(manifests[0].model_copy(update={"shard": None}))
         for folder in folders:
             _copy_records(folder, whole)
             for timing in folder.timings():
                 whole.append_timing(timing)
         whole.write_rows(rows.values())
         whole.write_rows(whole.rows())  # reading sorts them as planned
-        whole.write_manifest(merged.model_copy(update={"spending": run_snapshot(whole).spending.to_json()}))
     return whole
 
 

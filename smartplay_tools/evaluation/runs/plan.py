@@ -46,8 +46,6 @@ class PlannedEpisode:
     seed: int
     repeat: int = 0
     """Which time its world is played."""
-    after: str | None = None
-    """The key of the trial whose result it waits for, since it takes something over from it (`Rules.carry`)."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +104,8 @@ class Plan:
         """Return the plan with other cells, from which other keys follow."""
         cells = tuple(changed)
         keys = {e.key: cells[e.place].with_seed(e.seed, e.repeat).key for e in self.episodes}
-        episodes = (
-            replace(e, key=keys[e.key], cell=cells[e.place], after=None if e.after is None else keys[e.after])
-            for e in self.episodes
-        )
-        return replace(self, cells=cells, episodes=tuple(episodes))
+        episodes = tuple(replace(e, key=keys[e.key], cell=cells[e.place]) for e in self.episodes)
+        return replace(self, cells=cells, episodes=episodes)
 
     def shard(self, number: int, count: int) -> Plan:
         """Return the part that shard `number` of `count` plays, counting from 1: every count-th trial of each cell.
@@ -241,14 +236,11 @@ def check_playable(cell: CellConfig) -> None:
 def _trials(cell: CellConfig, place: int, worlds: int, seed: int, repeats: int) -> Iterator[PlannedEpisode]:
     if repeats > 1 and cell.carry is not None:
         raise InvalidArgumentError(f"carry={cell.carry} plays every world once; leave out repeats={repeats}.")
-    before: str | None = None
     for world in range(worlds):
         own = trial_seed(seed, cell.game, world)
         for repeat in range(repeats):
-            key, trial = cell.with_seed(own, repeat).key, world * repeats + repeat
-            follows = trial > 0 and cell.chain_of(trial) == cell.chain_of(trial - 1)
-            yield PlannedEpisode(key, cell, place, trial, own, repeat, before if follows else None)
-            before = key
+            key = cell.with_seed(own, repeat).key
+            yield PlannedEpisode(key, cell, place, world * repeats + repeat, own, repeat)
 
 
 def make_cells(

@@ -17,16 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from smartplay_tools.errors import InvalidArgumentError, name_of
 from smartplay_tools.evaluation.runs.agents import Agent, AgentFunction, FunctionAgent, is_agent
 from smartplay_tools.players.player_registry import takes_seed
-from smartplay_tools.providers.prices import Price
 from smartplay_tools.registry import is_in_file, read_file
 from smartplay_tools.types import AsyncPlayer, Player
 
 PlayerFactory: TypeAlias = Callable[..., Player | AsyncPlayer]
 """Makes a player from `seed`, the seed of its random draws, and the player's options, all keyword arguments. Worker
 processes import it by name, so it must be importable there."""
-
-
-_Rate: TypeAlias = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class PlayerConfig(BaseModel):
@@ -46,8 +42,6 @@ class PlayerConfig(BaseModel):
     """The environment variable that holds the player's key; not recorded."""
     concurrency: Annotated[int, Field(ge=1)] | None = None
     """The most episodes of this player at a time; None for no further limit than the run's."""
-    price: Annotated[tuple[_Rate, ...], Field(min_length=2, max_length=4)] | None = None
-    """US dollars per million tokens of prompts, replies, cached and written parts, if no table has them."""
 
     if not TYPE_CHECKING:  # type checkers know the fields
 
@@ -112,17 +106,6 @@ def check_prices(priced: Iterable[str], players: Iterable[str]) -> None:
         raise InvalidArgumentError(
             f"The run has no player {others} that could have a price; it has {', '.join(names)}."
         )
-
-
-def given_prices(configs: Iterable[PlayerConfig]) -> dict[str, Price]:
-    """Return the prices that the configs give, by player."""
-    prices: dict[str, Price] = {}
-    for config in configs:
-        if config.price is not None:
-            price = Price.per_million(*config.price)
-            if prices.setdefault(config.name, price) != price:
-                raise InvalidArgumentError(f"{config.name} has two prices; a player's name has one in a run.")
-    return prices
 
 
 SECRET_NAMES = re.compile(

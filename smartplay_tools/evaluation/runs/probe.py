@@ -7,8 +7,8 @@ usage, and whether its calls can be played. What keeps a model from playing has 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.episode.episode import Episode
@@ -16,7 +16,6 @@ from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.evaluation.runs.faults import fault_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.players import ModelPlayer, get_player, is_model
-from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.types import Budget, Reply, Usage
 from smartplay_tools.types.messages import Message, calls_of, reasoning_of, text_of
 
@@ -52,10 +51,6 @@ class Probe:
     """Whether the provider reports its count of tokens."""
     reasoning: int | None = None
     """Tokens of reasoning, as the provider or, if it does not count them, as we count them."""
-    price: str | None = None
-    """The source of the price; None if it is not known."""
-    cost: float | None = None
-    """US dollars of this probe."""
     played: bool | None = None
     """Whether any call could be played."""
     acted: bool | None = None
@@ -79,10 +74,6 @@ class Probe:
             advice.append(f"{self.player} has played no action in {TURNS} turns; it only looks.")
         if not self.usage:
             advice.append(f"{self.player} does not report usage, so its cost is that of our count of tokens.")
-        if self.price is None:
-            advice.append(
-                f"{self.player} has no known price: --price {self.player}=INPUT,OUTPUT (USD a million tokens)."
-            )
         return advice
 
     @property
@@ -91,7 +82,7 @@ class Probe:
         return self.reachable and bool(self.played)
 
 
-def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
+def probe(config: PlayerConfig) -> Probe | None:
     """Play some turns with a model, without retries; None for a player that is not a model."""
     try:
         once = {"retries": 0} if is_model(config.name) else {}
@@ -101,58 +92,37 @@ def probe(config: PlayerConfig, prices: Mapping[str, Price]) -> Probe | None:
         player.check_ready()
     except (SmartPlayError, ImportError) as error:
         return Probe(config.name, reachable=False, error=str(error))
-    price = prices.get(config.name) or find_price(config.name, config.options)
     with player:
-        return _played(config, player, price)
+        return _played(config.name, player)
 
 
-def _played(config: PlayerConfig, player: ModelPlayer, price: Price | None) -> Probe:
+def _played(name: str, player: ModelPlayer) -> Probe:
     replies: list[Reply] = []
-    faults: dict[str, None] = {}
-    was_played = False
+    faults: dict[str | None, None] = {}
     with Episode(GAME, seed=0, budget=Budget(reply_tokens=MOST_TOKENS)) as episode:
         conversation = Conversation(episode, head=ASKED)
-        for _ in range(TURNS):
-            prompt = conversation.prompt()
-            if prompt is None:
-                break
+        while len(replies) < TURNS and (prompt := conversation.prompt()) is not None:
             try:
                 replies.append(player.reply(prompt))
             except SmartPlayError as error:
-                paid = [*(reply.usage for reply in replies), getattr(error, "usage", None)]
-                return Probe(config.name, reachable=False, error=str(error), cost=_cost(paid, price))
+                return Probe(name, reachable=False, error=str(error))
             conversation.receive(replies[-1])
-            fault = fault_of(replies[-1], conversation, MOST_TOKENS)
-            was_played = was_played or fault is None
-            if fault is not None:
-                faults[fault] = None
-        acted = episode.stats.steps > 0
+            faults[fault_of(replies[-1], conversation, MOST_TOKENS)] = None
         reasoned = sum(episode.counter.tokenizer.count(reasoning_of(reply.message)) for reply in replies)
-    judged = _judged(config.name, replies, reasoned, price)
-    return replace(judged, played=was_played, acted=acted, faults=tuple(faults))
-
-
-def _judged(name: str, replies: Sequence[Reply], reasoned: int, price: Price | None) -> Probe:
     calls = [calls_of(reply.message) for reply in replies]
     ids = [call.get("id") for own in calls for call in own]
     usages = [reply.usage for reply in replies if reply.usage is not None and reply.usage.prompt > 0]
-    total = sum(usages, Usage(requests=0))
-    first = next((text_of(reply.message)[:200] for reply in replies), None)
+    counted = sum(usages, Usage(requests=0)).reasoning or reasoned
     return Probe(
         name,
         reachable=True,
-        error=None if ids else first,
+        error=None if ids else next((text_of(reply.message)[:200] for reply in replies), None),
         tools=bool(ids),
         ids=all(ids) and all(len({c.get("id") for c in own}) == len(own) for own in calls) if ids else None,
         parallel=any(len(own) > 1 for own in calls) if ids else None,
         usage=bool(usages),
-        reasoning=total.reasoning or reasoned if usages or reasoned else None,
-        price=None if price is None else price.source,
-        cost=_cost([reply.usage for reply in replies], price),
+        reasoning=counted if usages or reasoned else None,
+        played=None in faults,
+        acted=episode.stats.steps > 0,
+        faults=tuple(fault for fault in faults if fault is not None),
     )
-
-
-def _cost(usages: Iterable[Usage | None], price: Price | None) -> float | None:
-    """The cost of all attempts, failed ones included; None if it is not known."""
-    counted = [usage for usage in usages if usage is not None and usage.has_tokens]
-    return price.cost(sum(counted, Usage(requests=0))) if price is not None and counted else None

@@ -14,17 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from smartplay_tools.conversation.loop import check_observation, check_player
-from smartplay_tools.episode.config import CellConfig
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.processes import check_may_start_processes
 from smartplay_tools.evaluation.runs.agents import FunctionAgent
 from smartplay_tools.evaluation.runs.attempt import Task, make_player
 from smartplay_tools.evaluation.runs.plan import Plan, PlannedEpisode, player_key, player_of, priced_names
-from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, given_prices
+from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.players import ModelPlayer
-from smartplay_tools.providers.prices import Price
 from smartplay_tools.types import AsyncPlayer, Player
 
 ELSEWHERE = ("processes", "ray")
@@ -41,8 +39,6 @@ class Roster:
     """The episodes of the part, by the name of the executor that suits their player; models come first."""
     tried: Set[str]
     """The players of which one episode is tried first: models and agent functions."""
-    prices: Mapping[str, Price]
-    """The prices that the user gives, by the player's name."""
 
 
 def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) -> Roster:
@@ -50,9 +46,8 @@ def roster_of(plan: Plan, players: Sequence[PlayerConfig], options: RunOptions) 
     configs = _configs(plan, players)
     part = plan if options.shard is None else plan.shard(*options.shard)
     check_prices(options.prices or (), priced_names(plan.cells))
-    prices = {**given_prices(configs.values()), **(options.prices or {})}
     episodes, tried = _by_executor(part, configs, options.executor)
-    return Roster(part, configs, episodes, tried, prices)
+    return Roster(part, configs, episodes, tried)
 
 
 def _configs(plan: Plan, given: Sequence[PlayerConfig]) -> dict[str, PlayerConfig]:
@@ -70,75 +65,65 @@ def _by_executor(
     plan: Plan, configs: Mapping[str, PlayerConfig], asked: str | None
 ) -> tuple[dict[str, list[PlannedEpisode]], set[str]]:
     """Return the episodes by the executor that suits their player, and the players that are tried first."""
-    suits: dict[str, str] = {}
-    made_for: dict[str, Player | AsyncPlayer] = {}
+    suits: dict[int, str] = {}
+    made: dict[str, Player | AsyncPlayer] = {}
     tried: set[str] = set()
     episodes_of: dict[str, list[PlannedEpisode]] = {"async": []}
     for episode in plan.episodes:
-        cell, key = episode.cell, player_key(episode.cell)
-        if (agent := configs[key].agent) is not None:
-            suits[key] = "async"
-            if isinstance(agent, FunctionAgent):
-                tried.add(key)
-        elif key not in suits:
+        if episode.place not in suits:
+            key = player_key(episode.cell)
             task = Task(episode, configs[key], Path())
-            made = made_for[key] = make_player(task)
-            check_player(made)
-            suits[key] = asked or _suitable(made)
-            if suits[key] == "processes":
-                check_may_start_processes()
-            if isinstance(made, ModelPlayer):
+            agent = task.player.agent
+            if agent is None:
+                if key not in made:
+                    made[key] = _checked(task)
+                check_observation(made[key], episode.cell.observation)
+                suits[episode.place] = _suitable(task, made[key], asked)
+            else:
+                suits[episode.place] = "async"
+            if isinstance(agent, FunctionAgent) or isinstance(made.get(key), ModelPlayer):
                 tried.add(key)
-                made.check_ready()
-            if suits[key] in ELSEWHERE and (why := why_only_here(task)) is not None:
-                if asked is not None:
-                    raise InvalidArgumentError(why)
-                suits[key] = "inline"
-        if key in made_for:
-            check_observation(made_for[key], cell.observation)
-        episodes_of.setdefault(_for_game(cell, suits[key], asked), []).append(episode)
+        episodes_of.setdefault(suits[episode.place], []).append(episode)
     return {name: episodes for name, episodes in episodes_of.items() if episodes}, tried
 
 
-def _for_game(cell: CellConfig, suits: str, asked: str | None) -> str:
-    """Return the executor for a game, which other processes may not know."""
-    if suits not in ELSEWHERE or not is_known_only_here(cell):
-        return suits
-    if asked is not None:
-        raise InvalidArgumentError(
-            f"{cell.game} was registered in this notebook, which worker processes cannot import; name it in a file as "
-            'FILE.py:NAME, or ask for executor="inline".'
-        )
-    return "inline"
+def _checked(task: Task) -> Player | AsyncPlayer:
+    """Make a task's player, and check what can be checked before it plays."""
+    player = make_player(task)
+    check_player(player)
+    if isinstance(player, ModelPlayer):
+        player.check_ready()
+    return player
 
 
-def _suitable(player: Player | AsyncPlayer) -> str:
-    if getattr(player, "interactive", False):
+def _suitable(task: Task, player: Player | AsyncPlayer, asked: str | None) -> str:
+    """Return the executor for a player and a game, which other processes may not know."""
+    if asked is None and getattr(player, "interactive", False):
         return "inline"
-    return "async" if isinstance(player, AsyncPlayer) else "processes"
+    name = asked or ("async" if isinstance(player, AsyncPlayer) else "processes")
+    if name in ELSEWHERE and (why := why_only_here(task)) is not None:
+        if asked is not None:
+            raise InvalidArgumentError(f'{why}, or ask for executor="inline".')
+        return "inline"
+    if name == "processes":
+        check_may_start_processes()
+    return name
 
 
 def why_only_here(task: Task) -> str | None:
-    """Return why a task's player can be made in this process only, as a sentence; None if it can be made elsewhere."""
-    player = player_of(task.planned.cell)
+    """Return why a task can be played in this process only, with a remedy; None if it can be played elsewhere."""
+    cell = task.planned.cell
+    unknown = "which worker processes cannot import"
+    if _is_without_file() and cell.game_file is None and not GAMES.is_declared(cell.game):
+        return f"{cell.game} was registered in this notebook, {unknown}; name it in a file as FILE.py:NAME"
     if _is_without_file() and getattr(task.player.factory, "__module__", None) == "__main__":
-        return (
-            f"The player {player!r} is defined in this notebook, which worker processes cannot import; have it in a "
-            'module, or ask for executor="inline".'
-        )
+        return f"The player {cell.player!r} is defined in this notebook, {unknown}; have it in a module"
     try:
         pickle.dumps(task)
     except Exception as error:
-        return (
-            f"The player {player!r} cannot be sent to worker processes ({error}); have it in a module under its name, "
-            'or ask for executor="inline".'
-        )
+        player = f"The player {cell.player!r} cannot be sent to worker processes ({error})"
+        return f"{player}; have it in a module under its name"
     return None
-
-
-def is_known_only_here(cell: CellConfig) -> bool:
-    """Return whether a cell's game was registered by the code of a notebook, and so in no other process."""
-    return _is_without_file() and cell.game_file is None and not GAMES.is_declared(cell.game)
 
 
 def _is_without_file() -> bool:

@@ -71,9 +71,13 @@ class RunWriter(RunFolder):
                     f"{self.path} cannot be written ({error.strerror}); name another folder for the run."
                 ) from None
             for record in self.attempts():
-                key, _, attempt = record.stem.partition(".")
-                self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
+                self._count(record)
             yield
+
+    def _count(self, record: Path) -> None:
+        """Remember the number of an attempt without a result."""
+        key, _, attempt = record.stem.partition(".")
+        self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest in one operation."""
@@ -101,24 +105,22 @@ class RunWriter(RunFolder):
         if not keep and record.outcome in ("paused", "interrupted"):
             delete_record(path)
         elif record.start is None or record.outcome != "finished":
-            move_record(path, self.path / "attempts" / path.name)
-            self._attempts[key] = max(record.attempt, self._attempts.get(key, 0))
+            self.set_aside(path)
         elif record.config.key != key:
             raise TranscriptError(f"{path} is the record of a different episode than the planned one.")
         else:
             move_record(path, self.transcript(key))
 
     def set_aside(self, path: Path) -> None:
-        """Keep a record that cannot be read as that of an attempt without a result, which is played again."""
+        """Keep a record as that of an attempt without a result, whose episode is played again."""
         move_record(path, self.path / "attempts" / path.name)
-        key, _, attempt = path.stem.partition(".")
-        self._attempts[key] = max(int(attempt), self._attempts.get(key, 0))
+        self._count(path)
 
     def add_attempt(self, record: Path) -> None:
         """Copy the record of an attempt without a result from another folder."""
-        key = record.stem.partition(".")[0]
-        shutil.copyfile(record, self.next_attempt(key))
-        self._attempts[key] = self._attempts.get(key, 0) + 1
+        copy = self.next_attempt(record.stem.partition(".")[0])
+        shutil.copyfile(record, copy)
+        self._count(copy)
 
     def mend(self) -> None:
         """Move the records that a killed run left in `running`, and drop an incomplete last line."""

@@ -10,24 +10,24 @@ use, so playing a run loads neither pages nor statistics.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from smartplay_tools.episode.stats import versions
 from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_not_closed
-from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder, reason_of
+from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
 from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
-from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions, RunProgress
+from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
+from smartplay_tools.evaluation.runs.scheduler import Scheduler
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.files.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.players import is_model
@@ -181,11 +181,10 @@ def run_plan(
         (display or not_shown)() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
-        manifest = _manifest(folder, before, plan, options, roster.prices)
+        manifest = _manifest(folder, before, plan, options)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        heard = options.on_progress or (_FirstFailures() if display is None else None)
-        scheduler = Scheduler(folder, roster, manifest.prices, replace(options, on_progress=heard), repriced)
+        scheduler = Scheduler(folder, roster, manifest, options, repriced)
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():
@@ -198,8 +197,6 @@ def run_plan(
                             chosen.close()
             finally:
                 rows = scheduler.finish()
-                spending = run_snapshot(folder).spending.to_json()
-                folder.write_manifest(manifest.model_copy(update={"spending": spending}))
     return Run(
         RunFolder(out),
         len(part.episodes),
@@ -209,21 +206,6 @@ def run_plan(
         scheduler.refused,
         scheduler.waiting,
     )
-
-
-class _FirstFailures:
-    """Logs the first failure of each player with each kind of error, where nothing else shows how a run goes."""
-
-    def __init__(self) -> None:
-        self._seen: set[tuple[str, str]] = set()
-
-    def __call__(self, progress: RunProgress) -> None:
-        if progress.episode is None or progress.error is None:
-            return
-        cell, reason = progress.episode.cell, reason_of(progress.error)
-        if (player_of(cell), reason) not in self._seen:
-            self._seen.add((player_of(cell), reason))
-            log.warning("%s failed at %s: %s", player_of(cell), cell.game, progress.error)
 
 
 @contextmanager
@@ -245,31 +227,18 @@ def _what_is_kept(folder: RunFolder, plan: Plan) -> Iterator[None]:
         raise EngineError(f"{error} {finished} the same command continues the run.") from error
 
 
-def _manifest(
-    folder: RunFolder,
-    before: Manifest | None,
-    plan: Plan,
-    options: RunOptions,
-    given: Mapping[str, Price],
-) -> Manifest:
+def _manifest(folder: RunFolder, before: Manifest | None, plan: Plan, options: RunOptions) -> Manifest:
     """The manifest of the run. Its earlier prices are kept, unless the user gives others."""
     prices: dict[str, Price] = {}
     if before is not None:
         _check_same_run(folder, before, plan, options.shard)
-        if before.until is not None:
-            log.warning(
-                "%s holds a run that was to end early, once its comparisons were decided (--until, of an earlier "
-                "version); from now on it has all episodes that are asked for.",
-                folder.path,
-            )
         prices = dict(before.prices)
     manifest = plan.manifest(
         shard=options.shard,
         caps=asdict(options.caps),
-        prices={**prices, **given},
+        prices={**prices, **(options.prices or {})},
         versions=versions(),
         run_file=None if before is None else before.run_file,
-        spending=None if before is None else before.spending,
     )
     if options.run_cost is not None:
         check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - manifest.prices.keys())
@@ -285,11 +254,6 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
         asked = "everything that was asked for there"
         if None in limits[0] - limits[1]:
             asked += ", with stalled_turns=None (--stalled-turns none), which runs of earlier versions have"
-        if before.run_file is not None:
-            asked += (
-                " (it was begun by a run file, whose text is in manifest.json; in Python `evaluate` takes several "
-                "budgets and players)"
-            )
         raise InvalidArgumentError(
             f"{folder.path} holds another run: {len(gone)} of its {len(before.episodes)} episodes are not in this "
             f"one. Name another folder, or ask for {asked}."

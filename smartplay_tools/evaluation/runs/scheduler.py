@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import DAMAGED, reason_of
+from smartplay_tools.evaluation.run_folder.folder import DAMAGED, Manifest, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -30,7 +30,7 @@ from smartplay_tools.evaluation.runs.roster import Roster
 from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
-from smartplay_tools.providers.prices import Price, check_known
+from smartplay_tools.providers.prices import check_known
 from smartplay_tools.records.damage import damage_named
 from smartplay_tools.records.record import Record
 from smartplay_tools.records.resumption import left_by
@@ -59,10 +59,11 @@ class Scheduler:
     """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
 
     def __init__(
-        self, folder: RunWriter, roster: Roster, prices: Mapping[str, Price], how: RunOptions, repriced: Collection[str]
+        self, folder: RunWriter, roster: Roster, manifest: Manifest, how: RunOptions, repriced: Collection[str]
     ) -> None:
         """`repriced` are the names of players whose price has changed since the run was played before."""
-        self._folder, self._roster, self._prices, self._caps = folder, roster, prices, how.caps
+        self._folder, self._roster, self._prices, self._caps = folder, roster, manifest.prices, how.caps
+        self._predecessors = manifest.predecessors
         self._plan = plan = roster.part
         self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
@@ -71,13 +72,12 @@ class Scheduler:
         self._running: dict[str, Task] = {}
         self._awaited: dict[Path, Record] = {}
         self._answered: Counter[str] = Counter()
-        self._refusals: dict[str, tuple[int, int]] = {}
         self._acted: set[str] = set()
         self._silent: set[str] = set()
         self._failures: Counter[tuple[str, str]] = Counter()
         self._failures_before: dict[str, Counter[tuple[str, str]]] = {}
         self._unpriced: set[str] = set()
-        self._reasons: set[tuple[str, str]] = set()
+        self._reasons: set[tuple[str, str, str]] = set()
         self._capped = False
         self._executor: Executor | None = None
         self.cap_reached = False
@@ -95,15 +95,14 @@ class Scheduler:
         }
         folder.write_rows(self._rows.values())
         self._spent = self._spent_before() if self._caps else Spent()
-        self._expected = Expectations(plan, self._rows.values(), prices)
+        self._expected = Expectations(plan, self._rows.values(), self._prices)
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
-        now = run_snapshot(self._folder)
-        for attempt in now.failed_attempts:
+        for attempt in self._folder.failures():
             if attempt["end_reason"] == DAMAGED:
                 log.warning("What an attempt has used counts as far as it can be read. %s", attempt["error"])
-        return now.spending.total
+        return run_snapshot(self._folder).spending.total
 
     @property
     def spent(self) -> tuple[int, float]:
@@ -119,9 +118,8 @@ class Scheduler:
         self._capped, self._executor = False, executor
         attempts: Counter[str] = Counter()
         while True:
-            left = [episode for episode in episodes if episode.key not in self._rows]
-            left = [episode for episode in left if attempts[episode.key] <= RETRIES]
-            self._queue = deque(self._tryouts_first(left))
+            left = (episode for episode in episodes if episode.key not in self._rows)
+            self._queue = deque(episode for episode in left if attempts[episode.key] <= RETRIES)
             if not self._queue or self._is_over():
                 break
             before = attempts.total()
@@ -162,7 +160,8 @@ class Scheduler:
         return sum(e.key not in self._rows and self._waits(e) for e in self._plan.episodes)
 
     def _waits(self, episode: PlannedEpisode) -> bool:
-        return episode.after is not None and episode.after not in self._rows
+        before = self._predecessors.get(episode.key)
+        return before is not None and before not in self._rows
 
     def again(self, task: Task) -> Task:
         """Keep the record of a lost worker, and return the task that continues it (`executors.Again`)."""
@@ -178,16 +177,6 @@ class Scheduler:
     def _is_over(self) -> bool:
         assert self._executor is not None
         return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
-
-    def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
-        """Move one episode of every player that is tried first, and has not played an action yet, to the front."""
-        first: dict[str, PlannedEpisode] = {}
-        for episode in episodes:
-            player = self._who[episode.place]
-            if player in self._roster.tried and player not in self._acted:
-                first.setdefault(player, episode)
-        keys = {episode.key for episode in first.values()}
-        return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
@@ -225,7 +214,8 @@ class Scheduler:
         cell = episode.cell
         config = self._roster.players[self._who[episode.place]]
         record, previous = self._folder.new_record(episode.key), self._folder.latest_attempt(episode.key)
-        carried = None if episode.after is None else left_by(self._folder.transcript(episode.after))
+        before = self._predecessors.get(episode.key)
+        carried = None if before is None else left_by(self._folder.transcript(before))
         task = Task(
             episode,
             config,
@@ -297,15 +287,17 @@ class Scheduler:
             self._capped = True
         elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
             self._failed += 1
+            self._tell(episode, "%s failed: %s", error)
             self._judge(episode, error, record)
         why = None if row is not None else error
         self._on_progress(RunProgress(len(self._rows), len(self._plan.episodes), self._failed, episode, row, why))
 
     def _tell(self, episode: PlannedEpisode, sentence: str, why: str | None) -> None:
-        """Log what is to be known of an attempt, once for each reason; a row of `timings.jsonl` has it, too."""
-        if why is not None and (sentence, reason_of(why)) not in self._reasons:
-            self._reasons.add((sentence, reason_of(why)))
-            log.warning(sentence, episode.key, why)
+        """Log what is to be known of an attempt, once for each player and reason."""
+        told = self._who[episode.place], sentence, reason_of(why or "")
+        if why is not None and told not in self._reasons:
+            self._reasons.add(told)
+            log.warning(sentence, f"{player_of(episode.cell)} at {episode.cell.game} ({episode.key})", why)
 
     def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
         """End the run if a server refuses a player; give up a player that never answers, or always fails."""
@@ -313,39 +305,27 @@ class Scheduler:
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
-            if self._is_refused(episode, kind):
+            # A server may also refuse one request of a player's, with the same status.
+            replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
+            if not replies or self._count_failure(episode, f"{kind} after {replies} replies") >= SAME_FAILURES:
                 self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
                 self._executor.stop.set()
         elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
         elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break
             frames = FRAME.findall(record.traceback or "")
-            self._count_failure(episode, f"{kind} {frames[-1:]}", error)
+            count = self._count_failure(episode, f"{kind} {frames[-1:]}")
+            if count >= SAME_FAILURES and player not in self._silent:
+                self._silent.add(player)
+                why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
+                log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
 
-    def _is_refused(self, episode: PlannedEpisode, kind: str) -> bool:
-        """Whether a refusal is the player's: it was never answered, or not between this refusal and some before.
-
-        A server may also refuse one request of a player's, with the same status.
-        """
-        player = self._who[episode.place]
-        replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
-        in_a_row, heard = self._refusals.get(player, (0, 0))
-        if self._failures_before[episode.key][player, kind] >= self._failures[player, kind]:
-            self._failures[player, kind] += 1
-            in_a_row = in_a_row + 1 if replies == heard else 1
-            self._refusals[player] = in_a_row, replies
-        return not replies or in_a_row >= SAME_FAILURES
-
-    def _count_failure(self, episode: PlannedEpisode, place: str, error: str) -> None:
-        """Count a failure, unless one in the same place was counted while this attempt was played."""
-        player = self._who[episode.place]
-        if self._failures_before[episode.key][player, place] < self._failures[player, place]:
-            return
-        self._failures[player, place] += 1
-        if self._failures[player, place] == SAME_FAILURES:
-            self._silent.add(player)
-            why = f"it failed {SAME_FAILURES} times in one place, and finished no episode in between"
-            log.warning("%s plays no more: %s. %s", player_of(episode.cell), why, error)
+    def _count_failure(self, episode: PlannedEpisode, place: str) -> int:
+        """Return how often the player has failed in a place: failures that attempts made side by side count once."""
+        where = self._who[episode.place], place
+        if self._failures_before[episode.key][where] >= self._failures[where]:
+            self._failures[where] += 1
+        return self._failures[where]
 
     def _row(self, episode: PlannedEpisode) -> Row:
         return row_of(Record.follow(self._folder.transcript(episode.key), self._prices), episode.trial)

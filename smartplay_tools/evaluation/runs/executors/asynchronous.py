@@ -38,31 +38,21 @@ class AsyncExecutor(Executor):
                         under_way.add(loop.create_task(self._play(task, closing)))
                     if not under_way:
                         return
-                    has_room = len(under_way) < self._workers
-                    for done in runner.run(self._first(under_way, POLL_SECONDS if has_room else None)):
+                    for done in runner.run(self._first(under_way)):
                         under_way.remove(done)
                         yield done.result()
             finally:  # an error, or a caller that wants no more, ends the attempts that are under way
                 runner.run(_end(under_way, closing))
 
-    async def _first(
-        self, under_way: set[asyncio.Task[EndedAttempt]], timeout: float | None
-    ) -> set[asyncio.Task[EndedAttempt]]:
-        """Return the finished attempts, as soon as there is one or the time is up."""
-        stopped = asyncio.create_task(self._stopped())
-        await asyncio.wait({*under_way, stopped}, timeout=timeout, return_when=asyncio.FIRST_COMPLETED)
+    async def _first(self, under_way: set[asyncio.Task[EndedAttempt]]) -> set[asyncio.Task[EndedAttempt]]:
+        """Return the finished attempts, as soon as there is one or it is time to look for tasks and the flag again."""
+        done, _ = await asyncio.wait(under_way, timeout=POLL_SECONDS, return_when=asyncio.FIRST_COMPLETED)
         if self.stop.is_set():
             _, late = await asyncio.wait(under_way, timeout=GRACE_SECONDS)
             for task in late:
                 task.cancel()
-            await asyncio.wait(under_way)
-        stopped.cancel()
-        return {task for task in under_way if task.done()}
-
-    async def _stopped(self) -> None:
-        """Wait by checking the flag every tenth of a second, because a signal handler must not use the loop."""
-        while not self.stop.is_set():
-            await asyncio.sleep(0.1)
+            done, _ = await asyncio.wait(under_way)
+        return done
 
     async def _play(self, task: Task, closing: AsyncExitStack) -> EndedAttempt:
         shared = None if task.player.agent is not None else await self._player(task, closing)
