@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from smartplay_tools import SmartPlayError
 from smartplay_tools.streams import keep_streams, own_input, own_output
-from smartplay_tools.web import HostedEpisode
+from smartplay_tools.web import HostedEpisode, check_conditions
 from smartplay_tools.web.mcp import INTERNAL_ERROR, PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def open_episode(game: str, *, transcript: Path | None, **settings: Any) -> Epis
 
     spec = get_spec(game)  # a record imports no file
     if transcript is None or not transcript.exists():
+        check_conditions(settings.get("budget"), settings.get("manual"))
         return Episode(spec, transcript=transcript, context="host", **settings)
     recorded = EpisodeConfig.from_event(read_transcript(transcript)[0])
     if (recorded.game, recorded.seed) != (spec.id, settings["seed"]):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         Bounded as Bounded,
     )
     from smartplay_tools.web.guard import carries as carries, check_address as check_address, guarded as guarded
-    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode
+    from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode, check_conditions as check_conditions
     from smartplay_tools.web.server import Server as Server
     from smartplay_tools.web.store import (
         EpisodeStore as EpisodeStore,

@@ -11,7 +11,7 @@ from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.types import ToolResult
+    from smartplay_tools.types import Budget, ToolResult
 
 LONG = 0.005
 """Seconds for which the event loop may be blocked."""
@@ -70,13 +70,18 @@ def checked(episode: Episode) -> Episode:
     """Return an episode that an MCP host can play; `InvalidArgumentError` for any other."""
     if episode.config.context != "host":
         raise InvalidArgumentError('An MCP host manages the context; make the episode with context="host".')
-    if episode.config.manual == "pinned":
+    check_conditions(episode.budget)
+    return episode
+
+
+def check_conditions(budget: Budget | None, manual: str | None = None) -> None:
+    """Refuse what an MCP host cannot keep, before a new episode opens its record."""
+    if manual == "pinned":
         raise InvalidArgumentError(
             'An MCP host shows the results of tools only, so the manual cannot be pinned; leave manual="tool".'
         )
-    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(episode.budget, name)]:
+    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(budget, name, None)]:
         raise InvalidArgumentError(
             f"An MCP host manages the context, so the budget cannot have {', '.join(unenforceable)}; "
             "history, result_tokens and tool_calls are enforced."
         )
-    return episode

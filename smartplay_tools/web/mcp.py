@@ -24,8 +24,8 @@ __all__ = ["CALL_KEY", "INTERNAL_ERROR", "PARSE_ERROR", "ProtocolError", "respon
 CALL_KEY = "smartplay/call-id"
 """A field of a request's `_meta`: an idempotency key, for callers that repeat a call whose answer was lost."""
 
-HANDSHAKE_VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25")
-"""Versions of the protocol that begin with `initialize`, oldest first."""
+HANDSHAKE_VERSIONS = ("2024-11-05", "2025-06-18", "2025-11-25")
+"""Versions of the protocol that begin with `initialize`, oldest first. 2025-03-26 has batches, which are not taken."""
 
 STATELESS_VERSIONS = ("2026-07-28",)
 """Versions of the protocol in which every request names its version in `_meta`."""
@@ -122,7 +122,8 @@ def _initialized(params: Mapping[str, Any]) -> dict[str, Any]:
     requested = params.get("protocolVersion")
     if not isinstance(requested, str):
         raise ProtocolError(INVALID_PARAMS, "initialize names a protocolVersion.")
-    agreed = requested if requested in HANDSHAKE_VERSIONS else HANDSHAKE_VERSIONS[-1]
+    earlier = [version for version in HANDSHAKE_VERSIONS if version <= requested]
+    agreed = (earlier or HANDSHAKE_VERSIONS)[-1]
     return {"protocolVersion": agreed, "serverInfo": SERVER_INFO, **ABOUT}
 
 

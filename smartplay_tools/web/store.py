@@ -24,7 +24,7 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.records.resumption import resume
 from smartplay_tools.types import Budget, EpisodeResult, ToolResult
-from smartplay_tools.web.hosted import HostedEpisode
+from smartplay_tools.web.hosted import HostedEpisode, check_conditions
 
 HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
 """The format of a handle: 192 random bits in base64, which cannot be guessed."""
@@ -129,7 +129,7 @@ class Store(ABC, Generic[H]):
         self._close_idle()
         with self._lock:
             self._make_way(handle)
-        self._host(handle, lambda: make(handle), math.inf)
+        self._host(handle, lambda: make(handle), lambda: math.inf)
         return handle
 
     def opened(self, handle: str) -> H | None:
@@ -154,7 +154,7 @@ class Store(ABC, Generic[H]):
             if hosted is not None or path is None or not HANDLE.fullmatch(handle) or not path.exists():
                 return hosted
             self._make_way(handle)
-        return self._host(handle, lambda: self._again(handle, path), self._clock())
+        return self._host(handle, lambda: self._again(handle, path), self._clock)
 
     async def asked_for(self, handle: str) -> H:
         """Return an episode, in a thread where it has to be replayed first; `NotServedError` if there is none."""
@@ -196,11 +196,11 @@ class Store(ABC, Generic[H]):
             raise FullError(f"{self._most} episodes are open, which is the largest number allowed.")
         self._busy.add(handle)
 
-    def _host(self, handle: str, make: Callable[[], H], used: float) -> H:
+    def _host(self, handle: str, make: Callable[[], H], used: Callable[[], float]) -> H:
         try:
             hosted = make()
             with self._lock:
-                self._hosted[handle] = (hosted, used)
+                self._hosted[handle] = (hosted, used())
             return hosted
         finally:
             self._done_with(handle)
@@ -236,6 +236,7 @@ class EpisodeStore(Store[HostedEpisode]):
     """The episodes of an MCP server, whose hosts own the context. The arguments are those of `Store`."""
 
     def _begin(self, handle: str, game: str, **options: Any) -> HostedEpisode:
+        check_conditions(options.get("budget"), options.get("manual"))
         hosted = HostedEpisode(Episode(game, context="host", **options))
         hosted.episode.begin()
         return hosted

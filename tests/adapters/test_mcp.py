@@ -204,7 +204,7 @@ class TestTheDoor:
 ACT = {**CALL, "id": 2, "params": {"name": "act", "arguments": {"action": "1"}}}
 
 
-@pytest.mark.parametrize("version", ["2024-11-05", "2025-03-26", "2025-11-25", "2026-07-28"])
+@pytest.mark.parametrize("version", ["2024-11-05", "2025-11-25", "2026-07-28"])
 def test_a_list_of_messages_is_refused(version):
     with HttpServer(episodes := EpisodeStore(), port=0) as server:
         url = f"{server.url}/mcp/{(handle := episodes.open(GAME, seed=1))}"
@@ -319,3 +319,21 @@ class TestEpisodes:
     @pytest.mark.parametrize("handle", ["", "..", "../secrets", "x" * 32])
     def test_a_handle_that_is_none_finds_nothing(self, handle, tmp_path):
         assert EpisodeStore(folder=tmp_path).find(handle) is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "agreed"),
+    [("2025-03-26", "2024-11-05"), ("2025-06-18", "2025-06-18"), ("2099-01-01", "2025-11-25"), ("1", "2025-11-25")],
+)
+def test_the_version_is_the_newest_that_is_not_newer_than_the_client_s(asked, agreed):
+    with HttpServer(episodes := EpisodeStore(), port=0) as server:
+        start = {**CALL, "method": "initialize", "params": {"protocolVersion": asked}}
+        answer = post(f"{server.url}/mcp/{episodes.open(GAME, seed=1)}", json=start)
+    assert answer.json()["result"]["protocolVersion"] == agreed
+
+
+def test_what_cannot_be_kept_is_refused_before_there_is_a_record(tmp_path):
+    for options in ({"manual": "pinned"}, {"budget": sp.Budget(prompt_tokens=700)}):
+        with pytest.raises(sp.InvalidArgumentError):
+            EpisodeStore(folder=tmp_path).open(GAME, seed=1, **options)
+    assert [*tmp_path.iterdir()] == []
