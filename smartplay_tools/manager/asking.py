@@ -66,7 +66,7 @@ class Asking:
         """The runner of a strategy; an option that it decides itself is an `InvalidArgumentError`."""
         settings, budget = self._settings, self._settings.budget
         own_words = budget.own_words if make.compacts else None
-        decided = {"beyond_history": settings.masks or None, "first_turns": budget.first_turns}
+        decided: dict[str, object] = {"beyond_history": settings.masks or None, "first_turns": budget.first_turns}
         decided |= {"newest_pictures": budget.newest_pictures, "own_words": own_words}
         for name, given in decided.items():
             if given is not None:
