@@ -87,7 +87,6 @@ READERS: dict[str, Callable[[list[Any]], object]] = {
     "pictures": recorded_pictures,
     "requests": lambda events: requests_of(Record(events)),
     "prompts": lambda events: Record(events).answered,
-    "conversation": lambda events: Record(events).conversation,
     "accounts": lambda events: Accounts.of(Record(events)),
     "row": lambda events: row_of(Record(events), 0),
     "drawing": lambda events: draw(Record(events)),

@@ -118,12 +118,8 @@ class SmartPlay(AbstractCapability[Any]):
         pictures: bool = False,
     ) -> None:
         self.episode = episode
-        if not pictures:
-            episode.refuse_pictures("This capability", has_option=True)
-        self._pictures = pictures
+        self._host = HostChat(episode, player=player, pictures=pictures)
         self._cache = checked_marks(cache)
-        self._player = player
-        self._host: HostChat | None = None
         self._system: Sequence[Message] = ()
         """The agent's instructions in its first request."""
         self._history = HostHistory[ModelMessage](episode.counter, known_by)
@@ -162,8 +158,8 @@ class SmartPlay(AbstractCapability[Any]):
         """Leave the model alone when the episode is over, and when an agent in a tool of this one asks."""
         if self in _IN_TOOLS_OF.get():
             return _words(self.episode.words("sub_agent"))
-        if self._host is None:
-            self._host = self._begin(request_context)
+        if self._host.session is None:
+            self._begin(request_context)
         else:
             self._catch_up(request_context.messages)
             others = self._other_tools(request_context.model_request_parameters)
@@ -268,20 +264,18 @@ class SmartPlay(AbstractCapability[Any]):
 
     @property
     def _session(self) -> AgentSession:
-        assert self._host is not None
         assert self._host.session is not None
         return self._host.session
 
     def _catch_up(self, history: Sequence[ModelMessage]) -> None:
         """Take over the results of other tools, and other words, since the latest reply."""
-        assert self._host is not None
         since = since_response(history)
         if self._session.awaits_reply:
             self._host.refuse_late_words(since)
         self._host.settle(since)
         self._host.hear(since)
 
-    def _begin(self, request: ModelRequestContext) -> HostChat:
+    def _begin(self, request: ModelRequestContext) -> None:
         parameters = request.model_request_parameters
         if parameters.output_tools or not parameters.allow_text_output:
             raise InvalidArgumentError("An agent that plays cannot have an output_type: its run ends with the game.")
@@ -289,11 +283,8 @@ class SmartPlay(AbstractCapability[Any]):
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
         self._system = [{"role": "system", "content": instructions}] if instructions else []
-        player = self._player or f"pydantic-ai:{request.model.model_name}"
-        host = HostChat(self.episode, player=player, pictures=self._pictures)
-        others = self._other_tools(parameters)
-        host.begin(from_history(request.messages), system=self._system, foreign_tools=others)
-        return host
+        others, player = self._other_tools(parameters), f"pydantic-ai:{request.model.model_name}"
+        self._host.begin(from_history(request.messages), system=self._system, foreign_tools=others, player=player)
 
     def _other_tools(self, parameters: ModelRequestParameters) -> list[ToolSpec]:
         """The agent's other tools, which may change from request to request."""

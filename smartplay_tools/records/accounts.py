@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from operator import add
+from functools import partial, reduce
+from itertools import repeat
+from operator import add, sub
 from typing import Literal
 
-from smartplay_tools.context.rewriting import SYSTEM, flat
+from smartplay_tools.context.prefix import common_beginning
+from smartplay_tools.context.rewriting import SYSTEM
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import PRIMING
@@ -86,11 +88,10 @@ class Accounts:
         self._has_grid = words.has_grid
         self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns
+        self._summed, self._sums = list[Form](), [[0] * len(PARTS)]
+        """The messages of the conversation that were summed up, and the parts of those before each."""
         self._replies: dict[Form, Tokens] = {}
         """The parts of the replies, as they were said or trimmed."""
-        self._shown: list[tuple[int | Form, Form]] = []
-        self._sums: list[Tokens] = [[0] * len(PARTS)]
-        """The messages of the latest prompt after its head, and the parts of those before each."""
         self._manuals: dict[Form, int] = {}
         """What a manual, or the newest notes, add to the system message."""
 
@@ -113,41 +114,44 @@ class Accounts:
 
     def _parts(self, rebuilder: Rebuilder, view: Event) -> Tokens:
         chosen, window, tokens = rebuilder.reach(view), rebuilder.window, [0] * len(PARTS)
-        forms = window.forms(chosen)
-        tools = window.tools_beside(forms) if purpose_of(view) == "compaction" else window.tools
-        tokens[_TASK] = PRIMING + self._counter.tools(tools)
-        if purpose_of(view) != "compaction":
-            head = self._record.head_of[view["turn"]]
+        self._sum_up(window)
+        for piece in chosen.pieces:
+            if isinstance(piece, Form):
+                tokens[_TEXTS if self._form is None else _SUMMARY] += window.text(piece).tokens(self._counter)
+            else:
+                tokens = _plus(tokens, self._row(piece))
+        for number in {*chosen.masked, chosen.pinned} - {None}:
+            row = window.row(number, number + 1)
+            parts = map(self._parts_of, repeat(window), row, chosen.seen(self._turns[number]))
+            tokens = _minus(reduce(_plus, parts, tokens), self._row(row))
+        if purpose_of(view) == "compaction":
+            tools = window.tools_beside(window.forms(chosen))
+        else:
+            head, tools = self._record.head_of[view["turn"]], window.tools
             more = sum(map(self._manual, head["messages"], window.head))
             tokens[_TASK] += self._sum(window.head) - more
-            tokens[_NOTES if head.get("compacts") else _MANUAL] = more
-        shown = [*zip(flat(chosen.pieces), forms, strict=True)]
-        return list(map(add, tokens, self._parts_of_messages(window, shown)))
+            tokens[_NOTES if head.get("compacts") else _MANUAL] += more
+        tokens[_TASK] += PRIMING + self._counter.tools(tools)
+        return tokens
 
-    def _parts_of_messages(self, window: ContextWindow, shown: list[tuple[int | Form, Form]]) -> Tokens:
-        """The parts of the messages after the head; those that the prompt before began with are not counted again."""
-        same = 0
-        for (place, form), (one, other) in zip(shown, self._shown, strict=False):
-            if form is not other or place != one:
-                break
-            same += 1
-        del self._sums[same + 1 :]
-        for place, form in shown[same:]:
-            self._sums.append(list(map(add, self._sums[-1], self._parts_of_message(window, place, form))))
-        self._shown = shown
-        return self._sums[-1]
+    def _sum_up(self, window: ContextWindow) -> None:
+        """Sum up the parts of the messages of the conversation, as they are now, from the first that has changed."""
+        same = common_beginning(window.now, self._summed, is_equal=False)
+        del self._summed[same:], self._sums[same + 1 :]
+        for number, form in enumerate(window.now[same:], start=same):
+            self._summed.append(form)
+            self._sums.append(_plus(self._sums[-1], self._parts_of(window, number, form)))
 
-    def _parts_of_message(self, window: ContextWindow, place: int | Form, form: Form) -> Tokens:
-        if isinstance(place, Form):
-            part = _TEXTS if self._form is None else _SUMMARY
-        elif (number := window.turn_of(place)) < 0:
-            part = _TASK
-        elif (item := window.item(place)) is None:
-            return self._parts_of_reply(self._turns[number], form)
-        else:
-            part = _part_of(item, form)
+    def _row(self, row: range) -> Tokens:
+        """The parts of messages in a row."""
+        return _minus(self._sums[row.stop], self._sums[row.start])
+
+    def _parts_of(self, window: ContextWindow, number: int, form: Form) -> Tokens:
+        """The parts of a message in one of its forms."""
+        if (turn := window.turn_of(number)) >= 0 and (item := window.item(number)) is None:
+            return self._parts_of_reply(self._turns[turn], form)
         tokens = [0] * len(PARTS)
-        tokens[part] = form.tokens(self._counter)
+        tokens[_TASK if turn < 0 else _part_of(item, form)] = form.tokens(self._counter)
         return tokens
 
     def _manual(self, plain: Message, shown: Form) -> int:
@@ -218,7 +222,7 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        trimmed_before, elided = view.get("words", 0), view.get("pictures", 0)
+        trimmed_before, elided = (view.get(name, 0) for name in ("words", "pictures"))
         return self._sum(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
 
     def _summary(self, view: ViewEvent) -> int:
@@ -230,6 +234,14 @@ class Accounts:
 
     def _sum(self, forms: Iterable[Form]) -> int:
         return sum(form.tokens(self._counter) for form in forms)
+
+
+def _plus(tokens: Tokens, more: Tokens) -> Tokens:
+    return list(map(add, tokens, more))
+
+
+def _minus(tokens: Tokens, fewer: Tokens) -> Tokens:
+    return list(map(sub, tokens, fewer))
 
 
 def _part_of(item: Item, form: Form) -> int:

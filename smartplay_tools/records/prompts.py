@@ -2,19 +2,12 @@
 
 A `view` event says which turns a prompt showed and which results were masked; `head`, `message`, `call` and `summary`
 events contain the texts. The sha256 in the `view` event verifies the rebuilt prompt.
-
-`WholeConversation` is every message of an episode, as if there had been no window. In the record of a window, the
-manual that a model has read is in the head of every later prompt, and the result that read it refers to it there; in a
-whole conversation the manual is that result. The record of an episode whose host managed the context has calls and
-answers only: its conversation has a message for each turn of calls, and the head is that of a new episode of the same
-config. The words that the host's model said with its calls are in no record.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 from typing import Any, TypeVar
 
 from smartplay_tools.context.choosing import text_message
@@ -26,15 +19,11 @@ from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import Selection, numbers_in
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation import paper
-from smartplay_tools.episode.config import EpisodeConfig
-from smartplay_tools.episode.episode import Episode
-from smartplay_tools.records.faults import ErrorLocation, record_named
-from smartplay_tools.tool_formats.schemas import schema
-from smartplay_tools.transcript.events import CallEvent, Event, purpose_of
+from smartplay_tools.records.faults import record_named
+from smartplay_tools.transcript.events import Event, purpose_of
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
-from smartplay_tools.types.call_ids import CallIds
-from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
+from smartplay_tools.types.messages import Message, pictures_of, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
 
 T = TypeVar("T")
@@ -103,7 +92,7 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     """Return the turns of a transcript, the last one as far as it goes."""
     if not events or events[0]["event"] != "start":
         return []
-    with ErrorLocation() as at:
+    with record_named() as at:
         at.number, at.event = 1, events[0]
         builder = TurnBuilder(Wording.recorded(at.event), compacts=is_compacted(events))
         for at.number, at.event in enumerate(events, start=1):
@@ -168,7 +157,7 @@ class Rebuilder:
 
     def each(self, make: Callable[[Event], T]) -> Iterator[T]:
         """Yield what is made of each view, in their order; an error names its event."""
-        with ErrorLocation() as at:
+        with record_named() as at:
             for at.number, at.event in enumerate(self._events, start=1):
                 self._take(at.event)
                 if at.event["event"] == "view":
@@ -237,85 +226,3 @@ class Rebuilder:
         for turn in self._turns[len(self.window.turns) : stop]:
             self.window.add(turn)
             self._oldest = self._strategies.ageing.oldest(turn.step, self._budget.history, self._oldest)
-
-
-@dataclass(frozen=True)
-class WholeConversation:
-    """The head, the tools and the turns of an episode."""
-
-    head: Sequence[Message]
-    """The messages before the first reply."""
-    tools: list[dict[str, Any]]
-    """The tools, each a function of chat completions."""
-    turns: Sequence[Turn]
-    """The turns, each manual that was read in its place."""
-
-    @property
-    def messages(self) -> list[Message]:
-        """All messages, in their order."""
-        return [*self.head, *(message for turn in self.turns for message in turn.messages)]
-
-
-def whole_conversation(
-    head: Sequence[Message], tools: list[dict[str, Any]], turns: Sequence[Turn], calls: Sequence[CallEvent]
-) -> WholeConversation:
-    """Return the conversation of a head, its tools and the turns; `calls` say which results were the manual."""
-    read = {(call["turn"], call["position"]) for call in calls if call["data"].get("manual")}
-    return WholeConversation(head, tools, [_with_manual(turn, read) for turn in turns])
-
-
-def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> WholeConversation:
-    """Return the conversation of an episode whose host managed the context, from its calls."""
-    with record_named(), Episode.from_config(config, is_recorded=True) as episode:
-        tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
-        head = episode.head
-    calls = _renumbered(calls)
-    return whole_conversation(head, tools, _turns_of_a_host(calls, config.words), calls)
-
-
-def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:
-    """The turn whose results that read the manual are the manual."""
-    if turn.manual is None or not any(number == turn.number for number, _ in read):
-        return turn
-    items = (
-        replace(item, message={**item.message, "content": turn.manual})
-        if (turn.number, item.position) in read
-        else item
-        for item in turn.items
-    )
-    return replace(turn, items=tuple(items))
-
-
-def _renumbered(calls: Sequence[CallEvent]) -> Sequence[CallEvent]:
-    """The calls with their place among those of their turn that were played: a repeated call is not recorded."""
-    turns = (list(group) for _, group in groupby(calls, key=lambda call: call["turn"]))
-    return [{**call, "position": at} for own in turns for at, call in enumerate(own)]
-
-
-def _turns_of_a_host(calls: Sequence[CallEvent], words: Wording) -> Sequence[Turn]:
-    builder, ids = TurnBuilder(words), CallIds()
-    for number, group in groupby(calls, key=lambda call: call["turn"]):
-        own = list(group)
-        taken = ids.take([""] * len(own), number)
-        message = _asking(own, taken)
-        builder.open(number, message, read_calls(message, taken))
-        for call in own:
-            builder.add_result(call["position"], call["text"], call["data"], is_error=call["is_error"])
-    builder.close()
-    return builder.turns
-
-
-def _asking(calls: Sequence[CallEvent], ids: Sequence[str]) -> Message:
-    """The message of a model that makes these calls."""
-    return {
-        "role": "assistant",
-        "content": None,
-        "tool_calls": [
-            {
-                "id": call_id,
-                "type": "function",
-                "function": {"name": call["name"], "arguments": call["arguments"] or "{}"},
-            }
-            for call, call_id in zip(calls, ids, strict=True)
-        ],
-    }

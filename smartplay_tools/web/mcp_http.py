@@ -17,9 +17,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.web import mcp
-from smartplay_tools.web.bodies import Bounded, hosted_or_refusal
+from smartplay_tools.web.bodies import Bounded
 from smartplay_tools.web.mcp import ProtocolError, respond
-from smartplay_tools.web.store import Hosted, Store
+from smartplay_tools.web.store import Hosted, NotServedError, Store
 
 __all__ = ["bind_episode", "mcp_route"]
 
@@ -34,11 +34,10 @@ async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     """Bind a request to the episode that it names, for the route; return a refusal if there is none."""
     handle = request.url.path.lstrip("/").partition("/")[2].removesuffix("/mcp")  # some clients append it
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-    hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
-    if isinstance(hosted, Response):
-        gone = store.gone(handle)
-        return hosted if gone is None else PlainTextResponse(gone.why, hosted.status_code)
-    request.scope[HOSTED] = hosted
+    try:
+        request.scope[HOSTED] = await store.asked_for(handle)
+    except NotServedError as error:
+        return PlainTextResponse(str(error), error.status)
     request.scope["path"] = "/mcp"
     return None
 

@@ -7,6 +7,7 @@ result. Idempotency keys are part of the record, so a call that is repeated afte
 
 from __future__ import annotations
 
+import asyncio
 import math
 import re
 import secrets
@@ -29,8 +30,22 @@ HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
 """The format of a handle: 192 random bits in base64, which cannot be guessed."""
 
 
-class FullError(SmartPlayError):
+class NotServedError(SmartPlayError):
+    """An episode that is asked for is not there; `status` is that of the answer."""
+
+    status = 404
+
+
+class UnreadableError(NotServedError):
+    """The record of an episode cannot be continued."""
+
+    status = 500
+
+
+class FullError(NotServedError):
     """The largest number of open episodes is reached."""
+
+    status = 503
 
 
 @dataclass(frozen=True)
@@ -93,6 +108,7 @@ class Store(ABC, Generic[H]):
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
+
         def begin(handle: str) -> H:
             return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
 
@@ -139,6 +155,18 @@ class Store(ABC, Generic[H]):
                 return hosted
             self._make_way(handle)
         return self._host(handle, lambda: self._again(handle, path), self._clock())
+
+    async def asked_for(self, handle: str) -> H:
+        """Return an episode, in a thread where it has to be replayed first; `NotServedError` if there is none."""
+        try:
+            hosted = self.opened(handle) or await asyncio.to_thread(self.find, handle)
+        except FullError:
+            raise
+        except SmartPlayError as error:
+            raise UnreadableError("The record of this episode cannot be continued") from error
+        if hosted is None:
+            raise NotServedError(self._gone[handle].why if handle in self._gone else "No such episode")
+        return hosted
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""

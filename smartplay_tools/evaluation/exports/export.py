@@ -115,6 +115,7 @@ def _judged(
         reasons = {
             record.end_reason: record.outcome != "finished",
             "observations are pictures": record.config.observation != "text",
+            "its host managed the context, so its prompts are not recorded": record.config.context == "host",
             "another game": games and record.game not in games,
             "another player": players and record.player not in players,
             "not completed": completed and not (record.result_data or {}).get("completed"),

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Purpose, SampledTokens
@@ -46,11 +45,6 @@ def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
     messages before it. Assistant messages of `prompt` are replies that an earlier row has.
     """
-    if episode.config.context == "host":
-        whole = episode.conversation
-        messages, first = list(map(plain, whole.messages)), len(whole.head)
-        yield _chain(episode, messages, first, {"tools": json.dumps(whole.tools)}, turn=0, replies=len(whole.turns))
-        return
     messages, first, tools, turn, replies = [], 0, Row(), 0, 0
     for sent, prompt, reply in _steps(episode, summaries=summaries):
         if messages and (tools != _tools(sent) or prompt[: len(messages)] != messages):
@@ -76,11 +70,6 @@ def plain(message: Message) -> Row:
 
 def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, list[Row], Row]]:
     """Yield every prompt, and its messages and the reply as a row has them."""
-    if episode.config.context == "host":
-        raise InvalidArgumentError(
-            f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
-            "export it as sft-chains."
-        )
     for sent, reply in episode.answered:
         if summaries or sent.prompt.purpose == "play":
             yield sent, list(map(plain, sent.prompt.messages)), plain(reply)
