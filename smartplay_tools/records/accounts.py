@@ -120,7 +120,7 @@ class Accounts:
                 tokens[_TEXTS if self._form is None else _SUMMARY] += window.text(piece).tokens(self._counter)
             else:
                 tokens = _plus(tokens, self._row(piece))
-        for number in {*chosen.masked, chosen.pinned} - {None}:
+        for number in {*chosen.masked, *(() if chosen.pinned is None else (chosen.pinned,))}:
             row = window.row(number, number + 1)
             parts = map(self._parts_of, repeat(window), row, chosen.seen(self._turns[number]))
             tokens = _minus(reduce(_plus, parts, tokens), self._row(row))
@@ -148,10 +148,11 @@ class Accounts:
 
     def _parts_of(self, window: ContextWindow, number: int, form: Form) -> Tokens:
         """The parts of a message in one of its forms."""
-        if (turn := window.turn_of(number)) >= 0 and (item := window.item(number)) is None:
+        turn, item = window.turn_of(number), window.item(number)
+        if turn >= 0 and item is None:
             return self._parts_of_reply(self._turns[turn], form)
         tokens = [0] * len(PARTS)
-        tokens[_TASK if turn < 0 else _part_of(item, form)] = form.tokens(self._counter)
+        tokens[_TASK if item is None else _part_of(item, form)] = form.tokens(self._counter)
         return tokens
 
     def _manual(self, plain: Message, shown: Form) -> int:
@@ -222,7 +223,7 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        trimmed_before, elided = (view.get(name, 0) for name in ("words", "pictures"))
+        trimmed_before, elided = view.get("words", 0), view.get("pictures", 0)
         return self._sum(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
 
     def _summary(self, view: ViewEvent) -> int:

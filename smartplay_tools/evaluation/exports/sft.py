@@ -45,7 +45,7 @@ def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
     messages before it. Assistant messages of `prompt` are replies that an earlier row has.
     """
-    messages, first, tools, turn, replies = [], 0, Row(), 0, 0
+    messages, first, tools, turn, replies = list[Row](), 0, Row(), 0, 0
     for sent, prompt, reply in _steps(episode, summaries=summaries):
         if messages and (tools != _tools(sent) or prompt[: len(messages)] != messages):
             yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
