@@ -133,10 +133,8 @@ window: Any = modelapi(name="window")(WindowModel)
 def as_given(prompt: FittedPrompt, given: Sequence[ChatMessage]) -> list[ChatMessage]:
     """Return a fitted prompt in Inspect's messages: those that were given, and copies of those that are shorter."""
     shorter, trimmed = {*prompt.masked, *prompt.elided, *prompt.cut, *prompt.rewritten}, {*prompt.trimmed}
-    calls = [
-        call for message in given if isinstance(message, ChatMessageAssistant) for call in message.tool_calls or ()
-    ]
-    functions = {call.id: call.function for call in calls}
+    replies = (message for message in given if isinstance(message, ChatMessageAssistant))
+    functions = {call.id: call.function for reply in replies for call in reply.tool_calls or ()}
     shown: list[ChatMessage] = []
     for source, chat in zip(prompt.sources, prompt.messages, strict=True):
         if source is None:

@@ -15,13 +15,7 @@ from smartplay_tools.errors import extra_named
 with extra_named("ContextManagerMiddleware", "langchain"):
     from langchain.agents.middleware import AgentMiddleware, AgentState, ModelRequest, ModelResponse
     from langchain_core.language_models import BaseChatModel, LanguageModelInput
-    from langchain_core.messages import (
-        AIMessage,
-        AIMessageChunk,
-        BaseMessage,
-        ToolMessage,
-        convert_to_messages,
-    )
+    from langchain_core.messages import AIMessage, BaseMessage, ToolMessage, convert_to_messages
     from langchain_core.runnables import Runnable, RunnableConfig
     from langchain_core.tools import BaseTool
     from langchain_core.utils.function_calling import convert_to_openai_tool
@@ -178,8 +172,6 @@ def as_chats(messages: Sequence[BaseMessage]) -> list[Mapping[str, Any]]:
 def as_chat(message: BaseMessage, number: int) -> Mapping[str, Any]:
     """Return a message in the chat form, with everything that is sent of it; `number` is its position."""
     role = getattr(message, "role", None) or _ROLES.get(message.type.removesuffix("MessageChunk").lower())
-    if isinstance(message, AIMessageChunk):
-        role = "assistant"
     if role is None:
         raise InvalidArgumentError(f"Message {number} has the type {message.type!r}, which no prompt can have.")
     chat: dict[str, Any] = {"role": role, "content": message.content}

@@ -113,7 +113,7 @@ class Asking:
             ask = self._asked()
             try:
                 is_async = inspect.iscoroutinefunction(ask)
-                answer = ask(*made) if is_async else await asyncio.to_thread(ask, made[0], made[1])
+                answer = ask(*made) if is_async else await asyncio.to_thread(ask, *made)
                 if inspect.isawaitable(answer):
                     answer = await answer
             except Exception as error:  # whatever a model's client raises

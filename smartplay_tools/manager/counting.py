@@ -19,7 +19,6 @@ from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import Cut, cut_end, cut_middle
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, without_pictures
-from smartplay_tools.manager.plain import as_json
 from smartplay_tools.providers.reply_fields import ENCRYPTED, texts_in
 from smartplay_tools.types.tables import read_table
 
@@ -112,7 +111,6 @@ class MessageCounter:
         return self._cut(text, cap, self.counter.text, notice_of_cut)
 
     def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool, opens_calls: bool) -> Cost:
-        as_json(message)
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
         kind = form.kind(message)
         if kind == "word":

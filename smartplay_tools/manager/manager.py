@@ -24,7 +24,7 @@ from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.drafting import Drafts
 from smartplay_tools.manager.fitted import Conversation, FittedPrompt
 from smartplay_tools.manager.forms import Given, form_of
-from smartplay_tools.manager.plain import plain, plain_messages
+from smartplay_tools.manager.plain import check_plain, plain, plain_messages
 from smartplay_tools.manager.record import ThreadRecord
 from smartplay_tools.manager.settings import FormName, Settings
 from smartplay_tools.manager.summaries import Summaries
@@ -195,6 +195,15 @@ class ContextManager:
         return await self._asking.aanswered(self._fitting(messages, beside, form, thread))
 
     def _fitting(
+        self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
+    ) -> Fitting:
+        try:
+            return (yield from self._made(messages, beside, form, thread))
+        except (RecursionError, TypeError):
+            check_plain(messages)  # where no message is at fault, it is an error of another kind
+            raise
+
+    def _made(
         self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
     ) -> Fitting:
         asking, cap = self._asking, self.prompt_tokens

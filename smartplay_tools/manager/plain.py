@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import marshal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import repeat
 from typing import Any
@@ -49,16 +49,30 @@ def named(what: str) -> Iterator[None]:
         raise InvalidArgumentError(f"{what} {error}.") from None
 
 
-def as_json(value: Any, levels: int = 0) -> Any:
-    """Return a value as plain data; an `InvalidArgumentError` if it holds what is no JSON, or is nested too deep."""
+def check_plain(messages: Sequence[Any]) -> None:
+    """Raise an `InvalidArgumentError` for a message that holds what is no JSON, or is nested too deep."""
+    for number, message in enumerate(messages):
+        levels, values = 0, [message]
+        while values := [inner for value in values for inner in _inside(value)]:
+            levels += 1
+        with named(f"Message {number}"):
+            if levels > DEEPEST:
+                raise InvalidArgumentError(f"is nested {levels} levels deep, which cannot be read")
+            as_json(message)
+
+
+def _inside(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+
+
+def as_json(value: Any) -> Any:
+    """Return a value as plain data; an `InvalidArgumentError` if it holds what is no JSON."""
     if value is None or isinstance(value, str | int | float | bool):
         return value
-    if levels > DEEPEST:
-        raise InvalidArgumentError(f"is nested more than {DEEPEST} levels deep, which cannot be read")
     if isinstance(value, Mapping):
-        return {str(key): as_json(inner, levels + 1) for key, inner in value.items()}
+        return {str(key): as_json(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [as_json(inner, levels + 1) for inner in value]
+        return [as_json(inner) for inner in value]
     if callable(dump := getattr(value, "model_dump", None)):
         return dump(mode="json", exclude_none=True)
     raise InvalidArgumentError(

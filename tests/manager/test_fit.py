@@ -274,8 +274,8 @@ def nested(levels: int) -> dict[str, Any]:
         ("words", "Message 2 is str"),
         ({"role": "critic", "content": "Bad."}, "Message 2 has the role 'critic'"),
         ({"type": "item_reference", "id": "rs_1"}, "Message 2 is a reference"),
-        (nested(3_000), "Message 2 is nested more than 100 levels deep"),
-        ({"role": "user", "content": {1, 2}}, "Message 2 holds set, which is no JSON"),
+        (nested(3_000), "Message 2 is nested 3002 levels deep"),
+        ({"role": "user", "content": {1, 2}}, "Message 2 has content of the type set"),
         ({"content": "no role"}, "Message 2 has the role None"),
         ({"role": [], "content": "a list as a role"}, r"Message 2 has the role \[\]"),
         ({"role": "assistant", "tool_calls": 5}, "Message 2 has tool_calls that are no list of calls"),
@@ -292,6 +292,12 @@ def test_what_is_no_message_is_refused_by_position(message: Any, sentence: str):
 def test_a_part_of_a_type_that_nobody_knows_is_kept_as_it_is(kind: Any):
     strange = {"role": "user", "content": [{"type": kind}]}
     assert manager(1_000).fit([*HEAD, strange]).messages[-1] is strange
+
+
+@pytest.mark.parametrize("own", [nested(120), {"role": "user", "content": "Look.", "seen": {1, 2}, "raw": b"raw"}])
+def test_what_is_sent_or_ignored_whatever_it_holds_is_kept(own: dict[str, Any]):
+    """Calls of a degenerate model are nested deep, and an agent may keep data of its own beside a message."""
+    assert manager(100_000).fit([*HEAD, own]).messages[-1] is own
 
 
 def test_objects_of_a_client_are_read_and_kept():
