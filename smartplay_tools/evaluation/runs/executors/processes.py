@@ -6,7 +6,6 @@ record in the next round.
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
@@ -18,16 +17,16 @@ from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.transcript.file import append_exception
 
 
 class ProcessExecutor(Executor):
     """Plays in `workers` processes."""
 
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float], stop: StopFlag) -> None:
         _check_main_module()
-        super().__init__(workers, caps, spent)
-        self.stop = _SharedFlag()
+        super().__init__(workers, caps, spent, stop)
         self.limits = SharedLimits(caps, spent, processes=True) if caps else None
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
@@ -62,16 +61,3 @@ def _check_main_module() -> None:
             f"Worker processes import the program's main module, and {path} is not a file: put the program into one, or"
             ' pass executor="async" or executor="inline".'
         )
-
-
-class _SharedFlag:
-    """A flag in shared memory. It has no lock, so a signal handler may set it at any time."""
-
-    def __init__(self) -> None:
-        self._flag = multiprocessing.get_context("spawn").RawValue("b", 0)
-
-    def set(self) -> None:
-        self._flag.value = 1
-
-    def is_set(self) -> bool:
-        return bool(self._flag.value)
