@@ -31,7 +31,7 @@ from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.records.rows import Row
 from smartplay_tools.types.groups import grouped
 
-SEED, ROUNDS, READER = 29_112_526, (4, 8, 16), "reader"
+SEED, ROUNDS, READER = 29_112_526, (4, 8, 12, 16), "reader"
 CAP, SUMMARY = 740, 120
 """The cap on prompts, in tokens, and on a summary.
 

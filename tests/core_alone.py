@@ -44,7 +44,6 @@ COMMANDS = (
     ("serve", "mcp", GAME, "--http", "--port", "0"),
     ("serve", "window", GAME, "--port", "0"),
     ("model", "get", "--help"),
-    ("minedojo", "--help"),
 )
 
 

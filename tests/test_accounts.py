@@ -76,9 +76,9 @@ def accounts_of(record: Record) -> Accounts:
 
 
 def test_the_parts_are_what_they_are_called(record):
-    accounts = accounts_of(record)
-    assert all(sum(accounts.parts(view)) == view["tokens"] for view in record.views)
-    last = dict(zip(PARTS, accounts.parts(record.views[-1]), strict=True))
+    prompts = [*accounts_of(record).prompts()]
+    assert [*map(sum, prompts)] == [view["tokens"] for view in record.views]
+    last = dict(zip(PARTS, prompts[-1], strict=True))
     budget = sp.Budget(**record.facts["asked"])
     assert all(last[part] for part in ("task", "words", "calls", "observations"))
     assert bool(last["texts"]) == (budget.strategy is not None)

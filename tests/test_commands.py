@@ -47,13 +47,13 @@ OTHERS = {
 """Pages that are run elsewhere; `tests/adapters/test_frameworks.py` tests the program that runs most of them."""
 
 NOT_RUN = {
-    r"pip install|openhands/bin/pip|python3\.12 -m venv|uv sync|sudo ": "`.ci/wheel`, `.ci/framework`, people install",
+    r"pip install|\w+/bin/pip|python3\.1[12] -m venv|uv sync|sudo ": "`.ci/wheel`, `.ci/framework`, people install",
     r"make |\.ci/|(nice )?\.venv/bin/python (-m (pip|pytest|tests)|\.ci/)": "`.ci/run` does it, or it takes hours",
     r"(uv run )?inspect eval|vf-(eval|validate)": "`.ci/framework` has the environment, and runs the adapter there",
     r"prime ": "it needs an account",
     r"(python|openhands/bin/python) (experiments|benchmarks)/": "it takes hours; tests/test_experiments.py plays less",
     r"python examples/20": "it trains for minutes; tests/test_tiny_agent.py trains for less",
-    r"smartplay-tools (minedojo|model get|serve .*--player local)|export '?SMARTPLAY_MINEDOJO": "it fetches much",
+    r"smartplay-tools (model get|serve .*--player local)|export '?SMARTPLAY_MINEDOJO": "it fetches much",
     r"smartplay-tools (play .*(--player local|--engine minedojo)|eval .*local:|results runs/taught)": "it needs what "
     "the line before it has fetched or played",
     r"smartplay-tools (.*HigherOrLower|replay game|results runs/players|.*--plugins)": "tests/plugins has its package",

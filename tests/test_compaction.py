@@ -205,7 +205,7 @@ def test_a_manual_that_was_read_is_a_result_and_can_be_lost_and_read_again():
     (prompt,) = play(conversation, 1, call("read_manual"))
     assert manual not in str(prompt.messages)
     assert texts(play(conversation, 1)[0])[-1] == manual
-    whole = Record(events_of(conversation)).conversation.messages
+    whole = [message for turn in Record(events_of(conversation)).turns for message in turn.messages]
     assert [text_of(message) for message in whole].count(manual) == 2
 
 

@@ -235,7 +235,7 @@ def test_the_same_questions_go_to_another_player(tmp_path, monkeypatch, capsys):
     context.main()
     shown = capsys.readouterr().out
     assert shown.count("| `") == 2 * len(context.QUESTIONS["slack"]["vary"]["slack"])
-    assert (tmp_path / "slack" / "figures" / "effects-of-slack.svg").exists()
+    assert (tmp_path / "slack" / "figures" / "frontier.svg").exists()
 
 
 def test_a_custom_strategy_is_the_same_as_the_windows_own(experiments):

@@ -10,7 +10,6 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.exports import export
 from smartplay_tools.records import Record, sent_prompts
-from smartplay_tools.types import ToolCall
 from tests.evaluation.command import shown_by
 
 BUDGET = sp.Budget(prompt_tokens=700)
@@ -200,35 +199,12 @@ def test_summaries_have_rows_when_they_are_asked_for(tmp_path, form):
         assert (sent.prompt.messages[-1]["content"], summary["message"]["content"]) in taught
 
 
-def test_the_record_of_a_host_is_one_conversation(tmp_path):
-    with sp.Episode("MessengerL1-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
-        head, manual = episode.head, episode.manual_text
-        episode.call("read_manual")
-        first, second = episode.call_batch([ToolCall("act", {"action": "1"}), ToolCall("act", {"action": "9"})])
-        episode.end("host")
-    export(tmp_path / "host.jsonl", tmp_path / "data", "sft-chains")
-    (row,) = rows(tmp_path / "data")
-    messages = row["prompt"] + row["completion"]
-    assert [(m["role"], m["content"]) for m in messages] == [
-        *((m["role"], m["content"]) for m in head),
-        ("assistant", ""),
-        ("tool", manual),
-        ("assistant", ""),
-        ("tool", first.text),
-        ("tool", second.text),
-    ]
-    calls = [call for m in messages for call in m.get("tool_calls", ())]
-    assert [call["id"] for call in calls] == [m["tool_call_id"] for m in messages if m["role"] == "tool"]
-    assert [json.loads(call["function"]["arguments"]) for call in calls] == [{}, {"action": "1"}, {"action": "9"}]
-    assert [tool["function"]["name"] for tool in json.loads(row["tools"])] == ["observe", "act", "read_manual"]
-
-
 def test_prompts_of_a_host_are_not_recorded_and_not_invented(tmp_path):
     with sp.Episode("Hanoi3Disk-v0", seed=7, context="host", transcript=tmp_path / "host.jsonl") as episode:
         episode.call("act", {"action": "1"})
         episode.end("host")
-    with pytest.raises(sp.InvalidArgumentError, match="export it as sft-chains"):
-        export(tmp_path / "host.jsonl", tmp_path / "data", "sft")
+    with pytest.raises(sp.InvalidArgumentError, match="its host managed the context, so its prompts are not recorded"):
+        export(tmp_path / "host.jsonl", tmp_path / "data", "sft-chains")
 
 
 def test_episodes_with_pictures_are_left_out(tmp_path):

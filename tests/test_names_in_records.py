@@ -17,7 +17,7 @@ import smartplay_tools as sp
 from smartplay_tools.cli import app
 from smartplay_tools.episode.config import EpisodeConfig, Setting
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.drawings import draw
 from smartplay_tools.evaluation.run_folder.folder import Manifest
 from smartplay_tools.records import Record
 from smartplay_tools.records.accounts import Accounts
@@ -87,10 +87,9 @@ READERS: dict[str, Callable[[list[Any]], object]] = {
     "pictures": recorded_pictures,
     "requests": lambda events: requests_of(Record(events)),
     "prompts": lambda events: Record(events).answered,
-    "conversation": lambda events: Record(events).conversation,
     "accounts": lambda events: Accounts.of(Record(events)),
     "row": lambda events: row_of(Record(events), 0),
-    "drawing": lambda events: Drawings().draw(Record(events)),
+    "drawing": lambda events: draw(Record(events)),
 }
 
 ASKED: list[str] = []

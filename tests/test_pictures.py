@@ -259,8 +259,7 @@ def test_only_the_newest_pictures_are_shown(form, budget, expected):
     assert [shown_as(message) for message in last.prompt.messages if message["role"] == "tool"] == expected.split()
     assert len(last.prompt.pictures) <= budget["newest_pictures"]
     record = Record(events)
-    for view in record.views:
-        assert sum(Accounts.of(record).parts(view)) == view["tokens"]
+    assert [*map(sum, Accounts.of(record).prompts())] == [view["tokens"] for view in record.views]
 
 
 def test_no_picture_is_kept_that_no_prompt_can_show():

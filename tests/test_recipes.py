@@ -62,7 +62,7 @@ assert sp.replay("landmark.jsonl").identical
 record = Record.read("landmark.jsonl")
 assert all(sent.sha256 == sent.recorded_sha256 for sent in record.sent_prompts())
 assert any("pinned" in shown_turns(record, view) for view in record.views)
-assert all(sum(Accounts(record).parts(view)) == view["tokens"] for view in record.views)
+assert [*map(sum, Accounts(record).prompts())] == [view["tokens"] for view in record.views]
 
 command("eval", "--games", GAME, "--players", "rule", "--trials", "1", "--prompt-tokens", "700", "--landmark", "7",
         "--executor", "inline", "--out", "run", "--quiet")

@@ -144,7 +144,7 @@ def test_figures_of_a_strangers_folder(hostile_run: Path, tmp_path: Path):
     rows = RunFolder(hostile_run).rows()
     written = write_figures(rows, tmp_path, formats=["svg"], svg_text=True)
     drawn = {path.stem: path.read_text("utf-8") for path in written}
-    assert drawn.keys() == {"score-against-prompt-tokens", "effects-of-slack", "frontier"}
+    assert drawn.keys() == {"score-against-prompt-tokens", "frontier"}
     name = "\x1bowned\ud83d$"
     dots = capability_dots({HOSTILE: {game: [0.5] for game in sp.GAMES}})
     record = Record.read(next((hostile_run / "episodes").rglob("*.jsonl")))

@@ -54,13 +54,16 @@ def test_a_version_does_not_change(version):
 
 
 def test_every_sentence_is_used_and_every_version_has_all_of_them():
-    """Names in the code are strings; a sentence that none of them names would be dead."""
+    """Names in the code are strings; a sentence that none of them names would be dead, but for one of a gone harness.
+
+    A released version keeps it, because the sha256 in records is that of all its sentences.
+    """
     paths = [*(ROOT / "smartplay_tools").rglob("*.py"), *(ROOT / "adapters").rglob("*.py")]
     named = {name for path in paths for name in re.findall(r"[\"'](\w+)[\"']", path.read_text(encoding="utf-8"))}
     named |= {f"memory_{name}" for taken in COMMANDS.values() for name in taken}
     for version in versions():
         texts = Wording.of(version).texts
-        assert texts.keys() <= named
+        assert texts.keys() - named == {"too_many_calls"}
         assert texts.keys() == Wording.of(VERSION).texts.keys()
         placeholders = {name: set(re.findall(r"{(\w+)}", text)) for name, text in texts.items()}
         assert placeholders == {

@@ -15,14 +15,13 @@ from collections.abc import AsyncIterator, Awaitable, Iterator, Mapping, Sequenc
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from smartplay_gateway.window.messages_format import MESSAGES_FORMAT, block_events
 from smartplay_tools import Usage
 from smartplay_tools.players.wire import RESPONSES
 from smartplay_tools.types.arguments import object_in
 
 if TYPE_CHECKING:
     from starlette.requests import Request
-
-__all__ = ["GONE", "Report", "while_connected"]
 
 Json = dict[str, Any]
 
@@ -74,20 +73,8 @@ class Report:
         if self.form == "responses":
             answer = RESPONSES.write({"role": "assistant", "content": ""}, str(model), Usage())
             return self.whole({**answer, "output": [], "usage": None})
-        usage = {"input_tokens": 0, "output_tokens": 0}
-        answer = {"id": f"msg_{uuid.uuid4().hex}", "type": "message", "role": "assistant", "model": model}
-        return self.whole({**answer, "content": [], "stop_reason": stop, "stop_sequence": None, "usage": usage})
-
-    def stream(self, answer: Json) -> Iterator[Json]:
-        """Yield the events of such an answer."""
-        if self.form == "responses":
-            yield from ({**event, "type": kind} for kind, event in RESPONSES.stream(answer, {}) if type(event) is dict)
-            return
-        yield {"type": "message_start", "message": {**answer, "content": [], "stop_reason": None}}
-        yield from self._blocks()
-        delta = {"stop_reason": answer["stop_reason"], "stop_sequence": None}
-        yield {"type": "message_delta", "delta": delta, "usage": answer["usage"]}
-        yield {"type": "message_stop"}
+        answer = MESSAGES_FORMAT.write({"role": "assistant", "content": ""}, Usage(), {"model": model})
+        return self.whole({**answer, "content": [], "stop_reason": stop})
 
     def compacted_response(self, words: Sequence[Json]) -> Json:
         """Return the answer of `/responses/compact`: the words of users, and the item."""
@@ -178,20 +165,8 @@ class Report:
             given = message.get("usage")
             self._usage = dict(given) if isinstance(given, Mapping) else {}
         yield self._told(event) if kind == "message_delta" else event
-        if kind == "message_start":
-            yield from self._blocks()
-
-    def _blocks(self) -> Iterator[Json]:
-        """The events of the block in Messages; one that is signed comes whole."""
-        if self.compaction is None:
-            return
-        is_signed = "signature" in self.compaction
-        block = self.compaction if is_signed else {**self.compaction, "content": None}
-        yield {"type": "content_block_start", "index": 0, "content_block": block}
-        if not is_signed:
-            delta = {"type": "compaction_delta", "content": self.compaction["content"]}
-            yield {"type": "content_block_delta", "index": 0, "delta": delta}
-        yield {"type": "content_block_stop", "index": 0}
+        if kind == "message_start" and own is not None:
+            yield from (each for _, each in block_events(0, own))
 
 
 def iteration(kind: str, usage: Any) -> Json:

@@ -17,10 +17,11 @@ import math
 import uuid
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 from smartplay_gateway.answers import Report
-from smartplay_gateway.surfaces import COMPACT, Json, RefusedError, Surface
+from smartplay_gateway.surfaces import COMPACT, Json, Surface
 from smartplay_tools import ContextManager, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.compactors.provider_edits import (
     SUMMARY,
@@ -31,9 +32,8 @@ from smartplay_tools.compactors.provider_edits import (
     clearing_edits,
     summary_in,
 )
+from smartplay_tools.players.wire import RequestError
 from smartplay_tools.types.arguments import object_in
-
-__all__ = ["Managed", "NoSummaryError", "is_managed", "managed", "opened"]
 
 FIELD = "context_management"
 EDITS_BETA, THRESHOLD_BETA, DEMAND_BETA = "context-management-2025-06-27", "compact-2026-01-12", "compact-2026-09-04"
@@ -58,12 +58,11 @@ class _Summary(dict[str, Any]):
     """The message with a summary of ours; a user's message may begin with the same text."""
 
 
+refused = partial(RequestError, 400)
+"""A request that the provider would refuse, with the field that is wrong, or its own code of the error."""
+
 Ask = Callable[[Json], Awaitable[Json]]
 """Asks the model: a request whose prompt has been fitted, and the answer."""
-
-
-class NoSummaryError(Exception):
-    """The model gave no summary where nothing else was asked of it."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +87,8 @@ def is_managed(body: Json, surface: Surface) -> bool:
 async def managed(body: Json, surface: Surface, betas: str, manager: ContextManager, ask: Ask) -> Managed:
     """Return a request after the edits and the compaction that it asks for.
 
-    `betas` is the header `anthropic-beta`. What the provider would refuse is an `InvalidArgumentError`; a compaction
-    without a summary, where nothing else is asked for, is a `NoSummaryError`.
+    `betas` is the header `anthropic-beta`. What the provider would refuse raises, and so does a compaction without a
+    summary where nothing else is asked for.
     """
 
     def read() -> tuple[Json, list[Json] | None, Wish | None]:
@@ -115,11 +114,11 @@ def _cleared(body: Json, surface: Surface, betas: str, manager: ContextManager) 
     if not (edits := clearing_edits(given, Compact.name)):
         return body, None
     if EDITS_BETA not in _names(betas):
-        raise InvalidArgumentError(f"{FIELD}: Extra inputs are not permitted without the beta {EDITS_BETA}.")
+        raise refused(f"{FIELD}: Extra inputs are not permitted without the beta {EDITS_BETA}.")
     thinking = body.get("thinking")
     is_thinking = isinstance(thinking, Mapping) and thinking.get("type") in ("enabled", "adaptive")
     if isinstance(edits[0], ClearThinking) and not is_thinking:
-        raise InvalidArgumentError(f"`{ClearThinking.name}` strategy requires `thinking` to be enabled.")
+        raise refused(f"`{ClearThinking.name}` strategy requires `thinking` to be enabled.")
     if not all(isinstance(message, Mapping) for message in body["messages"]):
         return body, None  # the upstream says what is wrong with it
     made, reports = applied(edits, body["messages"], lambda messages: surface.count(body, messages, manager))
@@ -193,7 +192,7 @@ def _opened_items(items: list[Any]) -> list[Any]:
     kept, summary = held.get("kept"), held.get("summary")
     if not (isinstance(summary, str) and isinstance(kept, list) and all(isinstance(each, Mapping) for each in kept)):
         problem = f"The encrypted content of input[{at}] could not be verified; send the item as it came."
-        raise RefusedError(problem, param=f"input[{at}]", code="invalid_encrypted_content")
+        raise refused(problem, param=f"input[{at}]", code="invalid_encrypted_content")
     own = _Summary(type="message", role="user", content=SUMMARY + summary)
     return [*kept, own, *items[at + 1 :]]
 
@@ -205,15 +204,15 @@ def _opened_blocks(messages: list[Any], betas: Sequence[str]) -> list[Any]:
         return messages
     first = ours[0]
     if DEMAND_BETA not in betas and (THRESHOLD_BETA not in betas or any(each[2].get("signature") for each in ours)):
-        raise RefusedError(f"messages.{first[0]}.content.{first[1]}: Input tag 'compaction' is not expected here.")
+        raise refused(f"messages.{first[0]}.content.{first[1]}: Input tag 'compaction' is not expected here.")
     full = [each for each in ours if each[2].get("content") is not None]
     if any(block.get("signature") for _, _, block in full):
         if len([each for each in found if each[2].get("content") is not None]) > 1:
-            raise RefusedError("Send only the newest `compaction` block.", code="compaction_block_ambiguous")
+            raise refused("Send only the newest `compaction` block.", code="compaction_block_ambiguous")
         if full[0][:2] != (0, 0):
-            raise RefusedError("The `compaction` block has to come first.", code="compaction_block_misplaced")
+            raise refused("The `compaction` block has to come first.", code="compaction_block_misplaced")
         if full[0][2]["signature"] != _signature(full[0][2]["content"]):
-            raise RefusedError("`content` differs from what was signed.", code="compaction_content_mismatch")
+            raise refused("`content` differs from what was signed.", code="compaction_content_mismatch")
     at, index, newest = full[-1] if full else (0, -1, {})
     made: list[Any] = [{"role": "user", "content": SUMMARY + newest["content"]}] if full else []
     for number in range(at, len(messages)):
@@ -245,7 +244,7 @@ def _asked_of_responses(body: Json, surface: Surface) -> tuple[Wish | None, Json
     rest = {name: value for name, value in body.items() if name != FIELD}
     if triggers:
         if triggers != [len(items) - 1]:
-            raise RefusedError("A compaction_trigger must be the final input item.", param=f"input[{triggers[0]}]")
+            raise refused("A compaction_trigger must be the final input item.", param=f"input[{triggers[0]}]")
         rest[surface.messages] = items[:-1]
     entries = body.get(FIELD)
     if surface is COMPACT or triggers:
@@ -253,17 +252,17 @@ def _asked_of_responses(body: Json, surface: Surface) -> tuple[Wish | None, Json
     if entries is None or entries == []:
         return None, rest
     if not isinstance(entries, list) or len(entries) != 1 or not isinstance(entries[0], Mapping):
-        raise RefusedError("context_management is a list with one entry.", param=FIELD, code="invalid_value")
+        raise refused("context_management is a list with one entry.", param=FIELD, code="invalid_value")
     entry, param = entries[0], f"{FIELD}[0]"
     if entry.get("type") != "compaction":
         problem = f"Invalid value: {entry.get('type')!r}. Supported values are: 'compaction'."
-        raise RefusedError(problem, param=f"{param}.type", code="invalid_value")
+        raise refused(problem, param=f"{param}.type", code="invalid_value")
     if unknown := set(entry) - {"type", "compact_threshold"}:
-        raise RefusedError(f"Unknown parameter: {sorted(unknown)[0]!r}.", param=param, code="unknown_parameter")
+        raise refused(f"Unknown parameter: {sorted(unknown)[0]!r}.", param=param, code="unknown_parameter")
     try:
         return Wish(surface, OpenAICompaction(entry.get("compact_threshold")), "threshold"), rest
     except InvalidArgumentError as error:
-        raise RefusedError(str(error), param=f"{param}.compact_threshold", code="invalid_value") from None
+        raise refused(str(error), param=f"{param}.compact_threshold", code="invalid_value") from None
 
 
 def _asked_of_messages(body: Json, surface: Surface, betas: str) -> tuple[Wish | None, Json]:
@@ -274,37 +273,37 @@ def _asked_of_messages(body: Json, surface: Surface, betas: str) -> tuple[Wish |
     if not edits:
         return None, body
     if THRESHOLD_BETA not in _names(betas):
-        raise RefusedError(f"{FIELD}.edits.0: requires anthropic-beta: {THRESHOLD_BETA}.")
+        raise refused(f"{FIELD}.edits.0: requires anthropic-beta: {THRESHOLD_BETA}.")
     if len(edits) > 1:
-        raise RefusedError(f"{FIELD}.edits: only one edit of a type is permitted.")
+        raise refused(f"{FIELD}.edits: only one edit of a type is permitted.")
     options = {name: value for name, value in edits[0].items() if name != "type"}
     pauses = options.pop("pause_after_compaction", False)
     if unknown := set(options) - {"trigger", "instructions"}:
-        raise RefusedError(f"{FIELD}.edits.0.{sorted(unknown)[0]}: Extra inputs are not permitted.")
+        raise refused(f"{FIELD}.edits.0.{sorted(unknown)[0]}: Extra inputs are not permitted.")
     if not isinstance(pauses, bool):
-        raise RefusedError(f"{FIELD}.edits.0.pause_after_compaction: Input should be a valid boolean.")
+        raise refused(f"{FIELD}.edits.0.pause_after_compaction: Input should be a valid boolean.")
     if options.get("trigger", 0) is None:
         del options["trigger"]
     try:
         return Wish(surface, Compact(**options), "pause" if pauses else "threshold"), rest
     except InvalidArgumentError as error:
-        raise RefusedError(f"{FIELD}.edits.0: {error}") from None
+        raise refused(f"{FIELD}.edits.0: {error}") from None
 
 
 def _on_demand(body: Json, surface: Surface, betas: Sequence[str]) -> Compact:
     """The rule of a request that asks for a summary now."""
     wanted = body["compaction"]
     if DEMAND_BETA not in betas:
-        raise RefusedError(f"compaction: requires anthropic-beta: {DEMAND_BETA}.")
+        raise refused(f"compaction: requires anthropic-beta: {DEMAND_BETA}.")
     if not isinstance(wanted, Mapping) or wanted.get("type") != "summarize":
-        raise RefusedError("compaction: Input should be an object of the type 'summarize'.")
+        raise refused("compaction: Input should be an object of the type 'summarize'.")
     if unknown := set(wanted) - {"type", "instructions"}:
-        raise RefusedError(f"compaction.{sorted(unknown)[0]}: Extra inputs are not permitted.")
+        raise refused(f"compaction.{sorted(unknown)[0]}: Extra inputs are not permitted.")
     instructions, config, choice = wanted.get("instructions"), body.get("output_config"), body.get("tool_choice")
     if instructions is not None and not isinstance(instructions, str):
-        raise RefusedError("compaction.instructions: Input should be a valid string.")
+        raise refused("compaction.instructions: Input should be a valid string.")
     if len(instructions or "") > LONGEST_INSTRUCTIONS:
-        raise RefusedError(f"compaction.instructions: at most {LONGEST_INSTRUCTIONS} characters.")
+        raise refused(f"compaction.instructions: at most {LONGEST_INSTRUCTIONS} characters.")
     others = {
         FIELD: body.get(FIELD),
         "stop_sequences": body.get("stop_sequences"),
@@ -314,13 +313,13 @@ def _on_demand(body: Json, surface: Surface, betas: Sequence[str]) -> Compact:
     }
     for name, value in others.items():
         if value:
-            raise RefusedError(f"{name}: cannot be combined with `compaction`.")
+            raise refused(f"{name}: cannot be combined with `compaction`.")
     messages = [each for each in surface.conversation(body) or () if isinstance(each, Mapping)]
     if not any(each.get("content") for each in messages if each.get("role") in ("user", "assistant")):
-        raise RefusedError("`messages` holds nothing to summarize.", code="compaction_nothing_to_summarize")
+        raise refused("`messages` holds nothing to summarize.", code="compaction_nothing_to_summarize")
     last = messages[-1]
     if last.get("role") == "assistant" and any(_type(each) == "tool_use" for each in _parts(last)):
-        raise RefusedError("Send the results of the last tool calls first.", code="compaction_incomplete_turn")
+        raise refused("Send the results of the last tool calls first.", code="compaction_incomplete_turn")
     return Compact(1, instructions if instructions and instructions.strip() else None)
 
 
@@ -343,7 +342,7 @@ async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -
 
     least = await asyncio.to_thread(size, "")
     if cap is not None and least > cap and wish.is_now and kept:
-        raise RefusedError(
+        raise refused(
             f"A compaction keeps the words of users, which take {least:,} of {cap:,} tokens; nothing was asked.",
             param=field,
         )
@@ -359,7 +358,7 @@ async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -
     if summary is not None and not wish.is_now and cap is not None and await asyncio.to_thread(size, summary) > cap:
         summary = None
     if summary is None and wish.kind in ("trigger", "compact"):
-        raise NoSummaryError(f"The model gave no summary; its answer ended with {stop!r}.")
+        raise RequestError(500, f"The model gave no summary; its answer ended with {stop!r}.", code="no_summary")
     ends = None
     if wish.is_now:
         ends = "compaction" if summary is not None else stop or "end_turn"

@@ -29,12 +29,11 @@ with extra_named("An endpoint", "serve"):
     from starlette.types import ASGIApp, Receive, Scope, Send
 
 from smartplay_gateway.answers import GONE, while_connected
-from smartplay_gateway.compaction import NoSummaryError, is_managed, managed
-from smartplay_gateway.surfaces import COMPACT, RESPONSES as RESPONSES_SURFACE, Surface
+from smartplay_gateway.compaction import is_managed, managed
+from smartplay_gateway.surfaces import CHAT as CHAT_SURFACE, COMPACT, MESSAGES, RESPONSES as RESPONSES_SURFACE, Surface
 from smartplay_tools import (
     AsyncPlayer,
     ContextManager,
-    InvalidArgumentError,
     Message,
     Player,
     Prompt,
@@ -168,9 +167,14 @@ def event_text(event: Event) -> str:
     return f"event: {name}\ndata: {text}\n\n" if name else f"data: {text}\n\n"
 
 
-async def refuse(request: Request, error: RequestError) -> Response:
-    """Answer a request that is refused."""
-    return json_response(error.body(), error.status, error.headers)
+async def refuse(request: Request, error: Exception) -> Response:
+    """Answer a request that is refused, or at which the server failed, in the form of its interface."""
+    if isinstance(error, HTTPException):  # a path or a method that is not served
+        problem = f"{error.detail}: {request.method} {request.url.path}"
+        error = RequestError(error.status_code, problem, headers=error.headers)
+    told = error if isinstance(error, RequestError) else unexpected(error)
+    surface = MESSAGES if "/messages" in request.url.path else CHAT_SURFACE
+    return json_response(surface.refusal(told), told.status, told.headers)
 
 
 def unexpected(error: Exception) -> RequestError:
@@ -178,23 +182,12 @@ def unexpected(error: Exception) -> RequestError:
     return RequestError(500, f"{type(error).__name__}: {error}")
 
 
-async def fail(request: Request, error: Exception) -> Response:
-    """Answer a request at which the server failed."""
-    return json_response(unexpected(error).body(), 500)
-
-
-async def refuse_http(request: Request, error: HTTPException) -> Response:
-    """Answer a request to a path or with a method that is not served."""
-    refused = RequestError(error.status_code, f"{error.detail}: {request.method} {request.url.path}")
-    return json_response(refused.body(), error.status_code, error.headers)
-
-
 def model_object(name: str) -> dict[str, Any]:
     """Return a model's entry in the list of models."""
     return {"id": name, "object": "model", "created": 0, "owned_by": "smartplay-tools"}
 
 
-HANDLERS: dict[Any, Any] = {RequestError: refuse, HTTPException: refuse_http, Exception: fail}
+HANDLERS: dict[Any, Any] = dict.fromkeys((RequestError, HTTPException, Exception), refuse)
 """How an application answers exceptions."""
 
 
@@ -231,8 +224,7 @@ def endpoint_app(
         Route("/v1/models", endpoint.list_models),
         Route("/v1/models/{name:path}", endpoint.show_model),
     ]
-    handlers: Any = HANDLERS
-    app = Starlette(routes=routes, exception_handlers=handlers)
+    app = Starlette(routes=routes, exception_handlers=HANDLERS)
     return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
@@ -276,11 +268,8 @@ class _Endpoint:
         """The answer to a request with `context_management`, or with what a compaction has left."""
         try:
             made = await managed(body, surface, "", self._manager, self._ask_here)
-        except (PromptOverflowError, InvalidArgumentError) as error:
-            told = surface.refusal(error)["error"]
-            raise RequestError(400, told["message"], param=told["param"], code=told["code"]) from error
-        except NoSummaryError as error:
-            raise RequestError(500, str(error), code="no_summary") from error
+        except SmartPlayError as error:
+            raise surface.refused(error) from error
         if made.answer is not None:
             return made.answer
         if is_managed(made.body, RESPONSES_SURFACE) or surface is COMPACT:

@@ -15,10 +15,11 @@ from __future__ import annotations
 import asyncio
 import json
 import warnings
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 from urllib.parse import urlsplit
 
 from smartplay_tools.errors import extra_named
@@ -32,12 +33,14 @@ with extra_named("smartplay_gateway", "gateway"):
     from starlette.types import ASGIApp
 
 from smartplay_gateway.answers import GONE, Report, while_connected
-from smartplay_gateway.compaction import NoSummaryError, is_managed, managed, opened
-from smartplay_gateway.endpoint import json_response
-from smartplay_gateway.surfaces import CHAT, COUNTED, Json, Surface, surface_of
+from smartplay_gateway.compaction import is_managed, managed, opened
+from smartplay_gateway.endpoint import HANDLERS, event_text, json_response
+from smartplay_gateway.surfaces import CHAT, COUNTED, MESSAGES, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
-from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
+from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, SmartPlayError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
+from smartplay_tools.players.wire import RESPONSES, RequestError, Streaming
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web import Server, check_address, guarded
 
@@ -54,8 +57,8 @@ OF_A_CONNECTION |= {"proxy-connection", "te", "trailer", "transfer-encoding", "u
 Told = Callable[[str, FittedPrompt], None]
 """Is told the path of a request and its prompt."""
 
-Counted = Callable[[int], None]
-"""Is told the tokens of a prompt that an answer has reported; called in a thread."""
+Counted = Callable[[PromptTokens], None]
+"""Is told what an answer has reported of its prompt; called in a thread."""
 
 
 def passing_app(
@@ -74,22 +77,15 @@ def passing_app(
     client.headers.clear()  # nothing is sent that the client has not sent
 
     async def pass_on(request: Request) -> Response:
-        content = await request.body()
         surface = surface_of(request.url.path) if request.method == "POST" else None
-        body, form = None if surface is None else object_in(content), surface or CHAT
+        exchange = _Exchange(client, request, base, surface or CHAT, manager, told)
+        content = await request.body()
         try:
-            if surface is None or body is None:
-                if surface is not None and _is_too_deep(content):
-                    raise InvalidArgumentError("The request is nested too deeply to be counted.")
-                content = _countable(request, content)
-                return await _passed(await _sent(client, request, _target(base, request), content), surface)
-            return await _managed(_Exchange(client, request, base, surface, manager, told), body, content)
-        except (PromptOverflowError, InvalidArgumentError) as error:
-            return json_response(form.refusal(error), 400)
-        except NoSummaryError as error:
-            return json_response(form.refusal(error), 500, {"x-should-retry": "false"})
-        except TranscriptError as error:
-            return json_response(form.refusal(error), 500)
+            if surface is None or (body := _object(content)) is None:
+                return exchange.passed(await exchange.sent(_countable(request, content)))
+            return await exchange.fitted(body, content)
+        except SmartPlayError as error:
+            raise exchange.surface.refused(error) from error
         except _UnansweredError as error:
             return error.response
 
@@ -101,8 +97,8 @@ def passing_app(
         yield
         await client.aclose()
 
-    methods = ["GET", "POST", "PUT", "PATCH", "DELETE", "HEAD"]
-    app = Starlette(routes=[Route("/{path:path}", pass_on, methods=methods)], lifespan=lifespan)
+    route = Route("/{path:path}", pass_on, methods=["GET", "POST", "PUT", "PATCH", "DELETE", "HEAD"])
+    app = Starlette(routes=[route], exception_handlers=HANDLERS, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, largest=LARGEST)
 
 
@@ -144,31 +140,15 @@ def checked_address(upstream: str) -> str:
     return upstream.rstrip("/")
 
 
-def _target(base: str, request: Request) -> str:
-    """The upstream's address of a request: a base URL that has a path has the version in it."""
-    path: str = request.scope["raw_path"].decode("ascii")
-    if urlsplit(base).path:
-        path = path.removeprefix("/v1")
-    return base + path + (f"?{request.url.query}" if request.url.query else "")
-
-
-def _record_count(manager: ContextManager, prompt: FittedPrompt, managed: bool, tokens: int) -> None:
-    """Record the tokens of a prompt; its answer has passed, so that a record that cannot be written is a warning."""
+def _object(content: bytes) -> Json | None:
+    """The object that a body holds; one that its server may read, and that cannot be counted here, is refused."""
     try:
-        manager.reported(prompt, tokens, managed=managed)
-    except TranscriptError as error:
-        warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
-
-
-def _is_too_deep(content: bytes) -> bool:
-    """Whether a body may be JSON that its server can read, but that cannot be read here."""
-    try:
-        json.loads(content)
+        value = json.loads(content)
     except RecursionError:
-        return True
+        raise InvalidArgumentError("The request is nested too deeply to be counted.") from None
     except ValueError:
-        pass
-    return False
+        return None
+    return value if isinstance(value, dict) else None
 
 
 def _countable(request: Request, content: bytes) -> bytes:
@@ -177,8 +157,21 @@ def _countable(request: Request, content: bytes) -> bytes:
     body = None if surface is None or request.method != "POST" else object_in(content)
     if surface is None or body is None:
         return content
-    made = opened(body, surface, ",".join(request.headers.getlist("anthropic-beta")))
+    made = opened(body, surface, _betas(request))
     return content if made is body else json.dumps(made).encode()
+
+
+def _betas(request: Request) -> str:
+    return ",".join(request.headers.getlist("anthropic-beta"))
+
+
+def _record_count(manager: ContextManager, prompt: FittedPrompt, managed: bool, reader: PromptTokens) -> None:
+    """Record the tokens that an answer has reported; it has passed, so a record that cannot be written is a warning."""
+    try:
+        if (tokens := reader.count()) is not None:
+            manager.reported(prompt, tokens, managed=managed)
+    except TranscriptError as error:
+        warnings.warn(str(error), SmartPlayWarning, stacklevel=2)
 
 
 class _UnansweredError(Exception):
@@ -191,7 +184,7 @@ class _UnansweredError(Exception):
 
 @dataclass(frozen=True)
 class _Exchange:
-    """A request of a client whose prompt is read, and what it takes to send it on."""
+    """A request of a client, and what it takes to send it on."""
 
     client: httpx2.AsyncClient
     request: Request
@@ -200,14 +193,33 @@ class _Exchange:
     manager: ContextManager
     told: Told | None
 
-    async def fitted(self, body: Json) -> tuple[FittedPrompt | None, Counted | None]:
-        """Return the prompt of a body, and who is told what an answer reports for it."""
+    async def fitted(self, body: Json, content: bytes) -> Response:
+        """Return the answer to a request whose prompt is read."""
+        made = await managed(body, self.surface, _betas(self.request), self.manager, self.ask)
+        if made.answer is not None:
+            if not body.get("stream"):
+                return json_response(made.answer)
+            form: Streaming = MESSAGES_FORMAT if self.surface is MESSAGES else RESPONSES
+            events = map(event_text, form.stream(made.answer, {}))
+            return Response("".join(events), media_type="text/event-stream")
+        given = made.body.get(self.surface.messages)
+        messages, counted = await self.fit(made.body)
+        if isinstance(given, str):
+            messages = given
+        if made.body is not body or messages != given:
+            content = json.dumps({**made.body, self.surface.messages: messages}).encode()
+        is_read = made.report is not None
+        return self.passed(await self.sent(content, is_read=is_read), counted, made.report, is_read=is_read)
+
+    async def fit(self, body: Json) -> tuple[Any, Counted | None]:
+        """Return the messages that are sent for a body, and who is told what an answer reports for them."""
         prompt = await asyncio.to_thread(self.surface.fitted, body, self.manager)
-        if prompt is not None and self.told is not None:
+        if prompt is None:
+            return body.get(self.surface.messages), None
+        if self.told is not None:
             self.told(self.request.url.path, prompt)
-        if prompt is None or prompt.recorded_as is None:
-            return prompt, None
-        return prompt, partial(_record_count, self.manager, prompt, is_managed(body, self.surface))
+        counted = partial(_record_count, self.manager, prompt, is_managed(body, self.surface))
+        return prompt.messages, None if prompt.recorded_as is None else counted
 
     async def ask(self, body: Json) -> Json:
         """Return the upstream's whole answer to a request that the endpoint makes itself.
@@ -219,106 +231,82 @@ class _Exchange:
         return answer
 
     async def _ask(self, body: Json) -> Json:
-        prompt, counted = await self.fitted(body)
-        messages = body[self.surface.messages] if prompt is None else prompt.messages
-        content = json.dumps({**body, self.surface.messages: messages}).encode()
-        target = _target(self.base, self.request).replace("/responses/compact", "/responses")
-        answer = await _sent(self.client, self.request, target, content, is_read=True)
-        passed = await _passed(answer, self.surface, counted, is_read=True)
+        messages, counted = await self.fit(body)
+        answer = await self.sent(json.dumps({**body, self.surface.messages: messages}).encode(), is_read=True)
+        passed = self.passed(answer, counted, is_read=True)
         try:
             read = b"".join([piece async for piece in passed.body_iterator if isinstance(piece, bytes)])
         except (httpx2.TransportError, httpx2.DecodingError) as error:
             problem = f"The upstream's answer to the question for a summary broke off: {type(error).__name__} {error}"
-            told = self.surface.refusal(InvalidArgumentError(problem.rstrip()))
-            raise _UnansweredError(json_response(told, 502, {"x-should-retry": "false"})) from None
-        value = object_in(read)
-        if answer.status_code != 200 or value is None:
+            raise RequestError(502, problem.rstrip()) from None
+        value, status = object_in(read), answer.status_code
+        if status != 200 or value is None:
             headers = {"content-type": answer.headers.get("content-type", "")}
-            raise _UnansweredError(Response(read, answer.status_code if answer.status_code != 200 else 502, headers))
+            raise _UnansweredError(Response(read, status if status != 200 else 502, headers))
         return value
 
-
-async def _managed(exchange: _Exchange, body: Json, content: bytes) -> Response:
-    """The answer to a request whose prompt is read."""
-    surface, request = exchange.surface, exchange.request
-    betas = ",".join(request.headers.getlist("anthropic-beta"))
-    made = await managed(body, surface, betas, exchange.manager, exchange.ask)
-    if made.answer is not None and made.report is not None:
-        if not body.get("stream"):
-            return json_response(made.answer, 200)
-        events = [f"event: {each['type']}\ndata: {json.dumps(each)}\n\n" for each in made.report.stream(made.answer)]
-        return Response("".join(events), media_type="text/event-stream")
-    prompt, counted = await exchange.fitted(made.body)
-    given = made.body.get(surface.messages)
-    is_other = prompt is not None and not isinstance(given, str) and prompt.messages != given
-    if made.body is not body or is_other:
-        messages = given if prompt is None or isinstance(given, str) else prompt.messages
-        content = json.dumps({**made.body, surface.messages: messages}).encode()
-    is_read = made.report is not None
-    answer = await _sent(exchange.client, request, _target(exchange.base, request), content, is_read=is_read)
-    return await _passed(answer, surface, counted, made.report, is_read=is_read)
-
-
-async def _sent(
-    client: httpx2.AsyncClient, request: Request, target: str, content: bytes, *, is_read: bool = False
-) -> httpx2.Response:
-    """The upstream's answer to a client's request with this content; one that `is_read` comes as it can be read."""
-    headers = [(name, value) for name, value in request.headers.raw if name.decode().lower() not in OF_A_CONNECTION]
-    if is_read:
-        headers = [(name, value) for name, value in headers if name.lower() != b"accept-encoding"]
-    sent = client.build_request(request.method, target, headers=headers, content=content or None)
-    try:
-        return await client.send(sent, stream=True)
-    except httpx2.TransportError as error:
-        where = urlsplit(target).netloc.rpartition("@")[2]  # without a password
-        problem = f"The upstream {where} does not answer: {type(error).__name__} {error}".rstrip()
-        form = surface_of(request.url.path) or CHAT
-        raise _UnansweredError(json_response(form.refusal(InvalidArgumentError(problem)), 502)) from None
-
-
-async def _passed(
-    answer: httpx2.Response,
-    surface: Surface | None,
-    counted: Counted | None = None,
-    report: Report | None = None,
-    *,
-    is_read: bool = False,
-) -> StreamingResponse:
-    """The upstream's answer, piece by piece as it comes; `counted` is told what it reports, once it has passed.
-
-    With a report it says what was done to its prompt, if it is an answer at all.
-    """
-    told: Mapping[str, str] = answer.headers
-    incoming: AsyncIterator[bytes] = answer.aiter_raw()
-    left_out = OF_A_CONNECTION
-    if is_read:
-        told, left_out = {"content-type": told.get("content-type", "")}, OF_A_CONNECTION | {"content-encoding"}
-        incoming = answer.aiter_bytes()
-    reader = PromptTokens(surface.form, told) if surface is not None and counted is not None else None
-
-    async def taken() -> AsyncIterator[bytes]:
-        async for piece in incoming:
-            yield piece
-            if reader is not None:
-                reader.take(piece)
-
-    async def pieces() -> AsyncIterator[bytes]:
-        is_stream = told["content-type"].startswith("text/event-stream") if is_read else False
+    async def sent(self, content: bytes, *, is_read: bool = False) -> httpx2.Response:
+        """Return the upstream's answer to the request with this content; one that `is_read` comes as it can be read."""
+        left_out = OF_A_CONNECTION | ({"accept-encoding"} if is_read else set())
+        headers = _without(left_out, self.request.headers.raw)
+        target = self._target.replace("/responses/compact", "/responses") if is_read else self._target
+        sent = self.client.build_request(self.request.method, target, headers=headers, content=content or None)
         try:
-            async for piece in taken() if report is None else report.passed(taken(), is_stream=is_stream):
+            return await self.client.send(sent, stream=True)
+        except httpx2.TransportError as error:
+            where = urlsplit(target).netloc.rpartition("@")[2]  # without a password
+            problem = f"The upstream {where} does not answer: {type(error).__name__} {error}".rstrip()
+            raise RequestError(502, problem, headers={"x-should-retry": "true"}) from None
+
+    @property
+    def _target(self) -> str:
+        """The upstream's address of the request: a base URL that has a path has the version in it."""
+        path: str = self.request.scope["raw_path"].decode("ascii")
+        if urlsplit(self.base).path:
+            path = path.removeprefix("/v1")
+        return self.base + path + (f"?{self.request.url.query}" if self.request.url.query else "")
+
+    def passed(
+        self,
+        answer: httpx2.Response,
+        counted: Counted | None = None,
+        report: Report | None = None,
+        *,
+        is_read: bool = False,
+    ) -> StreamingResponse:
+        """Return the upstream's answer, piece by piece as it comes; `counted` is told what it reports, at its end.
+
+        With a report it says what was done to its prompt, if it is an answer at all.
+        """
+        incoming = answer.aiter_bytes() if is_read else answer.aiter_raw()
+
+        async def taken(reader: PromptTokens) -> AsyncIterator[bytes]:
+            async for piece in incoming:
                 yield piece
-        finally:
-            if reader is not None and counted is not None:
-                # In a thread, and not awaited: the end of the answer does not wait for a disk.
-                asyncio.get_running_loop().run_in_executor(None, _tell, reader, counted)
-            await answer.aclose()
+                if counted is not None:
+                    reader.take(piece)
 
-    passed = StreamingResponse(pieces(), answer.status_code)
-    kept = [(name.lower(), value) for name, value in answer.headers.raw if name.decode().lower() not in left_out]
-    passed.raw_headers = kept
-    return passed
+        async def pieces() -> AsyncIterator[bytes]:
+            reader = PromptTokens(self.surface.form, passed.headers)
+            is_stream = passed.headers.get("content-type", "").startswith("text/event-stream")
+            try:
+                async for piece in (
+                    taken(reader) if report is None else report.passed(taken(reader), is_stream=is_stream)
+                ):
+                    yield piece
+            finally:
+                if counted is not None:
+                    # In a thread, and not awaited: the end of the answer does not wait for a disk.
+                    asyncio.get_running_loop().run_in_executor(None, counted, reader)
+                await answer.aclose()
+
+        passed = StreamingResponse(pieces(), answer.status_code)
+        passed.raw_headers = _without(
+            OF_A_CONNECTION | ({"content-encoding"} if is_read else set()), answer.headers.raw
+        )
+        return passed
 
 
-def _tell(reader: PromptTokens, counted: Counted) -> None:
-    if (tokens := reader.count()) is not None:
-        counted(tokens)
+def _without(left_out: Collection[str], headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+    """Headers but some, by their names in lower case."""
+    return [(name.lower(), value) for name, value in headers if name.decode().lower() not in left_out]

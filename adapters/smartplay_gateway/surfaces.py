@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError, SmartPlayError
+from smartplay_tools.errors import TranscriptError
 from smartplay_tools.players.wire import RequestError
-
-__all__ = ["CHAT", "COMPACT", "COUNTED", "MESSAGES", "RESPONSES", "Json", "RefusedError", "Surface", "surface_of"]
 
 Json = dict[str, Any]
 
@@ -17,12 +16,14 @@ STORED = ("previous_response_id", "conversation", "prompt")
 """Fields of a request to Responses that stand for what the provider keeps."""
 
 
-class RefusedError(InvalidArgumentError):
-    """A request that the provider would refuse, with the field that is wrong, or its own code of the error."""
-
-    def __init__(self, problem: str, *, param: str | None = None, code: str | None = None) -> None:
-        super().__init__(problem)
-        self.param, self.code = param, code
+KINDS = {
+    400: "invalid_request_error",
+    401: "authentication_error",
+    404: "not_found_error",
+    413: "request_too_large",
+    503: "overloaded_error",
+}
+"""Anthropic's types of errors by status; any other is an `api_error`."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +74,21 @@ class Surface:
             wanted = body.get("response_format", body.get("output_format"))
         return wanted.get("json_schema", wanted.get("schema")) if isinstance(wanted, Mapping) else None
 
-    def refusal(self, error: Exception) -> Mapping[str, Any]:
-        """Return the body of a refusal in the provider's form."""
-        is_long = isinstance(error, PromptOverflowError)
-        param, code = getattr(error, "param", None), getattr(error, "code", None)
+    def refused(self, error: SmartPlayError) -> RequestError:
+        """Return the refusal of a prompt that cannot be sent, as the provider words it."""
+        is_long, status = isinstance(error, PromptOverflowError), 500 if isinstance(error, TranscriptError) else 400
         if self.form == "anthropic":
-            words = f"prompt is too long: {error}" if is_long else str(error)
-            told: Json = {"type": "invalid_request_error", "message": words}
-            return {"type": "error", "error": told | ({"details": {"error_code": code}} if code else {})}
-        code = "context_length_exceeded" if is_long else code or "invalid_prompt"
-        return RequestError(400, str(error), param=param or self.messages, code=code).body()
+            return RequestError(status, f"prompt is too long: {error}" if is_long else str(error))
+        code = "context_length_exceeded" if is_long else "invalid_prompt"
+        return RequestError(status, str(error), param=self.messages, code=code)
+
+    def refusal(self, error: RequestError) -> Json:
+        """Return the body of a refusal in the provider's form; a code is where its clients look for one."""
+        if self.form != "anthropic":
+            return error.body()
+        details = {"details": {"error_code": error.code}} if error.code else {}
+        told = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
+        return {"type": "error", "error": told}
 
 
 CHAT = Surface("chat", "messages", None)

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from uuid import uuid4
 
 from langchain_core.language_models import BaseChatModel, LanguageModelInput
@@ -31,6 +31,8 @@ from smartplay_tools.players.cache_marks import CacheMarks
 
 Tools = Sequence[BaseTool | dict[str, Any]]
 
+Asked: TypeAlias = Runnable[LanguageModelInput, AIMessage]
+
 ToolChoice = str | Mapping[str, Any]
 """A value of a model's setting `tool_choice`."""
 
@@ -46,22 +48,29 @@ class PromptSettings:
     cache: CacheMarks = True
     """What is marked for the provider's cache."""
 
-    def of(
-        self, prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any] = MappingProxyType({})
-    ) -> dict[str, Any]:
-        """Return the settings of a request with those of a prompt; a cap that the model was made with counts, too."""
-        own = dict(settings)
-        if self.limit_field in model.model_fields_set:
-            own.setdefault(self.limit_field, getattr(model, self.limit_field))
-        if self.cache:
-            own |= cache_key(prompt, model, own)
-        return prompt.settings(own, cap=self.limit_field, no_tools=self.summary_tool_choice)
+    def request(
+        self, prompt: Prompt, model: BaseChatModel, tools: Tools, own: Mapping[str, Any] = MappingProxyType({})
+    ) -> tuple[Asked, list[AnyMessage]]:
+        """Return the model with a prompt's settings, and the prompt's messages for it.
 
-    def messages(
-        self, prompt: Prompt, model: BaseChatModel, settings: Mapping[str, Any] = MappingProxyType({})
-    ) -> list[AnyMessage]:
-        """Return the messages of a prompt for a request with these settings."""
-        return messages_for(prompt, model, self.cache, settings)
+        Arguments:
+            prompt: the prompt.
+            model: the model; a cap that it was made with counts, too.
+            tools: the tools of the request, of which the prompt's are offered, in its order.
+            own: the settings of the request.
+        """
+        settings = dict(own)
+        if self.limit_field in model.model_fields_set:
+            settings.setdefault(self.limit_field, getattr(model, self.limit_field))
+        if self.cache:
+            settings |= cache_key(prompt, model, settings)
+        settings = prompt.settings(settings, cap=self.limit_field, no_tools=self.summary_tool_choice)
+        by_name = {spec_of(tool).name: tool for tool in tools}
+        offered = [by_name[spec.name] for spec in prompt.tools]
+        bound = model.bind_tools(offered, **settings) if offered else model.bind(**settings)
+        if prompt.purpose != "play":
+            bound = bound.with_config(tags=[SUMMARY_TAG])
+        return bound, messages_for(prompt, model, self.cache, own)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,18 +78,6 @@ class ModelReply(Reply):
     """A reply, and the message of LangChain's that it was read from."""
 
     source: AIMessage
-
-
-@dataclass
-class RequestOutcome:
-    """The outcome of one request for a reply."""
-
-    reply: ModelReply | None = None
-    """The latest reply of the model; None if there was none."""
-    discarded: list[ModelReply] = field(default_factory=list)
-    """Earlier replies, which a middleware discarded to ask again."""
-    over: bool = False
-    """Whether there was no further prompt, so that the model was not asked."""
 
 
 Prepare = Callable[[Sequence[SystemMessage], Sequence[BaseMessage], Tools], AgentSession]
@@ -115,15 +112,15 @@ class StandIn:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
 
-    def request(self, tools: Tools, settings: dict[str, Any]) -> Runnable[LanguageModelInput, AIMessage]:
+    def request(self, tools: Tools, settings: dict[str, Any]) -> Asked:
         """Return a runnable that makes a prompt and sends it with these tools and settings."""
         raise NotImplementedError
 
-    def bind_tools(self, tools: Tools, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
+    def bind_tools(self, tools: Tools, **settings: Any) -> Asked:
         """Return a runnable that makes a prompt and sends it, with these tools and settings."""
         return self.request(tools, settings)
 
-    def bind(self, **settings: Any) -> Runnable[LanguageModelInput, AIMessage]:
+    def bind(self, **settings: Any) -> Asked:
         """Return a runnable that makes a prompt and sends it, with these settings and no tools."""
         return self.request((), settings)
 
@@ -148,9 +145,14 @@ class WindowedModel(StandIn):
         super().__init__(model)
         self._state, self._prepare = state, prepare
         self._prompt_settings = prompt_settings
-        self.outcome = RequestOutcome()
+        self.reply: ModelReply | None = None
+        """The latest reply of the model; None if there was none."""
+        self.discarded: list[ModelReply] = []
+        """Earlier replies, which a middleware discarded to ask again."""
+        self.is_over = False
+        """Whether there was no further prompt, so that the model was not asked."""
 
-    def request(self, tools: Tools, settings: dict[str, Any]) -> Runnable[LanguageModelInput, AIMessage]:
+    def request(self, tools: Tools, settings: dict[str, Any]) -> Asked:
         """Return a runnable that sends the window to the model, with these tools and settings."""
         return _Request(self, tools, settings)
 
@@ -166,7 +168,8 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
 
         def send(prompt: Prompt) -> ModelReply:
             try:
-                return read_reply(self._bound(prompt).invoke(self._messages(prompt), config))
+                model, messages = self._request(prompt)
+                return read_reply(model.invoke(messages, config))
             except Exception as error:
                 return read_error(error)
 
@@ -178,7 +181,8 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
 
         async def send(prompt: Prompt) -> ModelReply:
             try:
-                return read_reply(await self._bound(prompt).ainvoke(self._messages(prompt), config))
+                model, messages = self._request(prompt)
+                return read_reply(await model.ainvoke(messages, config))
             except Exception as error:
                 return read_error(error)
 
@@ -193,21 +197,18 @@ class _Request(Runnable[LanguageModelInput, AIMessage]):
         return stand_in._prepare(_once(system), others, self._tools)
 
     def _replied(self, reply: ModelReply | None) -> AIMessage:
-        outcome = self._stand_in.outcome
-        outcome.over = reply is None
+        asked = self._stand_in
+        asked.is_over = reply is None
         if reply is None:
             return OVER
-        if outcome.reply is not None:
-            outcome.discarded.append(outcome.reply)
-        outcome.reply = reply
+        if asked.reply is not None:
+            asked.discarded.append(asked.reply)
+        asked.reply = reply
         return reply.source
 
-    def _messages(self, prompt: Prompt) -> list[AnyMessage]:
-        return self._stand_in._prompt_settings.messages(prompt, self._stand_in._model, self._settings)
-
-    def _bound(self, prompt: Prompt) -> Runnable[LanguageModelInput, AIMessage]:
-        settings = self._stand_in._prompt_settings.of(prompt, self._stand_in._model, self._settings)
-        return bind(self._stand_in._model, self._tools, settings, prompt)
+    def _request(self, prompt: Prompt) -> tuple[Asked, list[AnyMessage]]:
+        asked = self._stand_in
+        return asked._prompt_settings.request(prompt, asked._model, self._tools, self._settings)
 
 
 SUMMARY_TAG = "smartplay-summary"
@@ -215,16 +216,6 @@ SUMMARY_TAG = "smartplay-summary"
 
 OVER = AIMessage("The episode is over.")
 """The reply that an agent gets if there is no further prompt, because it expects one."""
-
-
-def bind(
-    model: BaseChatModel, tools: Tools, settings: Mapping[str, Any], prompt: Prompt
-) -> Runnable[LanguageModelInput, AIMessage]:
-    """Return the model with the tools, in the order of the prompt, and these settings."""
-    by_name = {spec_of(tool).name: tool for tool in tools}
-    offered = [by_name[spec.name] for spec in prompt.tools]
-    bound = model.bind_tools(offered, **settings) if offered else model.bind(**settings)
-    return bound.with_config(tags=[SUMMARY_TAG]) if prompt.purpose != "play" else bound
 
 
 def spec_of(tool: BaseTool | dict[str, Any]) -> ToolSpec:

@@ -12,21 +12,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from langchain_core.language_models import BaseChatModel
 from langchain_core.messages import AIMessage, AnyMessage, BaseMessage, HumanMessage, SystemMessage, ToolMessage
 from langchain_core.tools import BaseTool
 
-from smartplay_langchain.asking import PromptSettings, RequestOutcome, ToolChoice, Tools, WindowedModel, spec_of
-from smartplay_langchain.calls import (
-    HELD,
-    OURS,
-    TURN,
-    CallPlayer,
-    after_latest_reply,
-    is_ours,
-)
+from smartplay_langchain.asking import PromptSettings, ToolChoice, Tools, WindowedModel, spec_of
+from smartplay_langchain.calls import HELD, OURS, TURN, CallPlayer, after_latest_reply, is_ours
 from smartplay_langchain.messages import from_langchain, to_langchain
 from smartplay_langchain.toolkit import artifact_of, is_of_a_game
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError, Message, ToolResult
@@ -47,7 +41,6 @@ class GraphSession(CallPlayer):
             as most models spell it, or `{"type": "none"}` for `ChatAnthropic`.
         cache: what is sent for the provider's cache, as for `LangChainPlayer`.
         foreign_tools: other tools of the graph; their calls are left to its tool node.
-        only_game_tools: whether the model is shown the game's tools only.
         pictures: whether the model sees pictures; without it, an episode whose observations are pictures is refused.
     """
 
@@ -60,11 +53,9 @@ class GraphSession(CallPlayer):
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
         foreign_tools: Sequence[BaseTool | dict[str, Any]] = (),
-        only_game_tools: bool = False,
         pictures: bool = False,
     ) -> None:
         super().__init__(HostChat(episode, player=player, not_run="agent_did_not_run", pictures=pictures))
-        self._only_game_tools = only_game_tools
         self._history = HostHistory[BaseMessage](self.episode.counter, lambda message: (message.id, str(message.text)))
         self.prompt_settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
         self._all_tools = [*self.tools, *foreign_tools]
@@ -82,7 +73,7 @@ class GraphSession(CallPlayer):
             return known
         added, windowed = self.update(messages), self.windowed(model, messages)
         windowed.bind_tools(self._all_tools).invoke(messages)
-        return [*added, *self._reply_of(windowed.outcome)]
+        return [*added, *self._reply_of(windowed)]
 
     async def aask(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Call the model as `ask` does, without blocking the event loop."""
@@ -90,7 +81,7 @@ class GraphSession(CallPlayer):
             return known
         added, windowed = await asyncio.to_thread(self.update, messages), self.windowed(model, messages)
         await windowed.bind_tools(self._all_tools).ainvoke(messages)
-        return [*added, *self._reply_of(windowed.outcome)]
+        return [*added, *self._reply_of(windowed)]
 
     def _without_asking(self, messages: Sequence[BaseMessage]) -> list[AnyMessage] | None:
         """Return the notice for a sub-agent, or the recorded reply that the state lacks; None to ask a model."""
@@ -98,8 +89,8 @@ class GraphSession(CallPlayer):
             return [AIMessage(self.episode.words("sub_agent"))]
         return self.recorded_reply(messages)
 
-    def _reply_of(self, outcome: RequestOutcome) -> list[AnyMessage]:
-        return [] if outcome.over else self.receive(outcome)
+    def _reply_of(self, asked: WindowedModel) -> list[AnyMessage]:
+        return [] if asked.is_over else self.receive(asked)
 
     # The parts of it, for the middleware.
 
@@ -137,10 +128,9 @@ class GraphSession(CallPlayer):
     def prepare(
         self,
         messages: Sequence[BaseMessage],
-        *,
-        tools: Sequence[BaseTool | dict[str, Any]],
-        system: Sequence[SystemMessage] = (),
-        added: Sequence[BaseMessage] = (),
+        system: Sequence[SystemMessage],
+        added: Sequence[BaseMessage],
+        tools: Tools,
     ) -> AgentSession:
         """Return the session, ready for its next prompt, given the messages in the state.
 
@@ -154,7 +144,7 @@ class GraphSession(CallPlayer):
             raise InvalidArgumentError(
                 f"A middleware has removed {', '.join(missing)}; every request must offer the game's tools."
             )
-        foreign = [] if self._only_game_tools else [spec for spec in specs if spec.name not in own]
+        foreign = [spec for spec in specs if spec.name not in own]
         head = [*map(from_langchain, system)]
         if self.session is None:
             first = map(from_langchain, (*messages, *added))
@@ -166,41 +156,34 @@ class GraphSession(CallPlayer):
 
     def windowed(self, model: BaseChatModel, messages: Sequence[BaseMessage]) -> WindowedModel:
         """Return what asks the model with the next prompt, given the messages in the state."""
+        return WindowedModel(model, messages, partial(self.prepare, messages), self.prompt_settings)
 
-        def prepare(system: Sequence[SystemMessage], added: Sequence[BaseMessage], tools: Tools) -> AgentSession:
-            return self.prepare(messages, tools=tools, system=system, added=added)
-
-        return WindowedModel(model, messages, prepare, self.prompt_settings)
-
-    def receive(self, outcome: RequestOutcome, reply: AIMessage | None = None) -> list[AnyMessage]:
+    def receive(self, asked: WindowedModel, reply: AIMessage | None = None) -> list[AnyMessage]:
         """Take the model's reply and return it for the state; `reply` is given if a middleware has changed it.
 
         Its calls have the ids of the session. A reply without a call is followed by the user message that says so.
         """
-        assert self.session is not None
-        assert outcome.reply is not None
-        for wasted in outcome.discarded:
+        assert asked.reply is not None
+        for wasted in asked.discarded:
             if wasted.usage is not None:
-                self.session.spend(wasted.usage)
+                self._session.spend(wasted.usage)
         self.begin_turn()
-        calls = self.session.receive(outcome.reply)
-        return self._for_state(_with_ids(reply or outcome.reply.source, calls))
+        calls = self._session.receive(asked.reply)
+        return self._for_state(_with_ids(reply or asked.reply.source, calls))
 
     def _add(self, added: Sequence[BaseMessage]) -> None:
         """Add a middleware's messages for this prompt."""
-        assert self.session is not None
         for message in added:
             if not isinstance(message, HumanMessage):
                 raise InvalidArgumentError(
                     f"A middleware added a message of the type {message.type!r} to the prompt during the game; only "
                     "user and system messages can be added."
                 )
-            if self.session.latest_turn is not None:
-                self.session.add(from_langchain(message))
+            if self._session.latest_turn is not None:
+                self._session.add(from_langchain(message))
 
     def _for_state(self, reply: AIMessage) -> list[AnyMessage]:
-        assert self.session is not None
-        turn = self.session.latest_turn
+        turn = self._session.latest_turn
         assert turn is not None
         marked = reply.model_copy(update={"response_metadata": {**reply.response_metadata, TURN: turn.number}})
         if turn.calls:
@@ -209,8 +192,7 @@ class GraphSession(CallPlayer):
 
     def _take(self, since: Sequence[BaseMessage]) -> list[AnyMessage]:
         """Take over results in the order of their calls, then user messages; returns messages for the state."""
-        assert self.session is not None
-        turn = self.session.latest_turn
+        turn = self._session.latest_turn
         assert turn is not None
         results = {message.tool_call_id: message for message in since if isinstance(message, ToolMessage)}
         ours = {call_id: message for call_id, message in results.items() if is_ours(message)}
@@ -224,7 +206,7 @@ class GraphSession(CallPlayer):
         notes: list[Message] = []
         for call in turn.calls:
             if call.id in ours:
-                message, answer = ours[call.id], self.session.answer(call.id)
+                message, answer = ours[call.id], self._session.answer(call.id)
                 if HELD in message.text:
                     text = message.text.replace(HELD, answer.text)
                     message = self._message(call.id, call.name, text, artifact_of(answer))

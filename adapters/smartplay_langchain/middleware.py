@@ -10,8 +10,8 @@ after a reply without a call, and after calls whose arguments do not parse.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any, cast
 
 from smartplay_tools.errors import extra_named
 from smartplay_tools.players.cache_marks import CacheMarks
@@ -22,14 +22,11 @@ with extra_named("SmartPlayMiddleware", "langchain"):
         AgentState,
         ModelRequest,
         ModelResponse,
-        ToolCallRequest,
         hook_config,
     )
-    from langchain_core.messages import AIMessage, BaseMessage, ToolMessage
-    from langchain_core.tools import BaseTool
-    from langgraph.types import Command
+    from langchain_core.messages import AIMessage, BaseMessage
 
-from smartplay_langchain.asking import OVER, RequestOutcome, ToolChoice
+from smartplay_langchain.asking import OVER, ToolChoice, WindowedModel
 from smartplay_langchain.calls import turn_of
 from smartplay_langchain.graph import GraphSession
 from smartplay_tools import AgentSession, Episode, InvalidArgumentError
@@ -39,11 +36,10 @@ if TYPE_CHECKING:
 
 Handler = Callable[[ModelRequest[Any]], ModelResponse[Any]]
 AsyncHandler = Callable[[ModelRequest[Any]], Awaitable[ModelResponse[Any]]]
-ToolOutput: TypeAlias = ToolMessage | Command[Any]
 
 
-class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
-    """Plays one episode in one agent, which gets the game's tools from it.
+class SmartPlayMiddleware(GraphSession, AgentMiddleware[AgentState[Any], Any, Any]):
+    """Plays one episode in one agent, which gets the game's tools from it: a `GraphSession` whose graph is the agent.
 
     The arguments are those of `GraphSession`; the agent's other tools are known from its requests.
     """
@@ -56,35 +52,25 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         limit_field: str = "max_tokens",
         summary_tool_choice: ToolChoice = "none",
         cache: CacheMarks = True,
-        only_game_tools: bool = False,
         pictures: bool = False,
     ) -> None:
-        super().__init__()
-        self._graph = GraphSession(
+        super().__init__(
             episode,
             player=player,
             limit_field=limit_field,
             summary_tool_choice=summary_tool_choice,
             cache=cache,
-            only_game_tools=only_game_tools,
             pictures=pictures,
         )
-        self.episode = self._graph.episode
-        self.tools: Sequence[BaseTool] = self._graph.tools
-
-    @property
-    def session(self) -> AgentSession | None:
-        """The session of the episode; None before the first prompt."""
-        return self._graph.session
 
     @hook_config(can_jump_to=["end"])
     def before_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
         """Take over what has happened since the latest reply; end the run when the episode is over."""
-        if self._graph.is_asked_by_sub_agent:
+        if self.is_asked_by_sub_agent:
             return {"messages": [AIMessage(self.episode.words("sub_agent"))], "jump_to": "end"}
-        if self._graph.recorded_reply(state["messages"]) is not None:
+        if self.recorded_reply(state["messages"]) is not None:
             return None
-        changed: dict[str, Any] = {"messages": self._graph.update(state["messages"])}
+        changed: dict[str, Any] = {"messages": self.update(state["messages"])}
         return {**changed, "jump_to": "end"} if self.episode.done else changed
 
     @hook_config(can_jump_to=["end"])
@@ -94,19 +80,19 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
 
     def wrap_model_call(self, request: ModelRequest[Any], handler: Handler) -> ModelResponse[Any]:
         """Have the model called with the window, after a summary where one is owed, and take its reply."""
-        if (response := self._without_asking(request)) is not None:
+        if (response := self._known(request)) is not None:
             return response
-        windowed = self._graph.windowed(request.model, request.state["messages"])
+        windowed = self.windowed(request.model, request.state["messages"])
         response = handler(request.override(model=cast("BaseChatModel", windowed)))
-        return self._received(windowed.outcome, response)
+        return self._received(windowed, response)
 
     async def awrap_model_call(self, request: ModelRequest[Any], handler: AsyncHandler) -> ModelResponse[Any]:
         """Do what `wrap_model_call` does, without blocking the event loop."""
-        if (response := self._without_asking(request)) is not None:
+        if (response := self._known(request)) is not None:
             return response
-        windowed = self._graph.windowed(request.model, request.state["messages"])
+        windowed = self.windowed(request.model, request.state["messages"])
         response = await handler(request.override(model=cast("BaseChatModel", windowed)))
-        return await asyncio.to_thread(self._received, windowed.outcome, response)
+        return await asyncio.to_thread(self._received, windowed, response)
 
     @hook_config(can_jump_to=["model"])
     def after_model(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
@@ -117,24 +103,12 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
             return None
         return None if reply.tool_calls or self.episode.done else {"jump_to": "model"}
 
-    def wrap_tool_call(self, request: ToolCallRequest, handler: Callable[[ToolCallRequest], ToolOutput]) -> ToolOutput:
-        """Run a call; calls of unknown tools are answered in the game's words."""
-        output: ToolOutput = self._graph.wrap_tool_call(request, handler)
-        return output
-
-    async def awrap_tool_call(
-        self, request: ToolCallRequest, handler: Callable[[ToolCallRequest], Awaitable[ToolOutput]]
-    ) -> ToolOutput:
-        """Run a call as `wrap_tool_call` does, without blocking the event loop."""
-        output: ToolOutput = await self._graph.awrap_tool_call(request, handler)
-        return output
-
     def after_agent(self, state: AgentState[Any], runtime: Any) -> dict[str, Any] | None:
         """Record what another middleware did when it ended the run, and why."""
         messages = state["messages"]
-        if self.episode.done or not messages or self._graph.is_asked_by_sub_agent:
+        if self.episode.done or not messages or self.is_asked_by_sub_agent:
             return None
-        added = self._graph.update(messages)
+        added = self.update(messages)
         if isinstance(messages[-1], AIMessage) and turn_of(messages[-1]) is None:
             self._stopped(messages[-1])
         return {"messages": added}
@@ -143,22 +117,22 @@ class SmartPlayMiddleware(AgentMiddleware[AgentState[Any], Any, Any]):
         """Do what `after_agent` does, without blocking the event loop."""
         return await asyncio.to_thread(self.after_agent, state, runtime)
 
-    def _without_asking(self, request: ModelRequest[Any]) -> ModelResponse[Any] | None:
+    def _known(self, request: ModelRequest[Any]) -> ModelResponse[Any] | None:
         """Return a reply that the record has and the graph's state has not, or the end of the episode."""
         if request.response_format is not None:
             raise InvalidArgumentError("An agent that plays cannot have a response_format: its run ends with the game.")
         messages: list[BaseMessage] = list(request.state["messages"])
-        recorded = self._graph.recorded_reply(messages)
+        recorded = self.recorded_reply(messages)
         if recorded is None and self.episode.done:
             return ModelResponse(result=[OVER])
         return None if recorded is None else ModelResponse(result=list(recorded))
 
-    def _received(self, outcome: RequestOutcome, response: ModelResponse[Any]) -> ModelResponse[Any]:
+    def _received(self, asked: WindowedModel, response: ModelResponse[Any]) -> ModelResponse[Any]:
         reply = next((message for message in response.result if isinstance(message, AIMessage)), None)
-        if outcome.over or reply is None:
+        if asked.is_over or reply is None:
             return response
-        if outcome.reply is not None and reply.id == outcome.reply.source.id:
-            return ModelResponse(result=list(self._graph.receive(outcome, reply)))
+        if asked.reply is not None and reply.id == asked.reply.source.id:
+            return ModelResponse(result=list(self.receive(asked, reply)))
         if reply.id is not None:
             raise InvalidArgumentError(
                 "A reply came from a model that the window was not applied to. Put the middleware that chooses it "

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from langchain_core.language_models import BaseChatModel, LanguageModelInput
-from langchain_core.messages import AIMessage, AnyMessage
-from langchain_core.runnables import Runnable
+from langchain_core.language_models import BaseChatModel
+from langchain_core.messages import AnyMessage
 from pydantic import SecretStr
 
-from smartplay_langchain.asking import PromptSettings, ToolChoice, read_reply
+from smartplay_langchain.asking import Asked, PromptSettings, ToolChoice, read_reply
 from smartplay_tools import InvalidArgumentError, Prompt, Reply, schema
 from smartplay_tools.errors import extra_named
 from smartplay_tools.players import ModelPlayer, asks_management, check_key, readable_proxies
@@ -77,11 +76,9 @@ class LangChainPlayer(ModelPlayer):
             check_key(key, name)
         self._settings = PromptSettings(limit_field, summary_tool_choice, checked_marks(cache))
 
-    def request(self, prompt: Prompt) -> tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]:
+    def request(self, prompt: Prompt) -> tuple[Asked, list[AnyMessage]]:
         """Return the model, bound to tools, cap and tool choice, and the messages for it."""
-        settings, tools = self._settings.of(prompt, self._model), [schema(tool, "openai") for tool in prompt.tools]
-        bound = self._model.bind_tools(tools, **settings) if tools else self._model.bind(**settings)
-        return bound, self._settings.messages(prompt, self._model)
+        return self._settings.request(prompt, self._model, [schema(tool, "openai") for tool in prompt.tools])
 
     def new_client(self) -> None:
         """LangChain's models are their own clients."""
@@ -89,15 +86,13 @@ class LangChainPlayer(ModelPlayer):
     def new_async_client(self) -> None:
         """LangChain's models are their own clients."""
 
-    def send(self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]) -> Reply:
+    def send(self, client: None, request: tuple[Asked, list[AnyMessage]]) -> Reply:
         """Invoke the model."""
         model, messages = request
         with readable_proxies():
             return read_reply(model.invoke(messages))
 
-    async def asend(
-        self, client: None, request: tuple[Runnable[LanguageModelInput, AIMessage], list[AnyMessage]]
-    ) -> Reply:
+    async def asend(self, client: None, request: tuple[Asked, list[AnyMessage]]) -> Reply:
         """Invoke the model without blocking the event loop."""
         model, messages = request
         with readable_proxies():

@@ -17,7 +17,7 @@ from smartplay_tools.registry import lazy_exports
 if TYPE_CHECKING:
     from smartplay_mcp.http import HttpServer as HttpServer, http_app as http_app
     from smartplay_mcp.stdio import open_episode as open_episode, serve_stdio as serve_stdio
-    from smartplay_tools.web.mcp import CALL_KEY as CALL_KEY, MANUAL as MANUAL
+    from smartplay_tools.web.mcp import CALL_KEY as CALL_KEY
 
 if not TYPE_CHECKING:
     # On stdio no web framework is imported, and the first answer does not even wait for the game.

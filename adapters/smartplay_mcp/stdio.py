@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from smartplay_tools import SmartPlayError
 from smartplay_tools.streams import keep_streams, own_input, own_output
 from smartplay_tools.web import HostedEpisode
-from smartplay_tools.web.mcp import BATCHES, INTERNAL_ERROR, PARSE_ERROR, ProtocolError, respond
+from smartplay_tools.web.mcp import INTERNAL_ERROR, PARSE_ERROR, ProtocolError, respond
 
 if TYPE_CHECKING:
     from smartplay_tools import Episode
@@ -36,7 +36,7 @@ async def serve_stdio(
 
 
 async def _serve(hosted: HostedEpisode, reading: BinaryIO, writing: BinaryIO) -> Episode:
-    lines, agreed = _lines(reading), None
+    lines = _lines(reading)
     has_answered = asyncio.Event()
     asyncio.get_running_loop().call_later(MOMENT, has_answered.set)
     making = asyncio.ensure_future(_made(hosted, has_answered))
@@ -44,10 +44,8 @@ async def _serve(hosted: HostedEpisode, reading: BinaryIO, writing: BinaryIO) ->
     making.add_done_callback(lambda made: lines.put_nowait(None) if made.exception() else None)
     while (line := await lines.get()) is not None:
         if line.strip():
-            answer = await _answer(hosted, line, takes_batches=agreed == BATCHES)
+            answer = await _answer(hosted, line)
             if answer is not None:
-                if isinstance(answer, dict):
-                    agreed = answer.get("result", {}).get("protocolVersion", agreed)
                 # ASCII, because a message may contain a lone surrogate, which UTF-8 cannot encode.
                 writing.write(json.dumps(answer).encode("ascii") + b"\n")
                 writing.flush()
@@ -81,13 +79,13 @@ def open_episode(game: str, *, transcript: Path | None, **settings: Any) -> Epis
     return resume(transcript, tokenizer=settings.get("tokenizer")).episode
 
 
-async def _answer(hosted: HostedEpisode, line: bytes, *, takes_batches: bool) -> Any:
+async def _answer(hosted: HostedEpisode, line: bytes) -> Any:
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
         return ProtocolError(PARSE_ERROR, "Each line is one JSON object.").body(None)
     try:
-        return await respond(hosted, message, takes_batches=takes_batches)
+        return await respond(hosted, message)
     except SmartPlayError as error:  # the episode cannot be made, which also ends the server
         return ProtocolError(INTERNAL_ERROR, str(error)).body(message.get("id") if isinstance(message, dict) else None)
 

@@ -72,8 +72,8 @@ class OpenAIPlayer(ModelPlayer):
         timeout: seconds that an attempt may take without a byte from the server.
         parameters: further fields of every request, such as `{"temperature": 0}`; a cap on the reply among them applies
             where it is smaller than the budget's.
-        limit_field: the server's name of the cap on the reply; by default `max_completion_tokens` for OpenAI and
-            Azure, `max_tokens` for other servers, and the other one if the server refuses it.
+        limit_field: the server's name of the cap on the reply; by default the one in its provider's file, and
+            another if the server refuses it.
         typed: pass the fields that the client knows as arguments, so that tracers and other wrappers of the client see
             messages and tools. The client then compares every message with every type of message, which takes about
             1 ms for each turn in the window; False sends the body unchanged.

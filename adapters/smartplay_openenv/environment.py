@@ -26,7 +26,7 @@ from openenv.core.env_server.mcp_types import (
 )
 from openenv.core.env_server.types import EnvironmentMetadata, Observation, State
 
-from smartplay_tools import Budget, Episode, InvalidArgumentError, ToolSpec
+from smartplay_tools import Budget, Episode, InvalidArgumentError
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.training import EpisodeFactory, RewardName
@@ -95,7 +95,11 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         self._factory = new(**options)
         with self._factory.sample() as sample:
             sample.refuse_pictures("OpenEnv")
-        self._game, self._tools = self._factory.game, tools_of(self._factory.tools)
+        self._game = self._factory.game
+        self._tools = [
+            Tool(name=tool.name, description=tool.description, input_schema=dict(tool.parameters))
+            for tool in self._factory.tools
+        ]
         has_splits = "split" in get_spec(game).load().options and "split" not in options
         self._of_split = {name: new(split=name, **options) if has_splits else self._factory for name in SPLITS}
         self.episode: Episode | None = None
@@ -223,11 +227,6 @@ def new_app(game: str, *, sessions: int = 64, **options: Any) -> FastAPI:
     )
     app.add_middleware(Bounded)
     return app
-
-
-def tools_of(specs: tuple[ToolSpec, ...]) -> list[Tool]:
-    """Return tools as OpenEnv describes them."""
-    return [Tool(name=t.name, description=t.description, input_schema=dict(t.parameters)) for t in specs]
 
 
 def _split(name: str) -> Split:

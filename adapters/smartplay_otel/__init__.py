@@ -5,7 +5,7 @@
     stop = smartplay_otel.instrument()
 
 An episode is an `invoke_agent` span, with a `chat` span for every reply of the model and an `execute_tool` span for
-every call. What was said is left out unless `content=True`. Results and records do not change.
+every call. What was said is in the record, not in the spans. Results and records do not change.
 """
 
 from __future__ import annotations

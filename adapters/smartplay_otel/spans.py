@@ -8,7 +8,6 @@ released ones.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -17,10 +16,10 @@ from opentelemetry import trace
 from opentelemetry.context import Context
 from opentelemetry.trace import Span, SpanKind, Status, StatusCode, Tracer, TracerProvider
 
-from smartplay_tools import Episode, EpisodeConfig, Message, Usage
+from smartplay_tools import Episode, EpisodeConfig, Usage
 from smartplay_tools.episode import Listener, add_listener
 from smartplay_tools.transcript import concerns_summary
-from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
+from smartplay_tools.types.messages import calls_of
 
 PROVIDERS = {"anthropic": "anthropic", "openai": "openai", "openai-responses": "openai"}
 """The provider by the name of the player that speaks to it, where the conventions have a name for it."""
@@ -29,12 +28,11 @@ FIGURES = ("end_reason", "score", "completed", "steps", "illegal_actions", "malf
 """The fields of an episode's result that are attributes of its span."""
 
 
-def instrument(tracer_provider: TracerProvider | None = None, *, content: bool = False) -> Callable[[], None]:
+def instrument(tracer_provider: TracerProvider | None = None) -> Callable[[], None]:
     """Trace every episode that is made from now on in this process; return a function that stops this.
 
     Arguments:
         tracer_provider: where the spans go; the global provider if not given.
-        content: whether spans contain what was said: system messages, tools, replies, arguments and results of calls.
 
     The span of an episode is a child of the span that is current when it begins. Evaluations that run in worker
     processes are traced if `instrument` is called in those.
@@ -42,7 +40,7 @@ def instrument(tracer_provider: TracerProvider | None = None, *, content: bool =
     tracer = trace.get_tracer("smartplay_tools", tracer_provider=tracer_provider)
 
     def new_listener(episode: Episode) -> Listener:
-        spans = _EpisodeSpans(tracer, content=content)
+        spans = _EpisodeSpans(tracer)
         return lambda event: spans.note(event, time.time_ns())
 
     return add_listener(new_listener)
@@ -55,16 +53,16 @@ VIEWED = ("turn", "prefix_tokens", "shown_steps", "dropped_turns")
 class _EpisodeSpans:
     """The spans of one episode."""
 
-    def __init__(self, tracer: Tracer, *, content: bool) -> None:
-        self._tracer, self._content = tracer, content
+    def __init__(self, tracer: Tracer) -> None:
+        self._tracer = tracer
         self._root: Span | None = None
         self._context: Context | None = None
         self._chat: Span | None = None
         self._model = ""
         self._common: dict[str, str] = {}
         """The attributes of the span of the episode and of those of its replies."""
-        self._reply: Message | None = None
-        """The reply whose usage is to come."""
+        self._is_heard = False
+        """Whether the usage of a reply is to come."""
         self._ids: Sequence[str] = ()
         """The call ids of the latest reply."""
         self._latest = 0
@@ -75,12 +73,11 @@ class _EpisodeSpans:
         match event["event"]:
             case "start":
                 self._begin(event, now)
-            case "head" if self._content and self._root is not None:
-                self._root.set_attributes(_head(event))
             case "view":
                 self._ask(event, now)
             case "message" if event["by"] == "player":
-                self._hear(event)
+                self._is_heard = True
+                self._ids = event.get("ids") or [call["id"] for call in calls_of(event["message"])]
             case "usage":
                 self._charge(event, now)
             case "call":
@@ -117,14 +114,10 @@ class _EpisodeSpans:
             attributes["smartplay.summary"] = True
         if view["max_tokens"] is not None:
             attributes["gen_ai.request.max_tokens"] = view["max_tokens"]
-        self._reply = None
+        self._is_heard = False
         self._chat = self._tracer.start_span(
             f"chat {self._model}", self._context, SpanKind.CLIENT, attributes=attributes, start_time=now
         )
-
-    def _hear(self, event: Mapping[str, Any]) -> None:
-        self._reply = event["message"]
-        self._ids = event.get("ids") or [call["id"] for call in calls_of(self._reply)]
 
     def _charge(self, usage: Mapping[str, Any], now: int) -> None:
         """End the chat span; the usage of a reply is recorded with it, and that of failed attempts without one."""
@@ -140,21 +133,13 @@ class _EpisodeSpans:
             self._chat.set_attribute("gen_ai.usage.cache_creation.input_tokens", reported.written)
             self._chat.set_attribute("gen_ai.usage.reasoning.output_tokens", reported.reasoning)
         if "reply" in usage:
-            self._add_reply(self._chat, is_cut=reported is not None and reported.cut > 0)
+            if self._is_heard:  # a summary is not a reply of the game
+                is_cut = reported is not None and reported.cut > 0
+                reason = "length" if is_cut else "tool_calls" if self._ids else "stop"
+                self._chat.set_attribute("gen_ai.response.finish_reasons", [reason])
             self._chat.set_attribute("smartplay.reply_tokens", usage["reply"])
             self._chat.end(now)
             self._chat = None
-
-    def _add_reply(self, chat: Span, *, is_cut: bool) -> None:
-        """Add how the latest reply ended, and what it was; a summary is not one."""
-        if self._reply is None:
-            return
-        reason = "length" if is_cut else "tool_calls" if self._ids else "stop"
-        chat.set_attribute("gen_ai.response.finish_reasons", [reason])
-        if self._content:
-            output = {"role": "assistant", "parts": _parts(self._reply, self._ids), "finish_reason": reason}
-            chat.set_attribute("gen_ai.output.messages", json.dumps([output], ensure_ascii=False))
-        self._reply = None
 
     def _execute(self, event: Mapping[str, Any], now: int) -> None:
         attributes: dict[str, Any] = {
@@ -165,9 +150,6 @@ class _EpisodeSpans:
         }
         if event["position"] < len(self._ids):
             attributes["gen_ai.tool.call.id"] = self._ids[event["position"]]
-        if self._content:
-            attributes["gen_ai.tool.call.arguments"] = event["arguments"]
-            attributes["gen_ai.tool.call.result"] = event["text"]
         if event["is_error"]:
             attributes["error.type"] = str(event["data"].get("mistake", "error"))
         span = self._tracer.start_span(
@@ -211,25 +193,3 @@ def _fail(span: Span, result: Mapping[str, Any]) -> None:
     kind = str(result["error"]).partition(":")[0]
     span.set_attribute("error.type", kind)
     span.set_status(Status(StatusCode.ERROR, result["end_reason"]))
-
-
-def _head(head: Mapping[str, Any]) -> dict[str, str]:
-    system = [message for message in head["messages"] if message["role"] in ("system", "developer")]
-    instructions = [{"type": "text", "content": text_of(message)} for message in system]
-    tools = [{"type": "function", **tool} for tool in head["tools"]]
-    return {
-        "gen_ai.system_instructions": json.dumps(instructions, ensure_ascii=False),
-        "gen_ai.tool.definitions": json.dumps(tools, ensure_ascii=False),
-    }
-
-
-def _parts(message: Mapping[str, Any], ids: Sequence[str]) -> list[dict[str, Any]]:
-    parts: list[dict[str, Any]] = []
-    if reasoning := reasoning_of(message):
-        parts.append({"type": "reasoning", "content": reasoning})
-    if text := text_of(message):
-        parts.append({"type": "text", "content": text})
-    for call_id, call in zip(ids, calls_of(message), strict=True):
-        function = call["function"]
-        parts.append({"type": "tool_call", "id": call_id, **function})
-    return parts

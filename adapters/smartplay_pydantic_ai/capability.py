@@ -29,11 +29,10 @@ from pydantic_ai.models import Model, ModelRequestContext, ModelRequestParameter
 from pydantic_ai.models.function import AgentInfo, FunctionModel
 from pydantic_ai.run import AgentRunResult
 from pydantic_ai.settings import ModelSettings
-from pydantic_ai.tools import ToolDefinition
-from pydantic_ai.toolsets import AbstractToolset
-from pydantic_ai.toolsets.abstract import ToolsetTool
+from pydantic_ai.tools import Tool, ToolDefinition
+from pydantic_ai.toolsets import FunctionToolset
 from pydantic_ai.usage import RequestUsage
-from pydantic_core import SchemaValidator, core_schema, from_json
+from pydantic_core import from_json
 
 from smartplay_pydantic_ai.messages import (
     PydanticAIChat,
@@ -94,9 +93,6 @@ OVER = "The episode is over."
 _IN_TOOLS_OF: ContextVar[tuple[SmartPlay, ...]] = ContextVar("smartplay_in_tools_of", default=())
 """The capabilities in whose agent's tools this code runs."""
 
-ANY = SchemaValidator(core_schema.any_schema())
-"""Any arguments pass here: the episode has validated them before a tool runs."""
-
 
 class SmartPlay(AbstractCapability[Any]):
     """Plays one episode with the model of an agent.
@@ -122,12 +118,8 @@ class SmartPlay(AbstractCapability[Any]):
         pictures: bool = False,
     ) -> None:
         self.episode = episode
-        if not pictures:
-            episode.refuse_pictures("This capability", has_option=True)
-        self._pictures = pictures
+        self._host = HostChat(episode, player=player, pictures=pictures)
         self._cache = checked_marks(cache)
-        self._player = player
-        self._host: HostChat | None = None
         self._system: Sequence[Message] = ()
         """The agent's instructions in its first request."""
         self._history = HostHistory[ModelMessage](episode.counter, known_by)
@@ -137,9 +129,23 @@ class SmartPlay(AbstractCapability[Any]):
         self._mistake: Reply | None = None
         """The reply that the latest error was, until it is received."""
 
-    def get_toolset(self) -> AbstractToolset[Any]:
-        """Return the game's tools."""
-        return _Answers(self)
+    def get_toolset(self) -> FunctionToolset[Any]:
+        """Return the game's tools, which hand out the answers; the episode has validated the arguments before."""
+
+        async def handed_out(ctx: RunContext[Any], /, **_: Any) -> str:
+            assert ctx.tool_call_id is not None
+            result = self._results[ctx.tool_call_id]
+            if result.is_error:
+                raise ToolFailed(result.text)
+            return result.text
+
+        tools = [
+            Tool[Any].from_schema(
+                handed_out, tool.name, tool.description, dict(tool.parameters), takes_ctx=True, sequential=True
+            )
+            for tool in self.episode.tools
+        ]
+        return FunctionToolset(tools, max_retries=0, id="smartplay")
 
     async def before_run(self, ctx: RunContext[Any]) -> None:
         """Expect a history that begins anew."""
@@ -152,8 +158,8 @@ class SmartPlay(AbstractCapability[Any]):
         """Leave the model alone when the episode is over, and when an agent in a tool of this one asks."""
         if self in _IN_TOOLS_OF.get():
             return _words(self.episode.words("sub_agent"))
-        if self._host is None:
-            self._host = self._begin(request_context)
+        if self._host.session is None:
+            self._begin(request_context)
         else:
             self._catch_up(request_context.messages)
             others = self._other_tools(request_context.model_request_parameters)
@@ -256,26 +262,20 @@ class SmartPlay(AbstractCapability[Any]):
             return _words(OVER)
         raise RetryModelRequest
 
-    def answer(self, call_id: str) -> ToolResult:
-        """Return the answer to a call of the latest reply."""
-        return self._results[call_id]
-
     @property
     def _session(self) -> AgentSession:
-        assert self._host is not None
         assert self._host.session is not None
         return self._host.session
 
     def _catch_up(self, history: Sequence[ModelMessage]) -> None:
         """Take over the results of other tools, and other words, since the latest reply."""
-        assert self._host is not None
         since = since_response(history)
         if self._session.awaits_reply:
             self._host.refuse_late_words(since)
         self._host.settle(since)
         self._host.hear(since)
 
-    def _begin(self, request: ModelRequestContext) -> HostChat:
+    def _begin(self, request: ModelRequestContext) -> None:
         parameters = request.model_request_parameters
         if parameters.output_tools or not parameters.allow_text_output:
             raise InvalidArgumentError("An agent that plays cannot have an output_type: its run ends with the game.")
@@ -283,11 +283,8 @@ class SmartPlay(AbstractCapability[Any]):
             raise InvalidArgumentError("A streamed run cannot play: use `run` or `run_sync`.")
         instructions = "\n\n".join(part.content for part in parameters.instruction_parts or ())
         self._system = [{"role": "system", "content": instructions}] if instructions else []
-        player = self._player or f"pydantic-ai:{request.model.model_name}"
-        host = HostChat(self.episode, player=player, pictures=self._pictures)
-        others = self._other_tools(parameters)
-        host.begin(from_history(request.messages), system=self._system, foreign_tools=others)
-        return host
+        others, player = self._other_tools(parameters), f"pydantic-ai:{request.model.model_name}"
+        self._host.begin(from_history(request.messages), system=self._system, foreign_tools=others, player=player)
 
     def _other_tools(self, parameters: ModelRequestParameters) -> list[ToolSpec]:
         """The agent's other tools, which may change from request to request."""
@@ -299,45 +296,6 @@ class SmartPlay(AbstractCapability[Any]):
         if call.tool_name not in {tool.name for tool in (*self.episode.tools, *self._session.foreign_tools)}:
             return False
         return not isinstance(call.args, str) or _is_readable(call.args or "{}")
-
-
-class _Answers(AbstractToolset[Any]):
-    """The game's tools, which hand out the conversation's answers."""
-
-    def __init__(self, capability: SmartPlay) -> None:
-        self._capability = capability
-
-    @property
-    def id(self) -> str:
-        """The toolset's name."""
-        return "smartplay"
-
-    async def get_tools(self, ctx: RunContext[Any]) -> dict[str, ToolsetTool[Any]]:
-        """Return the tools."""
-        return {
-            tool.name: ToolsetTool(
-                toolset=self,
-                tool_def=ToolDefinition(
-                    name=tool.name,
-                    description=tool.description,
-                    parameters_json_schema=dict(tool.parameters),
-                    sequential=True,
-                ),
-                max_retries=0,
-                args_validator=ANY,
-            )
-            for tool in self._capability.episode.tools
-        }
-
-    async def call_tool(
-        self, name: str, tool_args: dict[str, Any], ctx: RunContext[Any], tool: ToolsetTool[Any]
-    ) -> str:
-        """Return the answer to a call."""
-        assert ctx.tool_call_id is not None
-        result = self._capability.answer(ctx.tool_call_id)
-        if result.is_error:
-            raise ToolFailed(result.text)
-        return result.text
 
 
 def _is_readable(arguments: str) -> bool:

@@ -4,8 +4,8 @@
     GRPOTrainer(..., train_dataset=data, environment_factory=environment("Hanoi3Disk-v0", reward="normalized"))
 
 `environment` makes a class as the trainer wants it: the game's tools are its methods, a row of the dataset chooses the
-seed, and the reward of a rollout is the game's. `GRPOTrainer` shows its model a conversation that only grows; training
-in the exact context window needs `AsyncGRPOTrainer` and `smartplay_openenv`.
+seed, and the reward of a rollout is the game's. `GRPOTrainer` shows its model a conversation that only grows; a loop of
+your own around a `Conversation`, and `smartplay_verifiers`, train in the exact context window.
 """
 
 from __future__ import annotations

@@ -92,7 +92,6 @@ PANELS: Mapping[str, Mapping[str, _Entry]] = {
             "doctor:models_app",
             of_group="Download the models that --player local plays on this machine.",
         ),
-        "minedojo": _Entry("doctor:minedojo_app", of_group="Set up MineDojo, the Minecraft engine of the paper."),
     },
 }
 """Every command by the group in which the help lists it, in the order in which they are listed."""

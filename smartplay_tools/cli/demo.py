@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -57,7 +56,7 @@ def demo(
     """
     console = Console()
     folder = out or Path(tempfile.mkdtemp(prefix="smartplay-demo-"))
-    failures, watches = [], list[_Watch]()
+    failures = []
     given = options.key_values(player_option, "--player-option")
     if given and name is None:
         raise InvalidArgumentError("--player-option is for a player of your choice; name one with --player.")
@@ -66,11 +65,10 @@ def demo(
         raise InvalidArgumentError(f"The demo plays with a player that answers at once; {name} has to be awaited.")
     table = compact_table("game", "score", "human", "prompts", "dropped", "tokens", "replay")
     table.title = f"played by {player.name}"
-    progress = _Progress(console)
+    watch = _Watch(console)
     for game, cap in GAMES.items():
         budget = Budget(prompt_tokens=cap, slack=0 if name is None else MODEL_SLACK)
         console.rule(f"{game}, {player.name}, {budget.describe()}", align="left")
-        watches.append(watch := _Watch(console, progress))
         path = folder / f"{game}.{player.name.replace(':', '-')}.jsonl"
         with Episode(game, seed=seed, budget=budget, transcript=path) as episode:
             result = loop.play(episode, player, on_turn=watch)
@@ -85,17 +83,15 @@ def demo(
         console.print(failure, style="red")
     if failures:
         raise typer.Exit(1)
-    _conclude(folder, watches, name or "the rule player")
+    _conclude(folder, watch, name or "the rule player")
 
 
-def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
+def _conclude(folder: Path, watch: _Watch, player: str) -> None:
     """Print what the window did, where to see the records, and the next command."""
-    dropped = max(watch.dropped for watch in watches)
-    most = max(watch.largest / cap for watch, cap in zip(watches, GAMES.values(), strict=True))
-
+    most = max(watch.largest[game] / cap for game, cap in GAMES.items())
     say(
-        f"The window left out up to {dropped} turns of a prompt, no prompt was over its cap (the largest is "
-        f"{most:.0%} of it), and {player} played on from what it could still see."
+        f"The window left out up to {max(watch.dropped.values())} turns of a prompt, no prompt was over its cap (the "
+        f"largest is {most:.0%} of it), and {player} played on from what it could still see."
     )
     try:
         from smartplay_tools.evaluation.pages.report.page import write_report
@@ -110,42 +106,38 @@ def _conclude(folder: Path, watches: Sequence[_Watch], player: str) -> None:
     say("Its key is read from OPENAI_API_KEY; --base-url names another server than OpenAI's.")
 
 
-class _Progress:
-    """Says now and then how far a slow player is, and about how long the steps that are left take."""
+class _Watch:
+    """Prints the first turns of each game and now and then how far a slow player is; collects figures of the window."""
 
     def __init__(self, console: Console) -> None:
         self._console, self._began, self._turns = console, time.perf_counter(), 0
         self._said = self._began
         self._left = {game: get_spec(game).rollout for game in GAMES}
-
-    def note(self, conversation: BaseConversation) -> None:
-        """Count a turn."""
-        episode, now = conversation.episode, time.perf_counter()
-        self._turns += 1
-        self._left[episode.spec.id] = 0 if episode.done else episode.spec.rollout - episode.stats.steps
-        if now - self._said >= PROGRESS_SECONDS:
-            self._said, each = now, (now - self._began) / self._turns
-            left = f"about {each * sum(self._left.values()):,.0f} s left"
-            self._console.print(f"{self._turns} turns in {now - self._began:,.0f} s; {left}", style="dim")
-
-
-class _Watch:
-    """Prints the first turns, and collects figures about the window over all turns."""
-
-    def __init__(self, console: Console, progress: _Progress) -> None:
-        self._console, self._progress = console, progress
-        self.largest = self.dropped = 0
+        self.largest, self.dropped = dict.fromkeys(GAMES, 0), dict.fromkeys(GAMES, 0)
+        """By game: the tokens of the largest prompt, and the most turns that one left out."""
 
     def __call__(self, conversation: BaseConversation) -> None:
-        assert conversation.view is not None
-        self._progress.note(conversation)
-        self.largest = max(self.largest, conversation.view.tokens)
-        self.dropped = max(self.dropped, conversation.view.dropped_turns)
-        number = conversation.episode.stats.turns - 1
+        episode, view = conversation.episode, conversation.view
+        assert view is not None
+        game = episode.spec.id
+        self._left[game] = 0 if episode.done else episode.spec.rollout - episode.stats.steps
+        self._say_how_far()
+        self.largest[game] = max(self.largest[game], view.tokens)
+        self.dropped[game] = max(self.dropped[game], view.dropped_turns)
+        number = episode.stats.turns - 1
         if number < SHOWN_TURNS or conversation.result is not None:
             print_turn(self._console, conversation)
         elif number == SHOWN_TURNS:
             self._console.print("...", style="dim")
+
+    def _say_how_far(self) -> None:
+        """Count a turn; say about how long the steps that are left take."""
+        now = time.perf_counter()
+        self._turns += 1
+        if now - self._said >= PROGRESS_SECONDS:
+            self._said, each = now, (now - self._began) / self._turns
+            left = f"about {each * sum(self._left.values()):,.0f} s left"
+            self._console.print(f"{self._turns} turns in {now - self._began:,.0f} s; {left}", style="dim")
 
 
 def _row(result: EpisodeResult, cap: int, watch: _Watch) -> list[str]:
@@ -153,7 +145,7 @@ def _row(result: EpisodeResult, cap: int, watch: _Watch) -> list[str]:
         result.game,
         f"{result.score:g}",
         "" if result.normalized_score is None else f"{result.normalized_score:.0%}",
-        f"{watch.largest}/{cap}",
-        str(watch.dropped),
+        f"{watch.largest[result.game]}/{cap}",
+        str(watch.dropped[result.game]),
         f"{result.tokens.prompt + result.tokens.reply:,}",
     ]

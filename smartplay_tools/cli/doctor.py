@@ -1,10 +1,9 @@
 """The command `doctor`, which finds out what works on this machine by using it, and the commands that set parts up.
 
 There are three kinds of parts. The core has to work everywhere. Engines are programs behind a game, of which the
-default is part of the core; `minedojo install` sets up the one that is the real game. Extras are optional dependencies;
-their requirements are read from the metadata of the installed package, and the modules that meet them are imported in a
-separate process, so that a library that crashes or hangs does no harm. `model get` downloads the files that the player
-`local` plays.
+default is part of the core. Extras are optional dependencies; their requirements are read from the metadata of the
+installed package, and the modules that meet them are imported in a separate process, so that a library that crashes or
+hangs does no harm. `model get` downloads the files that the player `local` plays.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import dataclasses
 import json
 import os
 import platform
-import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -22,7 +20,6 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from importlib.util import find_spec
 from inspect import getmodulename
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -35,8 +32,6 @@ from smartplay_tools.cli.show import print_json
 from smartplay_tools.context import tokens
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.games.minecraft.engines import check_engines
-from smartplay_tools.games.minecraft.minedojo.engine import INTERPRETER
-from smartplay_tools.games.minecraft.minedojo.install import install as make_environment
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.installation import PACKAGE, install_command
 from smartplay_tools.terminal import Console, Text, say
@@ -251,24 +246,3 @@ def get(
     """
     path = fetch(name, lambda step: say(step, err=True))
     print(path)
-
-
-minedojo_app = typer.Typer(no_args_is_help=True)
-
-
-@minedojo_app.command("install")
-def install(
-    venv: Annotated[Path, typer.Option(help="A new folder for the environment.", show_default=False)],
-    python: Annotated[
-        str | None, typer.Option(help="A Python 3.11; by default this one, or python3.11 on the path.")
-    ] = None,
-) -> None:
-    """Make the environment in which MineDojo 0.1 runs, and print the line that sets the variable for this package.
-
-    It takes about a minute and 400 MB. The game's client is not part of it: MineDojo builds it with Java 8 when it
-    starts for the first time.
-
-    Example: smartplay-tools minedojo install --venv ~/minedojo
-    """
-    interpreter = make_environment(venv.expanduser(), python, say=lambda step: say(f"{step} ...", err=True))
-    print(f"export {INTERPRETER}={shlex.quote(str(interpreter))}")

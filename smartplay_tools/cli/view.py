@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -26,8 +25,6 @@ ANY = "any"
 
 FOR_PLAY = (*BUDGET, *RULES, *OTHERS, "seed", "pictures")
 """Options that say what is played."""
-
-MISSING = "for --play GAME, which is missing"
 
 
 @with_episode_options()
@@ -96,7 +93,10 @@ def _playing(
 ) -> tuple[BrowserGames | None, str, str]:
     """The games to play, if any, the page where they begin, and their name: one, or all that are here."""
     if play is None:
-        _check_not_given(context, (*FOR_PLAY, "out"), MISSING)
+        given = options.on_command_line(context)
+        for name in (*FOR_PLAY, "out"):
+            if name in given:
+                raise InvalidArgumentError(f"--{name.replace('_', '-')} is for --play GAME, which is missing.")
         return None, "", ""
     from smartplay_tools.games.specs import GAMES
     from smartplay_tools.web.site import BrowserGames
@@ -104,11 +104,3 @@ def _playing(
     how |= {"budget": episode.budget, **episode.of_cells}
     games = [name for name in GAMES if GAMES.is_loaded(name)] if play == ANY else [play]
     return BrowserGames(games, out, **how), "play", "games" if play == ANY else play
-
-
-def _check_not_given(context: typer.Context, names: Sequence[str], why: str) -> None:
-    """Options that would have no effect are a mistake."""
-    given = options.on_command_line(context)
-    for name in names:
-        if name in given:
-            raise InvalidArgumentError(f"--{name.replace('_', '-')} is {why}.")

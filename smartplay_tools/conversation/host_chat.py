@@ -29,7 +29,7 @@ class HostChat:
     Arguments:
         episode: a fresh episode whose context is "window"; or, to go on with an episode from its record, the session
             of `smartplay_tools.resume(record, session=True)`.
-        player: the player's name, for the record.
+        player: the player's name, for the record; None for a host that names it in `begin`.
         not_run: the name, in `Wording`, of the answer to a call that the host has left open.
         no_result: the same for a call of one of the host's own tools; `not_run` if not given.
         pictures: whether the host gives its model pictures (see `AgentSession`).
@@ -39,7 +39,7 @@ class HostChat:
         self,
         episode: Episode | AgentSession,
         *,
-        player: str,
+        player: str | None,
         not_run: str = "not_run",
         no_result: str | None = None,
         pictures: bool = False,
@@ -64,12 +64,13 @@ class HostChat:
         *,
         system: Sequence[Message] = (),
         foreign_tools: Sequence[ToolSpec] = (),
+        player: str | None = None,
     ) -> AgentSession:
         """Begin the session with the host's system texts, the messages that it has so far, and its other tools."""
         self._first = list(first)
         self.session = AgentSession(
             self.episode,
-            player=self._player,
+            player=self._player or player,
             head=[*system, *self._first],
             foreign_tools=foreign_tools,
             summaries=True,

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
+
+from numpy.random import Generator
 
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 
 # --- Rules -----------------------------------------------------------------------------------------------------------
-
-
-class Chance(Protocol):
-    """The part of a random generator that the rules use: a float in [0, 1)."""
-
-    def random(self) -> float:
-        """Draw."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -31,13 +25,13 @@ class Arm:
         return (2 * self.probability - 1) * self.reward
 
 
-def shuffle(arms: tuple[Arm, Arm], chance: Chance) -> tuple[Arm, Arm]:
+def shuffle(arms: tuple[Arm, Arm], chance: Generator) -> tuple[Arm, Arm]:
     """Put the arms in random order, so that the number of an action says nothing about its quality."""
     first, second = arms
     return (first, second) if chance.random() < 0.5 else (second, first)
 
 
-def pull(arm: Arm, chance: Chance) -> int:
+def pull(arm: Arm, chance: Generator) -> int:
     """Return the reward of one pull."""
     return arm.reward if chance.random() < arm.probability else -arm.reward
 

@@ -340,12 +340,7 @@ class TextGame(gymnasium.Env[str, Any]):
 
     def _random_state(self) -> str:
         """The state of the game's random stream as canonical JSON."""
-        state = self.np_random.bit_generator.state
-        if state["bit_generator"] != "PCG64":
-            return canonical_text(state)
-        pcg, spare = state["state"], f'"has_uint32":{state["has_uint32"]}'
-        inner = f'{{"inc":{pcg["inc"]},"state":{pcg["state"]}}}'
-        return f'{{"bit_generator":"PCG64",{spare},"state":{inner},"uinteger":{state["uinteger"]}}}'
+        return canonical_text(self.np_random.bit_generator.state)
 
     def _info(self) -> dict[str, Any]:
         return {

@@ -8,7 +8,8 @@ from functools import cached_property
 from itertools import accumulate, permutations
 from typing import Any
 
-from smartplay_tools.games.bandit import Chance
+from numpy.random import Generator
+
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.sums import added
@@ -41,14 +42,14 @@ class Table:
         return added(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
 
 
-def shuffle(table: Table, chance: Chance) -> Table:
+def shuffle(table: Table, chance: Generator) -> Table:
     """Assign the (probability, score) pairs to the hands in random order; all orders are equally likely."""
     orders = list(permutations(zip(table.probabilities, table.scores, strict=True)))
     pairs = orders[int(chance.random() * len(orders))]
     return Table(tuple(p for p, _ in pairs), tuple(s for _, s in pairs))
 
 
-def opponent_hand(table: Table, chance: Chance) -> int:
+def opponent_hand(table: Table, chance: Generator) -> int:
     """Draw the opponent's hand."""
     return bisect_right(table.edges, chance.random())
 

@@ -12,15 +12,12 @@ from typing import Any, Literal
 
 from smartplay_tools.context.compaction import Compactor
 from smartplay_tools.context.strategies.choices import Strategy
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.manager.fitted import Draft, FittedPrompt
 from smartplay_tools.manager.memo import MemoFolder, Texts
-from smartplay_tools.manager.settings import Settings, check_choice, check_numbers
+from smartplay_tools.manager.settings import Settings, check_numbers
 from smartplay_tools.manager.strategy import StrategyMaker, StrategyRunner
 from smartplay_tools.manager.summaries import AskError, Question, Summaries, SummaryChain
-from smartplay_tools.manager.units import TooLongError
-
-__all__ = ["Ask", "Asking", "Fitting", "GivenStrategy", "Memo"]
 
 Ask = Callable[[list[dict[str, Any]], int], str | Awaitable[str]]
 """Asks a model: returns its answer to chat messages of words alone, in at most so many tokens."""
@@ -67,34 +64,32 @@ class Asking:
 
     def _runner(self, make: StrategyMaker, question_tokens: int | None, memo: Memo | None) -> StrategyRunner:
         """The runner of a strategy; an option that it decides itself is an `InvalidArgumentError`."""
-        settings = self._settings
-        decided: dict[str, object] = {"beyond_history": settings.masks, "first_turns": settings.first_turns}
-        decided |= {
-            "newest_pictures": settings.newest_pictures,
-            "own_words": make.compacts and settings.own_words is not None,
-        }
-        for name, is_given in decided.items():
-            if is_given:
+        settings, budget = self._settings, self._settings.budget
+        own_words = budget.own_words if make.compacts else None
+        decided: dict[str, object] = {"beyond_history": settings.masks or None, "first_turns": budget.first_turns}
+        decided |= {"newest_pictures": budget.newest_pictures, "own_words": own_words}
+        for name, given in decided.items():
+            if given is not None:
                 what = "rewrites messages" if make.compacts else "chooses the turns"
                 raise InvalidArgumentError(
                     f"The strategy {make.name} {what} itself, so {name} has no meaning; leave it out."
                 )
         check_numbers(question_tokens=question_tokens)
         self.recorded = {"strategy": make.name, "question_tokens": question_tokens}
-        budget = settings.budget.model_copy(update={"question_tokens": question_tokens or settings.prompt_tokens})
+        budget = budget.model_copy(update={"question_tokens": question_tokens or budget.prompt_tokens})
         goes_on = self._on_error == "drop"
         return StrategyRunner(make, budget, settings.messages, kept_in(memo), goes_on=goes_on)
 
     def _chain(self, strategy: Summaries, memo: Memo | None) -> SummaryChain:
         """The maker of summaries; what would never be asked, or at every step, is an `InvalidArgumentError`."""
         check_numbers(**asdict(strategy))
-        settings, cap = self._settings, self._settings.prompt_tokens
-        drops = settings.history is not None and not settings.masks
+        settings, budget, cap = self._settings, self._settings.budget, self._settings.budget.prompt_tokens
+        drops = budget.history is not None and not settings.masks
         if not callable(self._ask):
             raise InvalidArgumentError("Summaries are asked for; give ask, a function of messages and max_tokens.")
         if cap is None and not drops:
             raise InvalidArgumentError("Nothing ever leaves, so there is nothing to summarise; give prompt_tokens.")
-        if settings.slack == 0 or (drops and math.floor(settings.slack * (settings.history or 0)) < 1):
+        if budget.slack == 0 or (drops and math.floor(budget.slack * (budget.history or 0)) < 1):
             raise InvalidArgumentError("A summary would be asked for at every step; raise slack, or history.")
         self.recorded = {f"summary_{name}": number for name, number in asdict(strategy).items()}
         return SummaryChain(strategy, cap, settings.messages.counter, kept_in(memo))
@@ -103,7 +98,6 @@ class Asking:
         """Ask what a prompt needs, and return it."""
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
-            answer: Any
             ask = self._asked()
             try:
                 answer = ask(*made)
@@ -116,7 +110,6 @@ class Asking:
         """Do what `answered` does. An asynchronous function is awaited; any other runs in a thread."""
         made = _next(fitting, None)
         while not isinstance(made, FittedPrompt):
-            answer: Any
             ask = self._asked()
             try:
                 is_async = inspect.iscoroutinefunction(ask)
@@ -136,15 +129,11 @@ class Asking:
                 shown = self.summaries.shown(text, draft.covered.form) if text else None
                 return replace(draft, summary=shown)
             if self.strategy is not None and draft.asked is not None:
-                chosen = yield from self.strategy.chosen(draft.asked)
-                return draft.with_choice(chosen)
+                return replace(draft, chosen=(yield from self.strategy.chosen(draft.asked)))
         except AskError as error:
             if self._on_error == "raise" or self.summaries is None:
                 raise error.reason from None
             return replace(draft, failed=str(error))
-        except TooLongError as error:
-            parts = {**draft.parts, "pinned": error.pins, "newest turn": error.newest}
-            raise PromptOverflowError.of(self._settings.prompt_tokens or 0, parts) from None
         return draft
 
     def _asked(self) -> Callable[..., Any]:
@@ -158,7 +147,7 @@ def _next(fitting: Fitting, answer: str | Exception | None) -> Question | Fitted
     """Go on with an answer, or with what was raised in its place; return the next question, or the prompt."""
     try:
         if isinstance(answer, Exception):
-            return fitting.throw(answer)
+            return fitting.throw(AskError(answer))
         return next(fitting) if answer is None else fitting.send(answer)
     except StopIteration as end:
         prompt: FittedPrompt = end.value

@@ -18,11 +18,10 @@ from typing import Any
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import Cut, cut_end, cut_middle
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, with_text, without_pictures
+from smartplay_tools.manager.forms import Content, Given, MessageForm, Said, without_pictures
+from smartplay_tools.manager.plain import as_json
 from smartplay_tools.providers.reply_fields import ENCRYPTED, texts_in
 from smartplay_tools.types.tables import read_table
-
-__all__ = ["SENTENCES", "Cost", "MessageCounter", "Tokens", "notice_of_cut"]
 
 Tokens = int | Callable[[Given], int]
 """The tokens of a part: a number, or a function of the part."""
@@ -113,6 +112,7 @@ class MessageCounter:
         return self._cut(text, cap, self.counter.text, notice_of_cut)
 
     def _counted(self, message: Given, form: MessageForm, most: int | None, opens: bool, opens_calls: bool) -> Cost:
+        as_json(message)
         tokens, sealed = self.tokens(message, form, opens=opens), any(True for _ in sealed_in(message))
         kind = form.kind(message)
         if kind == "word":
@@ -124,11 +124,9 @@ class MessageCounter:
         contents = form.results(message)
         given = [Content.of(content).text for content in contents]
         texts = [None if most is None or self.text(text) <= most else self.cut(text, most) for text in given]
-        cut = [c if text is None else with_text(c, text) for c, text in zip(contents, texts, strict=True)]
-        shown = form.with_results(message, cut) if any(text is not None for text in texts) else message
-        assert shown is not None
+        shown = message if all(text is None for text in texts) else form.cut(message, texts)
         masked = form.with_results(message, [RESULT_LEFT] * len(contents))
-        bare = form.with_results(shown, [without_pictures(c, PICTURE_LEFT) for c in cut])
+        bare = form.with_results(shown, [without_pictures(each, PICTURE_LEFT) for each in form.results(shown)])
         assert masked is not None
         assert bare is not None
         return Cost(

@@ -15,16 +15,15 @@ from smartplay_tools.manager.asking import Asking
 from smartplay_tools.manager.counting import Cost
 from smartplay_tools.manager.fitted import Conversation, Draft
 from smartplay_tools.manager.forms import FORMS, Given, MessageForm
+from smartplay_tools.manager.plain import named
 from smartplay_tools.manager.reading import Reading, kind_of
 from smartplay_tools.manager.settings import Settings
 from smartplay_tools.manager.strategy import AskedStrategy
 from smartplay_tools.manager.summaries import Covered
 from smartplay_tools.manager.tools import specs_of
-from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
+from smartplay_tools.manager.units import Chosen, Part, Shown
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
-
-__all__ = ["Drafts"]
 
 READINGS = 16
 """How many conversations are remembered, by their heads."""
@@ -49,13 +48,13 @@ class Drafts:
         head_tokens = PRIMING + self._system_tokens(beside["system"]) + sum(part.cost.whole for part in head)
         parts = {"tools": tool_tokens, "head": head_tokens}
         reserved = parts if self._asking.summaries is None else {**parts, "summary": self._asking.summaries.reserve}
-        room = (
-            math.inf if self._settings.prompt_tokens is None else self._settings.prompt_tokens - sum(reserved.values())
-        )
+        cap = self._settings.budget.prompt_tokens
+        room = math.inf if cap is None else cap - sum(reserved.values())
         if room < 0:
-            raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved)
+            raise PromptOverflowError.of(cap or 0, reserved)
         reading = self._reading(form, begin, self._most(room), keys)
         reading.read(data, keys)
+        reading.window.reserved = cap or 0, reserved
         repaired = sorted({*left_out, *reading.repaired})
         if not self._settings.repair and (repaired or reading.made):
             self._refuse(repaired, reading)
@@ -66,22 +65,18 @@ class Drafts:
             if self._asking.strategy.compacts:
                 lead = [*itertools.dropwhile(lambda part: part.message.get("role") in ("system", "developer"), head)]
             seed, tokens = self._seed(data[:begin], form, beside), None if math.isinf(room) else int(room)
-            asked = AskedStrategy(reading.copy(), seed, tokens, lead, lacks_user)
+            asked = AskedStrategy(reading.copy(), seed, tokens, (cap or 0, parts), lead, lacks_user)
             return replace(draft, head=draft.head[: len(head) - len(lead)], asked=asked)
         chosen, covered = Chosen(pinned=range(0)), None
         if reading.turns:
             users = reading.users if lacks_user and not has_summary else ()
-            try:
-                chosen = reading.window.newest_units(room, reading.kept(len(reading.turns)), users)
-            except TooLongError as error:
-                reserved |= {"pinned": error.pins, "newest turn": error.newest}
-                raise PromptOverflowError.of(self._settings.prompt_tokens or 0, reserved) from None
+            chosen = reading.window.newest_units(room, reading.kept(len(reading.turns)), users)
         if has_summary and (first := len(chosen.pinned)):
             ends = reading.window.beginnings(room, first)
             covered = Covered(
                 self._seed(data[:begin], form, beside), [turn.unit for turn in reading.turns[:first]], ends, form
             )
-        return replace(draft.with_choice(chosen), covered=covered)
+        return replace(draft, chosen=chosen, covered=covered)
 
     def _seed(self, head: Sequence[Given], form: MessageForm, beside: Mapping[str, Any]) -> bytes:
         """The digest of what shapes prompts beside their units."""
@@ -116,10 +111,8 @@ class Drafts:
 
     def _cost(self, number: int, message: Given, form: MessageForm, keys: Sequence[object]) -> Cost:
         """The cost of a message of the head."""
-        try:
+        with named(f"Message {number}"):
             return self._messages.cost(message, form, None, keys[number])
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"Message {number} {error}.") from None
 
     def _system_tokens(self, system: str | Sequence[Any] | None) -> int:
         if not system:

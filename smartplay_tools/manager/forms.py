@@ -11,9 +11,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
-from smartplay_tools.errors import InvalidArgumentError
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.providers.reply_fields import BESIDE_WORDS, NOT_SENT, THOUGHTS
 from smartplay_tools.types.arguments import as_text, object_in
 
@@ -82,60 +82,8 @@ class Said:
     """Whether a message begins here; False for an item that goes on with the reply before it."""
 
 
-class MessageForm(Protocol):
-    """One of the three forms."""
-
-    name: ClassVar[str]
-
-    def kind(self, message: Given) -> Kind:
-        """Return what a message is; one that the form does not have raises an `InvalidArgumentError`."""
-
-    def continues(self, before: Given, message: Given) -> bool:
-        """Whether two messages of a model, one after the other, are parts of one reply."""
-        return False
-
-    def calls(self, message: Given) -> Sequence[str]:
-        """Return the ids of the calls in a message of the model."""
-
-    def answers(self, message: Given) -> Sequence[str]:
-        """Return the ids of the calls that a message with results answers."""
-
-    def results(self, message: Given) -> Sequence[Any]:
-        """Return the contents of these results, as the message holds them."""
-
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
-        """Return a copy with other contents, None for a result that goes; None if nothing is left of it."""
-
-    def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
-        """Return messages that answer calls with a text."""
-
-    def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
-        """Return new words of a role, or a new reply with calls: their ids, names and arguments."""
-
-    def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
-        """Return messages with the results of one reply as the provider wants them, in one message or in several."""
-        return messages
-
-    def trimmed(self, message: Given) -> Given | None:
-        """Return a message of the model with its calls alone; None if it has none."""
-
-    def thinks(self, message: Given) -> bool:
-        """Return whether a message of the model has thoughts."""
-        content = message.get("content")
-        return isinstance(content, list | tuple) and any(_type(part) in THOUGHTS for part in content)
-
-    def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
-        """Return a message of a reply with other arguments, by the ids of calls, and maybe without thoughts.
-
-        None if nothing else is in it.
-        """
-
-    def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
-        """Yield what of a message counts; `opens` is False for one that continues a reply."""
-
-
-class Chat(MessageForm):
-    """Messages of OpenAI's chat completions, which most servers and frameworks have."""
+class MessageForm:
+    """Messages of OpenAI's chat completions, which most servers and frameworks have; the other forms differ from it."""
 
     name: ClassVar[str] = "chat"
     _KINDS: ClassVar[Mapping[Any, Kind]] = {
@@ -143,6 +91,7 @@ class Chat(MessageForm):
     }  # fmt: skip
 
     def kind(self, message: Given) -> Kind:
+        """Return what a message is; one that the form does not have raises an `InvalidArgumentError`."""
         role, calls = message.get("role"), message.get("tool_calls") or []
         kind = self._KINDS.get(role) if isinstance(role, str) else None
         if kind is None:
@@ -151,22 +100,42 @@ class Chat(MessageForm):
             raise InvalidArgumentError("has tool_calls that are no list of calls")
         return kind
 
+    def continues(self, before: Given, message: Given) -> bool:
+        """Whether two messages of a model, one after the other, are parts of one reply."""
+        return False
+
     def calls(self, message: Given) -> Sequence[str]:
+        """Return the ids of the calls in a message of the model."""
         return [str(call.get("id") or "") for call in message.get("tool_calls") or ()]
 
     def answers(self, message: Given) -> Sequence[str]:
+        """Return the ids of the calls that a message with results answers."""
         return [str(message.get("tool_call_id") or "")]
 
     def results(self, message: Given) -> Sequence[Any]:
+        """Return the contents of these results, as the message holds them."""
         return [message.get("content") or ""]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
+        """Return a copy with other contents, None for a result that goes; None if nothing is left of it.
+
+        `with_words` is False for a copy that has none of the words beside the results.
+        """
         return None if contents[0] is None else {**message, "content": contents[0]}
 
+    def cut(self, message: Given, texts: Sequence[str | None]) -> Given:
+        """Return a copy with other texts of its results, None for one that stays."""
+        pairs = zip(self.results(message), texts, strict=True)
+        cut = self.with_results(message, [each if text is None else with_text(each, text) for each, text in pairs])
+        assert cut is not None
+        return cut
+
     def made(self, ids: Sequence[str], text: str) -> Sequence[Given]:
+        """Return messages that answer calls with a text."""
         return [{"role": "tool", "tool_call_id": i, "content": text} for i in ids]
 
     def written(self, role: str, text: str, calls: Sequence[tuple[str, str, str]]) -> Sequence[Given]:
+        """Return new words of a role, or a new reply with calls: their ids, names and arguments."""
         message: dict[str, Any] = {"role": role, "content": text}
         if calls:
             message["tool_calls"] = [
@@ -175,15 +144,28 @@ class Chat(MessageForm):
             ]
         return [message]
 
+    def joined(self, messages: Sequence[Given]) -> Sequence[Given]:
+        """Return messages with the results of one reply as the provider wants them, in one message or in several."""
+        return messages
+
     def trimmed(self, message: Given) -> Given | None:
+        """Return a message of the model with its calls alone; None if it has none."""
         if not message.get("tool_calls"):
             return None
         return {"role": message["role"], "content": None, "tool_calls": message["tool_calls"]}
 
     def thinks(self, message: Given) -> bool:
-        return super().thinks(message) or any(message.get(name) for name in BESIDE_WORDS)
+        """Return whether a message of the model has thoughts."""
+        content = message.get("content")
+        is_part = isinstance(content, list | tuple) and any(_type(part) in THOUGHTS for part in content)
+        return is_part or any(message.get(name) for name in BESIDE_WORDS)
 
     def edited(self, message: Given, arguments: Mapping[str, str], *, thoughts: bool) -> Given | None:
+        """Return a message of a reply with other arguments, by the ids of calls, and maybe without thoughts.
+
+        None if nothing else is in it.
+        """
+
         def call(given: Given) -> Given:
             kind, field = ("custom", "input") if "custom" in given else ("function", "arguments")
             return {**given, kind: {**given[kind], field: arguments[str(given.get("id") or "")]}}
@@ -196,6 +178,7 @@ class Chat(MessageForm):
         return made if made.get("content") or calls else None
 
     def said(self, message: Given, *, opens: bool = True) -> Iterator[Said]:
+        """Yield what of a message counts; `opens` is False for one that continues a reply."""
         calls, more = [], []
         for call in message.get("tool_calls") or ():
             function = call.get("function") or call.get("custom") or {}
@@ -245,7 +228,7 @@ class Responses(MessageForm):
     def results(self, message: Given) -> Sequence[Any]:
         return [message.get("output") or ""]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
         if contents[0] is None:
             return None
         return {**message, "output": contents[0]} if "output" in message else message
@@ -321,11 +304,11 @@ class Anthropic(MessageForm):
     def results(self, message: Given) -> Sequence[Any]:
         return [block.get("content") or "" for block in self._blocks(message, "tool_result")]
 
-    def with_results(self, message: Given, contents: Sequence[Any]) -> Given | None:
+    def with_results(self, message: Given, contents: Sequence[Any], *, with_words: bool = True) -> Given | None:
         left, blocks = iter(contents), []
         for block in message["content"]:
             if _type(block) != "tool_result":
-                blocks.append(block)
+                blocks += [block] if with_words else []
             elif (content := next(left)) is not None:
                 blocks.append(block if content is block.get("content") else {**block, "content": content})
         return {**message, "content": blocks} if blocks else None
@@ -378,7 +361,7 @@ class Anthropic(MessageForm):
             yield Said(message["role"], Content.of(rest), calls=calls)
 
 
-FORMS: Mapping[str, MessageForm] = {form.name: form for form in (Chat(), Responses(), Anthropic())}
+FORMS: Mapping[str, MessageForm] = {form.name: form for form in (MessageForm(), Responses(), Anthropic())}
 """The forms by name."""
 
 _OF_A_MESSAGE = {"role", "content", "name", "tool_calls", "tool_call_id"}
@@ -386,8 +369,14 @@ _OF_A_CALL = {"id", "type", "index", "function", "custom"}
 _BLOCKS = {"tool_use", "tool_result", "thinking", "redacted_thinking", "server_tool_use", "document"}
 
 
-def form_of(messages: Sequence[Given]) -> MessageForm:
-    """Return the form of messages, by the first that only one form has; words alone are the same in all forms."""
+def form_of(messages: Sequence[Given], name: str | None = None) -> MessageForm:
+    """Return the form of a name, or that of messages, by the first that only one form has.
+
+    Words alone are the same in all forms.
+    """
+    if name is not None:
+        check_choice("form", name, FORMS)
+        return FORMS[name]
     for message in messages:
         if message.get("role") == "tool" or message.get("tool_calls"):
             return FORMS["chat"]

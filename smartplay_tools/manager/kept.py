@@ -12,8 +12,6 @@ from smartplay_tools.context.view import Piece, Selection, ranges_of
 from smartplay_tools.manager.window import AgentWindow, grouped
 from smartplay_tools.types.messages import calls_of
 
-__all__ = ["KeptCompacting"]
-
 
 class KeptCompacting(Compacting):
     """The rule of a compactor whose prompts show what every prompt shows.

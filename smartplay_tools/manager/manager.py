@@ -9,6 +9,7 @@ docs/any-agent.md has the definition.
 from __future__ import annotations
 
 import copy
+import inspect
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -17,32 +18,19 @@ from typing import Any, Literal
 
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import Tokenizer
-from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError, check_choice
 from smartplay_tools.manager.asking import Ask, Asking, Fitting, GivenStrategy, Memo
 from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.drafting import Drafts
-from smartplay_tools.manager.fitted import Conversation, FittedPrompt, PlainMessages, check_plain, plain
-from smartplay_tools.manager.forms import FORMS, Given, form_of
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt
+from smartplay_tools.manager.forms import Given, form_of
+from smartplay_tools.manager.plain import plain, plain_messages
 from smartplay_tools.manager.record import ThreadRecord
-from smartplay_tools.manager.settings import FormName, Settings, check_choice
+from smartplay_tools.manager.settings import FormName, Settings
 from smartplay_tools.manager.summaries import Summaries
 from smartplay_tools.manager.threads import ThreadRecords, recorded
 from smartplay_tools.manager.tools import plain_tool
-from smartplay_tools.types import Budget
-
-__all__ = ["ContextManager"]
-
-IN_BUDGETS = (
-    "prompt_tokens",
-    "history",
-    "slack",
-    "result_tokens",
-    "beyond_history",
-    "own_words",
-    "first_turns",
-    "newest_pictures",
-)
-"""The fields of a `Budget` that have a meaning without a game."""
+from smartplay_tools.types import Budget, ResolvedBudget
 
 
 class ContextManager:
@@ -112,36 +100,30 @@ class ContextManager:
         on_error: Literal["raise", "drop"] = "raise",
     ) -> None:
         check_choice("cut", cut, CUTS)
-        self._settings = Settings(
-            prompt_tokens,
-            MessageCounter(shared_counter(tokenizer), cut, picture_tokens, sealed_tokens, extra_tokens),
+        budget = ResolvedBudget.model_construct(
+            prompt_tokens=prompt_tokens,
             history=history,
             slack=slack,
-            result_tokens=result_tokens,
             beyond_history=beyond_history,
             own_words=own_words,
-            first_turns=first_turns or 0,
+            first_turns=first_turns or None,
             newest_pictures=newest_pictures,
-            head=head,
-            pin=pin,
-            cut=cut,
-            repair=repair,
-            form=form,
         )
+        counter = MessageCounter(shared_counter(tokenizer), cut, picture_tokens, sealed_tokens, extra_tokens)
+        self._settings = Settings(budget, counter, result_tokens, head, pin, cut, repair, form)
         self._asking = Asking(
             self._settings, strategy, ask, question_tokens=question_tokens, memo=memo, on_error=on_error
         )
         self._drafts = Drafts(self._settings, self._asking)
         folder, written = record, self._settings.recorded | self._asking.recorded
         self._threads = None if folder is None else ThreadRecords(Path(folder), written)
-        self._plain = PlainMessages()
         self._lock = threading.Lock()
         """Held while a prompt is made, and never while a model is asked."""
 
     @property
     def prompt_tokens(self) -> int | None:
         """The cap on every prompt."""
-        return self._settings.prompt_tokens
+        return self._settings.budget.prompt_tokens
 
     @classmethod
     def of(cls, budget: Budget, **options: Any) -> ContextManager:
@@ -149,26 +131,23 @@ class ContextManager:
 
         `options` are arguments that a budget does not have, such as `tokenizer` and `head`.
         """
-        shared = {name: getattr(budget, name) for name in IN_BUDGETS}
+        names = [name for name in inspect.signature(cls).parameters if name in Budget.model_fields]
+        for name, field in Budget.model_fields.items():
+            if name not in (*names, "summary_tokens") and getattr(budget, name) != field.default:
+                raise InvalidArgumentError(
+                    f"{name} has no meaning without a game; a context manager takes {', '.join(names)}."
+                )
+        shared = {name: getattr(budget, name) for name in names}
         if shared["history"] == "game":
             shared["history"] = None
         if budget.summary_tokens is not None:
-            options["strategy"] = Summaries(budget.summary_tokens, budget.question_tokens)
-            budget = budget.model_copy(update={"summary_tokens": None, "question_tokens": None})
-        if budget.strategy is not None:
-            options |= {"strategy": budget.strategy, "question_tokens": budget.question_tokens}
-            budget = budget.model_copy(update={"strategy": None, "question_tokens": None})
-        for name, field in Budget.model_fields.items():
-            if name not in IN_BUDGETS and getattr(budget, name) != field.default:
-                raise InvalidArgumentError(
-                    f"{name} has no meaning without a game; a context manager takes {', '.join(IN_BUDGETS)}."
-                )
+            summaries = Summaries(budget.summary_tokens, budget.question_tokens)
+            shared |= {"strategy": summaries, "question_tokens": None}
         return cls(**shared, **options)
 
     def count(self, messages: Sequence[Any], **beside: Any) -> int:
         """Return the tokens of a prompt that shows everything, whole; `beside` are the other arguments of `fit`."""
-        whole, own = copy.copy(self), self._settings
-        settings = Settings(None, own.messages, head=own.head, repair=own.repair, form=own.form)
+        whole, settings = copy.copy(self), replace(self._settings, budget=ResolvedBudget(), result_tokens=None)
         whole._settings, whole._asking, whole._threads = settings, Asking(settings), None
         whole._drafts = Drafts(settings, whole._asking)
         return whole.fit(messages, **beside).tokens
@@ -218,16 +197,7 @@ class ContextManager:
     def _fitting(
         self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
     ) -> Fitting:
-        try:
-            return (yield from self._made(messages, beside, form, thread))
-        except (RecursionError, TypeError):
-            check_plain(messages)  # where no message is at fault, it is an error of another kind
-            raise
-
-    def _made(
-        self, messages: Sequence[Any], beside: dict[str, Any], form: FormName | None, thread: str | None
-    ) -> Fitting:
-        asking, cap = self._asking, self._settings.prompt_tokens
+        asking, cap = self._asking, self.prompt_tokens
         with self._lock:
             conversation = self._read(messages, form)
             beside = {**beside, "system": _plain_system(beside["system"]), "tools": [*map(plain_tool, beside["tools"])]}
@@ -247,10 +217,8 @@ class ContextManager:
 
     def _read(self, messages: Sequence[Any], form: FormName | None) -> Conversation:
         """The messages of a request as plain data."""
-        check_choice("form", form, (None, *FORMS))
-        name = form or self._settings.form
-        data, keys = self._plain.read(messages)
-        return Conversation(messages, data, keys, form_of(data) if name is None else FORMS[name])
+        data, keys = plain_messages(messages)
+        return Conversation(messages, data, keys, form_of(data, form or self._settings.form))
 
     def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:
         """The record of a conversation; None where nothing is recorded."""

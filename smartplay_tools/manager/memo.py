@@ -10,8 +10,6 @@ from typing import Protocol
 
 from smartplay_tools.errors import InvalidArgumentError
 
-__all__ = ["MemoFolder", "Texts"]
-
 
 class Texts(Protocol):
     """What is used of a memo: a mapping has it, and a folder."""

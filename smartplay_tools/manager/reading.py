@@ -14,21 +14,17 @@ import operator
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import NO_RESULT
 from smartplay_tools.manager.forms import Given, Kind, MessageForm
+from smartplay_tools.manager.plain import named
 from smartplay_tools.manager.units import Part, Unit
 from smartplay_tools.manager.window import AgentWindow
-
-__all__ = ["Reading"]
 
 
 def kind_of(form: MessageForm, number: int, message: Given) -> Kind:
     """Return what a message is; one that the form does not have is an `InvalidArgumentError` with its number."""
-    try:
+    with named(f"Message {number}"):
         return form.kind(message)
-    except InvalidArgumentError as error:
-        raise InvalidArgumentError(f"Message {number} {error}.") from None
 
 
 class Reading:
@@ -127,29 +123,25 @@ class Reading:
         return units
 
     def _place(self, number: int, message: Given, units: list[Unit], waiting: dict[str, list[Unit]]) -> None:
-        """Put a message with results into the unit of its calls; results without a call are left out."""
-        form = self.form
-        answered = form.answers(message)
+        """Put the results of a message into the units of their calls; results without a call are left out."""
+        form, answered = self.form, self.form.answers(message)
         owners = [waiting[call].pop() if waiting.get(call) else None for call in answered]
-        owner = next((each for each in owners if each is not None), None)
-        contents = form.results(message)
-        for at, (call, each) in enumerate(zip(answered, owners, strict=True)):
-            if each is owner and each is not None:
-                each.open.remove(call)
-                continue
-            contents = [*contents[:at], None, *contents[at + 1 :]]
-            if each is not None:  # it is open again
-                waiting[call].append(each)
+        for call, owner in zip(answered, owners, strict=True):
+            if owner is not None:
+                owner.open.remove(call)
+        last = next((unit for unit in reversed(units) if any(unit is owner for owner in owners)), None)
+        shares = {id(owner): owner for owner in owners if owner is not None}
         kept: Given | None = message
-        if owner is None or any(each is not owner for each in owners):
-            kept = form.with_results(message, contents)
-        if kept is not message or owner is not units[-1]:
+        for owner in shares.values() or [None]:
+            if owner is None or any(each is not owner for each in owners):
+                pairs = zip(form.results(message), owners, strict=True)
+                contents = [content if owner is not None and each is owner else None for content, each in pairs]
+                kept = form.with_results(message, contents, with_words=owner is last)
+            if kept is not None:
+                parts = [Part(number, kept)]
+                units.append(Unit("word", parts)) if owner is None else owner.parts.extend(parts)
+        if kept is not message or last is not units[-1]:
             self.repaired.append(number)
-        if kept is not None:
-            if owner is None:
-                units.append(Unit("word", [Part(number, kept)]))
-            else:
-                owner.parts.append(Part(number, kept))
 
     def _append(self, units: Sequence[Unit], messages: Sequence[Given], keys: list[object], start: int) -> None:
         newest, is_whole = start - 1, True
@@ -163,12 +155,10 @@ class Reading:
             for part, (opens, opens_calls) in zip(unit.parts, self._openings(unit), strict=True):
                 part.is_given = part.source is not None and part.message is messages[part.source]
                 key = keys[part.source] if part.is_given and part.source is not None else repr(part.message)
-                try:
+                with named(f"Message {part.source}"):
                     part.cost = self.window.messages.cost(
                         part.message, self.form, self._most, key, opens=opens, opens_calls=opens_calls
                     )
-                except InvalidArgumentError as error:
-                    raise InvalidArgumentError(f"Message {part.source} {error}.") from None
             if unit.kind == "word":
                 is_operator = unit.parts[0].message.get("role") in ("system", "developer")
                 (self.instructions if is_operator else self.users).append(number)

@@ -33,8 +33,6 @@ from smartplay_tools.errors import SENSELESS, TranscriptError, in_one_line
 from smartplay_tools.files.lines import complete_lines, parse_json
 from smartplay_tools.transcript.hashing import canonical_json, chained_lines
 
-__all__ = ["RecordedPrompt", "RecordedThread", "ThreadRecord", "is_thread_record", "read_thread"]
-
 FORMAT = "context-manager-1"
 
 CHANGES = ("dropped", "masked", "trimmed", "elided", "cut", "repaired", "rewritten", "uncertain")

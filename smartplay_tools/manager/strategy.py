@@ -13,15 +13,16 @@ import hashlib
 import inspect
 import math
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from smartplay_tools.context.choosing import choosing
 from smartplay_tools.context.strategies.custom import (
     FunctionCompactor,
-    chooses,
+    Loaded,
     compacts,
     load_strategy,
     make_strategy,
@@ -30,19 +31,17 @@ from smartplay_tools.context.strategies.custom import (
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection
-from smartplay_tools.errors import InvalidArgumentError, StrategyError, name_of
+from smartplay_tools.errors import PromptOverflowError, StrategyError, name_of
 from smartplay_tools.manager.counting import MessageCounter
 from smartplay_tools.manager.kept import KeptCompacting
 from smartplay_tools.manager.memo import Texts
 from smartplay_tools.manager.reading import Reading
 from smartplay_tools.manager.summaries import AskError, Question, read_answer
-from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError
+from smartplay_tools.manager.units import Chosen, Part, Shown, digests_of
 from smartplay_tools.manager.window import AgentWindow
 from smartplay_tools.transcript.hashing import canonical_json
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.messages import Message
-
-__all__ = ["AskedStrategy", "StrategyMaker", "StrategyRunner"]
 
 FOLDS = 16
 """How many conversations a runner remembers the strategies of."""
@@ -55,33 +54,20 @@ class StrategyMaker:
     """Makes the strategy of each conversation from what a user has given: a name, a class, an object or a function."""
 
     def __init__(self, given: Any) -> None:
-        self._make: Callable[[], Any]
         if isinstance(given, str):
-            loaded = load_strategy(given)
-            self.name, self._make = name_on_record(given), lambda: make_strategy(given, loaded)
-        elif inspect.isroutine(given):
-            self.name, self._make = name_of(given), lambda: FunctionCompactor(given)
-        elif isinstance(given, type):
-            self.name, self._make = name_of(given), given
+            self.name, self._given, self._loaded = name_on_record(given), given, load_strategy(given)
         else:
-            self.name, self._make = name_of(type(given)), lambda: copy.deepcopy(given)
+            is_function, is_class = inspect.isroutine(given), isinstance(given, type)
+            self.name = self._given = name_of(given if is_function or is_class else type(given))
+            made_of = partial(FunctionCompactor if is_function else copy.deepcopy, given)
+            self._loaded = Loaded(given if is_class else made_of)
         made = self()
-        if chooses(made) == compacts(made):
-            raise InvalidArgumentError(
-                f"{self.name} is no strategy: give Summaries(tokens=...), a name, a class or an object with "
-                "choose(past, room) or compact(history, room), or a function of history and room."
-            )
         self.compacts, self.remembers = compacts(made), bool(getattr(made, "remembers", True))
         self.reads_thoughts = bool(getattr(made, "reads_thoughts", False))
 
     def __call__(self) -> Any:
         """Return an object for one conversation."""
-        try:
-            return self._make()
-        except InvalidArgumentError:
-            raise
-        except Exception as error:  # whatever the user's class does
-            raise InvalidArgumentError(f"The strategy {self.name} cannot be made: {error}.") from error
+        return make_strategy(self._given, self._loaded)
 
 
 @dataclass(frozen=True)
@@ -94,6 +80,8 @@ class AskedStrategy:
     """A digest of what shapes prompts beside the units."""
     room: int | None
     """The tokens beside tools and head; None without a cap."""
+    reserved: tuple[int, Mapping[str, int]]
+    """The cap on prompts, and the tokens of what they have beside the units, by part."""
     lead: Sequence[Part]
     """The messages of the head that a compactor is given."""
     lacks_user: bool
@@ -109,11 +97,8 @@ class AskedStrategy:
 
     def keys(self) -> list[bytes]:
         """Return the digest of the conversation up to each of its units."""
-        digest, keys = hashlib.sha256(self.seed), []
-        for at, turn in enumerate(self.reading.turns):
-            digest.update(turn.unit.digest + bytes([at in self.reading.pinned, turn.unit.is_late]))
-            keys.append(digest.digest())
-        return keys
+        turns, pinned = enumerate(self.reading.turns), self.reading.pinned
+        return digests_of(self.seed, (t.unit.digest + bytes([at in pinned, t.unit.is_late]) for at, t in turns))
 
     def kept(self, stop: int) -> set[int]:
         """Return the turns before one that every prompt shows, beside the newest."""
@@ -141,14 +126,10 @@ class StrategyRunner:
     ) -> None:
         """`goes_on` says that a prompt whose question nobody answers is made without the compactor."""
         self._make, self._budget, self._messages = make, budget, messages
+        self.compacts = make.compacts
         self._memo, self._goes_on = memo, goes_on
         self._folds: dict[bytes, _Fold] = {}
         self._lock = threading.Lock()
-
-    @property
-    def compacts(self) -> bool:
-        """Whether the strategy rewrites messages."""
-        return self._make.compacts
 
     def chosen(self, asked: AskedStrategy) -> Generator[Question, str, Chosen]:
         """Yield the questions of the strategy, be sent the answers, and return what the prompt shows."""
@@ -168,7 +149,7 @@ class StrategyRunner:
             if at == last:
                 yield from self._played(fold, asked, keys[at], at)
             elif self._make.remembers and asked.has_prompt(at):
-                with suppress(TooLongError):  # the prompt was refused then
+                with suppress(PromptOverflowError):  # the prompt was refused then
                     yield from self._played(fold, asked, keys[at], at)
         chosen = self._restored(fold, asked)
         if not fold.failed:
@@ -183,6 +164,7 @@ class StrategyRunner:
         budget = self._budget.model_copy(update={"prompt_tokens": cap})
         window = AgentWindow(asked.reading.form, self._messages, budget, asked.lead)
         window.is_read, window.shows_thoughts = True, self._make.reads_thoughts
+        window.reserved = asked.reserved
         return _Fold(window, self._make())
 
     def _played(self, fold: _Fold, asked: AskedStrategy, key: bytes, at: int) -> Generator[Question, str, None]:
@@ -224,10 +206,7 @@ class StrategyRunner:
         if known is not None:
             return known
         most = self._budget.prompt_tokens or MOST_OF_AN_ANSWER
-        try:
-            answer = yield [dict(message) for message in messages], most
-        except Exception as error:
-            raise AskError(error) from None
+        answer = yield [dict(message) for message in messages], most
         with self._lock:
             return self._memo.setdefault(digest, read_answer(answer))
 

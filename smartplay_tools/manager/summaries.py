@@ -7,7 +7,6 @@ and a conversation whose beginning was edited gets others. Nothing here asks a m
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import threading
 from bisect import bisect_left
@@ -19,12 +18,10 @@ from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import TokenCounter
 from smartplay_tools.context.tokens.truncation import cut_end
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.counting import SENTENCES, Cost, notice_of_cut
+from smartplay_tools.manager.counting import SENTENCES, notice_of_cut
 from smartplay_tools.manager.forms import MessageForm
 from smartplay_tools.manager.memo import Texts
-from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown
-
-__all__ = ["AskError", "Covered", "Question", "Summaries", "SummaryChain", "read_answer"]
+from smartplay_tools.manager.units import Part, Shown, Unit, as_first_shown, digests_of
 
 Question: TypeAlias = tuple[list[dict[str, Any]], int]
 """The messages of a question, and the most tokens that its answer should have."""
@@ -61,13 +58,8 @@ class Covered:
 
     def keys(self) -> list[str]:
         """Return the digest of what each summary covers, as hex."""
-        digest, keys, start = hashlib.sha256(self.seed), [], 0
-        for end in self.ends:
-            for unit in self.units[start:end]:
-                digest.update(unit.digest)
-            keys.append(digest.hexdigest())
-            start = end
-        return keys
+        digests = digests_of(self.seed, (unit.digest for unit in self.units))
+        return [digests[end - 1].hex() for end in self.ends]
 
 
 class AskError(Exception):
@@ -102,7 +94,7 @@ class SummaryChain:
         message = {"role": "user", "content": f"{self._frame}{text}"}
         if form.name == "responses":
             message["type"] = "message"
-        return Shown.whole(Part(None, message, Cost(self._size(message["content"]))))
+        return Shown(Part(None, message), message, self._size(message["content"]))
 
     def text(self, covered: Covered) -> Generator[Question, str, str]:
         """Yield the questions of a summary, be sent the answers, and return it; empty if no answer had a word."""
@@ -115,10 +107,7 @@ class SummaryChain:
             rest = list(_told(covered.units[start:end], covered.form))
             while rest:
                 part, rest = self._part(text, rest)
-                try:
-                    answer = yield self._question(text, part)
-                except Exception as error:
-                    raise AskError(error) from None
+                answer = yield self._question(text, part)
                 text = self._cut(read_answer(answer)) or text
             with self._lock:
                 text = self._memo.setdefault(key, text)

@@ -11,13 +11,12 @@ from typing import Any
 
 from smartplay_tools.context.view import ranges_of
 from smartplay_tools.errors import InvalidArgumentError
-from smartplay_tools.manager.fitted import Conversation, FittedPrompt, plain
+from smartplay_tools.manager.fitted import Conversation, FittedPrompt
 from smartplay_tools.manager.forms import Given
+from smartplay_tools.manager.plain import plain
 from smartplay_tools.manager.record import CHANGES, ThreadRecord
 from smartplay_tools.manager.tools import recorded_tool
 from smartplay_tools.transcript.hashing import canonical_json
-
-__all__ = ["ThreadRecords"]
 
 RECORDS = 64
 """How many records are kept open; a server that runs for months sees many."""

@@ -8,9 +8,8 @@ from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.counting import Tokens
+from smartplay_tools.manager.plain import plain
 from smartplay_tools.types import ToolSpec
-
-__all__ = ["plain_tool", "recorded_tool", "specs_of"]
 
 NAMES = ("type", "name", "server_label")
 """What a record has of a tool that its provider runs: the rest can hold the keys and headers of other servers."""
@@ -18,14 +17,7 @@ NAMES = ("type", "name", "server_label")
 
 def plain_tool(tool: Any) -> Mapping[str, Any]:
     """Return a tool as plain data; a client's object is read by `model_dump`."""
-    if isinstance(tool, Mapping):
-        return tool
-    if isinstance(tool, ToolSpec):
-        return tool.to_json()
-    if callable(dump := getattr(tool, "model_dump", None)):
-        dumped: Mapping[str, Any] = dump(mode="json", exclude_none=True)
-        return dumped
-    raise InvalidArgumentError(f"A tool is a mapping or a ToolSpec, not {type(tool).__name__}.")
+    return tool.to_json() if isinstance(tool, ToolSpec) else plain(tool, "A tool")[0]
 
 
 def recorded_tool(tool: Mapping[str, Any]) -> Mapping[str, Any]:

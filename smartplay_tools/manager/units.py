@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from smartplay_tools.manager.counting import Cost, MessageCounter
-from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm, with_text
+from smartplay_tools.manager.forms import Content, Given, Kind, MessageForm
 from smartplay_tools.transcript.hashing import canonical_json
-
-__all__ = ["Chosen", "Part", "Shown", "TooLongError", "Unit", "as_first_shown", "squeezed"]
-
-
-class TooLongError(Exception):
-    """What cannot be left out is too long: `pins` and `newest` are its tokens."""
-
-    def __init__(self, pins: int, newest: int) -> None:
-        super().__init__(pins, newest)
-        self.pins, self.newest = pins, newest
 
 
 @dataclass(slots=True)
@@ -91,14 +81,18 @@ class Chosen:
     """Why a compactor was not asked."""
 
 
+def digests_of(seed: bytes, parts: Iterable[bytes]) -> list[bytes]:
+    """Return for each part the sha256 of a seed and all parts up to it."""
+    digest, found = hashlib.sha256(seed), []
+    for part in parts:
+        digest.update(part)
+        found.append(digest.digest())
+    return found
+
+
 def as_first_shown(part: Part, form: MessageForm) -> Given:
     """Return a message with its results cut to their cap."""
-    if part.cost.cut is None:
-        return part.message
-    contents = [c if cut is None else with_text(c, cut) for c, cut in _cuts(part, form)]
-    message = form.with_results(part.message, contents)
-    assert message is not None
-    return message
+    return part.message if part.cost.cut is None else form.cut(part.message, part.cost.cut)
 
 
 def squeezed(unit: Unit, room: float, form: MessageForm, counter: MessageCounter) -> Unit | None:

@@ -21,15 +21,14 @@ from smartplay_tools.context.prompts.wording import VERSION, Wording
 from smartplay_tools.context.strategies import Strategies
 from smartplay_tools.context.turns import Form, Item, Turn
 from smartplay_tools.context.window import ContextWindow
-from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, Cost, MessageCounter
+from smartplay_tools.errors import PromptOverflowError
+from smartplay_tools.manager.counting import PICTURE_LEFT, RESULT_LEFT, MessageCounter
 from smartplay_tools.manager.forms import Content, Given, MessageForm, without_pictures
-from smartplay_tools.manager.units import Chosen, Part, Shown, TooLongError, Unit, as_first_shown, squeezed
+from smartplay_tools.manager.units import Chosen, Part, Shown, Unit, as_first_shown, squeezed
 from smartplay_tools.providers.reply_fields import texts_in
 from smartplay_tools.types import ResolvedBudget
 from smartplay_tools.types.call_ids import CallIds
 from smartplay_tools.types.messages import Message, MessageToolCall, calls_of, text_of
-
-__all__ = ["AgentForm", "AgentTurn", "AgentWindow", "grouped"]
 
 WORDING = Wording(VERSION, {**Wording.of(VERSION).texts, "observation_left": RESULT_LEFT})
 """The sentences of games, with the manager's in place of a result that is too old."""
@@ -81,6 +80,7 @@ class AgentTurn(Turn):
         reply = sum(part.cost.whole for part in unit.parts if not part.cost.is_result)
         self.whole = (AgentForm(self, 0, "whole", reply), *self._results_at("whole"))
         self._levels: dict[Level, tuple[Form, ...]] = {"whole": self.whole}
+        """All its messages, with the results at each level."""
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("assistant", "shown", "items", "calls", "arguments"):
@@ -123,14 +123,10 @@ class AgentTurn(Turn):
             level = "masked"
         elif self._pictures and self.first_picture < elided:
             level = "unpictured"
-        forms = self._at(level)
-        return (self.trimmed, *forms[1:]) if self.step < trimmed_before and self.is_wordy else forms
-
-    def _at(self, level: Level) -> tuple[Form, ...]:
-        """All its messages, with the results at a level."""
         if level not in self._levels:
             self._levels[level] = (self.whole[0], *self._results_at(level))
-        return self._levels[level]
+        forms = self._levels[level]
+        return (self.trimmed, *forms[1:]) if self.step < trimmed_before and self.is_wordy else forms
 
     def _results_at(self, level: Level) -> Iterator[AgentForm]:
         """Its results at a level; their tokens add up to those of the messages that they are in."""
@@ -160,6 +156,8 @@ class AgentWindow(ContextWindow):
         """Whether a strategy decides, and whether it is given thoughts."""
         self.rewritten: set[int] = set()
         """The messages in whose place a strategy has put its own."""
+        self.reserved: tuple[int, Mapping[str, int]] = 0, {}
+        """The cap on prompts, and the tokens of what they have beside the units, by part."""
         self._taken: list[list[str]] = []
         """For each turn the ids of its calls, of which none comes twice."""
         self._given_ids: dict[str, str] = {}
@@ -198,7 +196,8 @@ class AgentWindow(ContextWindow):
         shorter = squeezed(turn.unit, most - needs + newest, self.form, self.messages)
         if shorter is None:
             pins = needs - newest - self.head_tokens - self.tokens(range(self.starts[0]))
-            raise TooLongError(pins, newest)
+            cap, parts = self.reserved
+            raise PromptOverflowError.of(cap, {**parts, "pinned": pins, "newest turn": newest})
         self.back_to(last)
         self.add(AgentTurn(self, last, shorter, turn.step, turn.first_picture))
         try:
@@ -322,9 +321,7 @@ class AgentWindow(ContextWindow):
         if isinstance(first, AgentForm) and first.turn.is_whole(forms):
             yield from (Shown.whole(part, first.turn.number) for part in first.turn.unit.parts)
             return
-        if first.is_result:  # of a reply that the strategy has put elsewhere; never sent
-            results = [*forms]
-        elif isinstance(first, AgentForm):
+        if isinstance(first, AgentForm):
             yield from self._replied(first)
         elif (turn := self.edited(first)) is not None:
             yield from self._edited(self.turns[turn], first.message)
@@ -418,7 +415,7 @@ class AgentWindow(ContextWindow):
 
     def _own(self, message: Given) -> Shown:
         tokens = self.messages.tokens(message, self.form)
-        return Shown(Part(None, message, Cost(tokens)), message, tokens)
+        return Shown(Part(None, message), message, tokens)
 
 
 def grouped(messages: Iterable[T], is_result: Callable[[T], bool]) -> list[list[T]]:

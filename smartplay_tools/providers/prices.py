@@ -11,7 +11,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from itertools import repeat
 from typing import Any, Protocol, Self
 
 from smartplay_tools.errors import InvalidArgumentError
@@ -58,7 +57,7 @@ class Price:
         for name in ("input", "output", "cached", *LATER):
             if not _are_rates(getattr(self, name), may_be_empty=name in LATER):
                 raise InvalidArgumentError(
-                    f"A price has an {name} rate that cannot be: rates are finite, not negative, and begin at 0 "
+                    f"A price has an {name} rate that cannot be: rates are finite and not negative, and begin at 0 "
                     "tokens, as in ((0, 2.5),); Price.per_million(2.5, 10) makes a price of numbers."
                 )
 
@@ -76,8 +75,6 @@ class Price:
 
         A rate that nothing can cost is an `InvalidArgumentError`.
         """
-        if not all(0 <= rate < math.inf for rate in (given, taken, cached or 0, write or 0)):
-            raise InvalidArgumentError("The rates of a price are finite and not negative, in USD per million tokens.")
         read, written = given if cached is None else cached, () if write is None else ((0, write),)
         return cls(((0, given),), ((0, taken),), ((0, read),), source, written)
 
@@ -85,15 +82,11 @@ class Price:
     def parse(cls, text: str) -> Self:
         """Parse "INPUT,OUTPUT[,CACHED[,WRITTEN]]", in US dollars per million tokens."""
         try:
-            numbers = [float(part) for part in text.split(",")]
-        except ValueError:
-            numbers = []
-        if len(numbers) not in (2, 3, 4) or not all(0 <= number < math.inf for number in numbers):
+            return cls.per_million(*map(float, text.split(",")))
+        except (TypeError, ValueError):  # another number of rates, or one that cannot be
             raise InvalidArgumentError(
                 f"{text!r} is not a price; write INPUT,OUTPUT or INPUT,OUTPUT,CACHED,WRITTEN in USD per million."
-            )
-        given, taken, *parts = numbers
-        return cls.per_million(given, taken, parts[0] if parts else None, parts[1] if len(parts) > 1 else None)
+            ) from None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
@@ -108,41 +101,38 @@ class Price:
 
     def cost(self, usage: Counted) -> float:
         """Return the cost of a usage in US dollars."""
-        prompt, write, cached = usage.prompt, self.write or self.input, usage.cached or 0
-        dollars = (
-            (prompt - cached - usage.written) * _rate(self.input, prompt)
-            + cached * _rate(self.cached, prompt)
-            + (usage.written - usage.written_1h) * _rate(write, prompt)
-            + usage.written_1h * _rate(self.write_1h or write, prompt)
-            + usage.reply * _rate(self.output, prompt)
-        )
-        return dollars / 1_000_000
-
-    def most(self, prompt: int, reply: int) -> float:
-        """Return the most that a call can cost: nothing of its prompt is read from a cache, all of it is written."""
-        rate = max(_rate(rates, prompt) for rates in (self.input, self.write, self.write_1h) if rates)
-        return (prompt * rate + reply * _rate(self.output, prompt)) / 1_000_000
-
-    @cached_property
-    def _tiers(self) -> tuple[list[int], list[tuple[float, float, float, float]]]:
-        """The lengths of prompts at which a rate changes, and the four rates from there on."""
-        kinds = (self.input, self.cached, self.write or self.input, self.output)
-        starts = sorted({start for rates in kinds for start, _ in rates})
-        given, read, write, taken = ([_rate(rates, start) for start in starts] for rates in kinds)
-        return starts, [*zip(given, read, write, taken, strict=True)]
+        return self._dollars(usage.prompt, usage.cached or 0, usage.written, usage.reply, usage.written_1h)
 
     def each(self, calls: Iterable[tuple[int, int, int, int]]) -> list[float]:
         """Return the cost of each call, given as tokens of prompt, cached part, written part and reply."""
+        return [self._dollars(*call) for call in calls]
+
+    def most(self, prompt: int, reply: int) -> float:
+        """Return the most that a call can cost: nothing of its prompt is read from a cache, all of it is written."""
+        given, _, write, write_1h, taken = self._rates_for(prompt)
+        return (prompt * max(given, write, write_1h) + reply * taken) / 1_000_000
+
+    def _dollars(self, prompt: int, cached: int, written: int, reply: int, written_1h: int = 0) -> float:
+        given, read, write, write_1h, taken = self._rates_for(prompt)
+        dollars = (prompt - cached - written) * given + cached * read
+        dollars += (written - written_1h) * write + written_1h * write_1h + reply * taken
+        return dollars / 1_000_000
+
+    def _rates_for(self, prompt: int) -> tuple[float, ...]:
+        """The rates for a prompt of this length, as in `_tiers`."""
         starts, tiers = self._tiers
-        rated: Iterable[tuple[tuple[int, int, int, int], tuple[float, float, float, float]]]
-        if len(tiers) == 1:
-            rated = zip(calls, repeat(tiers[0]))
-        else:
-            rated = ((call, tiers[bisect_right(starts, call[0]) - 1]) for call in calls)
-        return [
-            ((prompt - cached - written) * given + cached * read + written * write + reply * taken) / 1_000_000
-            for (prompt, cached, written, reply), (given, read, write, taken) in rated
-        ]
+        return tiers[bisect_right(starts, prompt) - 1]
+
+    @cached_property
+    def _tiers(self) -> tuple[list[int], list[tuple[float, ...]]]:
+        """The lengths of prompts at which a rate changes, and the rates from there on.
+
+        These are of uncached, cached and written tokens, of those written for an hour, and of the reply's.
+        """
+        write = self.write or self.input
+        kinds = (self.input, self.cached, write, self.write_1h or write, self.output)
+        starts = sorted({start for rates in kinds for start, _ in rates})
+        return starts, [tuple(_rate(rates, start) for rates in kinds) for start in starts]
 
 
 def find_price(player: str, player_options: Mapping[str, Any]) -> Price | None:

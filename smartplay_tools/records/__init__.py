@@ -1,7 +1,7 @@
 """Records of episodes: read, replayed, continued, priced and added up. What a run keeps is in `evaluation.run_folder`.
 
 record             an episode as its record tells it
-prompts            every prompt rebuilt from a record and verified; an episode as one conversation
+prompts            every prompt rebuilt from a record and verified
 driver, replays    a record played again on a new game and compared; the pictures that a model was shown
 resumption         an episode continued from its record, and what a trial leaves to the next one
 accounts           where the tokens of prompts went, how turns were shown, and why they left

@@ -8,28 +8,27 @@ prompt showed of each turn before it, as a word for each turn.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
-from itertools import accumulate, pairwise
+from functools import partial, reduce
+from itertools import repeat
 from operator import add, sub
 from typing import Literal
 
-from smartplay_tools.context.choosing import text_message
-from smartplay_tools.context.rewriting import flat
+from smartplay_tools.context.prefix import common_beginning
+from smartplay_tools.context.rewriting import SYSTEM
 from smartplay_tools.context.strategies.ageing import drops_old_turns
 from smartplay_tools.context.strategies.summaries import summaries_of
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.tokens.counter import shared_counter
 from smartplay_tools.context.tokens.tokenizers import ships
 from smartplay_tools.context.turns import Form, Item, Turn
-from smartplay_tools.context.view import Selection, numbers_in, with_manual
+from smartplay_tools.context.view import numbers_in
 from smartplay_tools.context.window import ContextWindow
-from smartplay_tools.records.prompts import oldest_of, pinned_in, rewritten_prompts, selection_of
+from smartplay_tools.records.prompts import Rebuilder, oldest_of, rewritten_prompts, selection_of
 from smartplay_tools.records.record import Record
-from smartplay_tools.transcript.events import HeadEvent, ViewEvent, concerns_summary
-from smartplay_tools.types import NOTES_TOOL, ResolvedBudget, ToolSpec
+from smartplay_tools.transcript.events import Event, ViewEvent, concerns_summary, purpose_of
+from smartplay_tools.types import NOTES_TOOL, ResolvedBudget
 from smartplay_tools.types.messages import Message, reasoning_of, text_of
 
 PARTS = {
@@ -51,8 +50,6 @@ _TASK, _MANUAL, _SUMMARY, _NOTES, _WORDS, _CALLS, _OBSERVATIONS, _MASKED, _OTHER
 
 Tokens = list[int]
 """A number of tokens for each of `PARTS`."""
-
-_NOTHING: Tokens = [0] * len(PARTS)
 
 Reason = Literal["history", "full", "block", "pin", "choice"]
 
@@ -91,10 +88,12 @@ class Accounts:
         self._has_grid = words.has_grid
         self._drops, self._form = drops_old_turns(self._budget), summaries_of(self._budget, self._counter, words)
         self._turns = record.turns
-        self._steps = [turn.step for turn in self._turns]
-        self._replies = [self._parts_of_reply(turn, turn.shown) for turn in self._turns]
-        """The parts of each turn's reply."""
-        self._heads: dict[tuple[int, str | None], tuple[int, int]] = {}
+        self._summed, self._sums = list[Form](), [[0] * len(PARTS)]
+        """The messages of the conversation that were summed up, and the parts of those before each."""
+        self._replies: dict[Form, Tokens] = {}
+        """The parts of the replies, as they were said or trimmed."""
+        self._manuals: dict[Form, int] = {}
+        """What a manual, or the newest notes, add to the system message."""
 
     @classmethod
     def of(cls, record: Record) -> Accounts | None:
@@ -103,94 +102,76 @@ class Accounts:
             return None
         return cls(record)
 
-    @cached_property
-    def _whole(self) -> list[Tokens]:
-        """The parts of the turns before each, unmasked."""
-        return _sums(self._parts_of(turn, 0) for turn in self._turns)
-
-    @cached_property
-    def _hidden(self) -> list[Tokens]:
-        """The parts of the turns before each, with every observation masked."""
-        return _sums(self._parts_of(turn, turn.step + 1) for turn in self._turns)
-
-    @cached_property
-    def _spoken(self) -> list[Tokens]:
-        """The tokens that trimmed replies save in the turns before each."""
-
-        def saved(turn: Turn, whole: Tokens) -> Tokens:
-            return _minus(whole, self._parts_of_reply(turn, turn.trimmed.message)) if turn.is_wordy else _NOTHING
-
-        return _sums(map(saved, self._turns, self._replies))
-
     def sizes(self) -> Iterator[tuple[int, int]]:
         """Yield the tokens of each turn, unmasked and with every observation masked."""
-        for sums in zip(pairwise(self._whole), pairwise(self._hidden), strict=True):
-            whole, masked = (sum(after) - sum(before) for before, after in sums)
-            yield whole, masked
+        for turn in self._turns:
+            yield self._sum(turn.whole), self._sum(turn.masked)
 
-    def parts(self, view: ViewEvent) -> Tokens:
-        """Return the tokens of the parts of a prompt."""
-        is_request = concerns_summary(view)
-        seen = view["turn"] - is_request
-        manual = self._turns[seen - 1].manual if seen else None
-        tokens = _NOTHING.copy()
-        head = self._record.head_of[view["turn"]]
-        tokens[_TASK], tokens[_NOTES if head.get("compacts") else _MANUAL] = self._head(head, manual)
-        if head.get("compacts"):
-            return _plus(tokens, self._rewritten[view["turn"]])
-        tokens[_SUMMARY] = self._summary(view) + (self._form.question_tokens if self._form and is_request else 0)
-        oldest, pinned = oldest_of(view, self._turns), pinned_in(view)
-        if self._budget.strategy is not None or view.get("pictures"):
-            return self._parts_by_turn(view, tokens)
-        spoken = bisect_left(self._steps, view.get("words", 0))
-        for first, last in view["turns"]:
-            if spoken > first:
-                tokens = _minus(tokens, _minus(self._spoken[min(last + 1, spoken)], self._spoken[first]))
-            if first == last == pinned:
-                tokens = _plus(tokens, _minus(self._hidden[last + 1], self._hidden[first]))
-                continue
-            # Of all turns only the first that is not older can be masked in part.
-            edge = min(max(bisect_left(self._steps, oldest), first), last + 1)
-            if edge > first:
-                tokens = _plus(tokens, _minus(self._hidden[edge], self._hidden[first]))
-            if not oldest:
-                tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge]))
-            elif edge <= last:
-                tokens = _plus(tokens, self._parts_of(self._turns[edge], oldest))
-                tokens = _plus(tokens, _minus(self._whole[last + 1], self._whole[edge + 1]))
+    def prompts(self) -> Iterator[Tokens]:
+        """Yield the tokens of the parts of every prompt, in their order."""
+        rebuilder = Rebuilder(self._record.events, self._turns)
+        yield from rebuilder.each(partial(self._parts, rebuilder))
+
+    def _parts(self, rebuilder: Rebuilder, view: Event) -> Tokens:
+        chosen, window, tokens = rebuilder.reach(view), rebuilder.window, [0] * len(PARTS)
+        self._sum_up(window)
+        for piece in chosen.pieces:
+            if isinstance(piece, Form):
+                tokens[_TEXTS if self._form is None else _SUMMARY] += window.text(piece).tokens(self._counter)
+            else:
+                tokens = _plus(tokens, self._row(piece))
+        for number in {*chosen.masked, *(() if chosen.pinned is None else (chosen.pinned,))}:
+            row = window.row(number, number + 1)
+            parts = map(self._parts_of, repeat(window), row, chosen.seen(self._turns[number]))
+            tokens = _minus(reduce(_plus, parts, tokens), self._row(row))
+        if purpose_of(view) == "compaction":
+            tools = window.tools_beside(window.forms(chosen))
+        else:
+            head, tools = self._record.head_of[view["turn"]], window.tools
+            more = sum(map(self._manual, head["messages"], window.head))
+            tokens[_TASK] += self._sum(window.head) - more
+            tokens[_NOTES if head.get("compacts") else _MANUAL] += more
+        tokens[_TASK] += PRIMING + self._counter.tools(tools)
         return tokens
 
-    def _parts_by_turn(self, view: ViewEvent, tokens: Tokens) -> Tokens:
-        """Add the parts of turn after turn, and the texts that a custom strategy has chosen."""
-        hidden = {*numbers_in(view.get("hidden", [])), pinned_in(view)}
-        for number in numbers_in(view["turns"]):
-            turn = self._turns[number]
-            oldest = turn.step + 1 if number in hidden else view["oldest"]
-            if turn.step < view.get("words", 0):
-                tokens = _minus(tokens, _minus(self._spoken[number + 1], self._spoken[number]))
-            tokens = _plus(tokens, self._parts_of(turn, oldest, view.get("pictures", 0)))
-        for _, text in view.get("texts", []):
-            tokens[_TEXTS] += self._counter.message(text_message(text))
+    def _sum_up(self, window: ContextWindow) -> None:
+        """Sum up the parts of the messages of the conversation, as they are now, from the first that has changed."""
+        same = common_beginning(window.now, self._summed, is_equal=False)
+        del self._summed[same:], self._sums[same + 1 :]
+        for number, form in enumerate(window.now[same:], start=same):
+            self._summed.append(form)
+            self._sums.append(_plus(self._sums[-1], self._parts_of(window, number, form)))
+
+    def _row(self, row: range) -> Tokens:
+        """The parts of messages in a row."""
+        return _minus(self._sums[row.stop], self._sums[row.start])
+
+    def _parts_of(self, window: ContextWindow, number: int, form: Form) -> Tokens:
+        """The parts of a message in one of its forms."""
+        turn, item = window.turn_of(number), window.item(number)
+        if turn >= 0 and item is None:
+            return self._parts_of_reply(self._turns[turn], form)
+        tokens = [0] * len(PARTS)
+        tokens[_TASK if item is None else _part_of(item, form)] = form.tokens(self._counter)
         return tokens
 
-    @cached_property
-    def _rewritten(self) -> dict[int, Tokens]:
-        """The parts of the prompts to play that a compactor has made, without their heads, by turn."""
-        rewritten = rewritten_prompts(self._record.events, self._turns)
-        return {view["turn"]: self._parts_of_pieces(window, chosen) for view, window, chosen in rewritten}
+    def _manual(self, plain: Message, shown: Form) -> int:
+        """What the manual adds to a message of the head, if that is the system message."""
+        if plain["role"] not in SYSTEM:
+            return 0
+        if shown not in self._manuals:
+            self._manuals[shown] = shown.tokens(self._counter) - self._counter.message(plain)
+        return self._manuals[shown]
 
-    def _parts_of_pieces(self, window: ContextWindow, chosen: Selection) -> Tokens:
-        """The parts of what a compactor shows: messages of the conversation, and its own as texts."""
-        tokens = _NOTHING.copy()
-        for place, form in zip(flat(chosen.pieces), window.forms(chosen), strict=True):
-            turn = -1 if isinstance(place, Form) else window.turn_of(place)
-            item = None if isinstance(place, Form) else window.item(place)
-            if turn >= 0 and item is None:
-                tokens = _plus(tokens, self._replies[turn])
-                continue
-            part = _TEXTS if isinstance(place, Form) else _TASK
-            tokens[part if item is None else _part_of(item, form)] += form.tokens(self._counter)
-        return tokens
+    def _parts_of_reply(self, turn: Turn, form: Form) -> Tokens:
+        """The parts of a turn's reply as it was said, or as it is shown trimmed."""
+        if form not in self._replies:
+            tokens = self._replies[form] = [0] * len(PARTS)
+            words = {name: value for name, value in form.message.items() if name != "tool_calls"}
+            tokens[_WORDS if text_of(words) or reasoning_of(words) else _CALLS] = self._counter.message(words)
+            for call, arguments in zip(turn.calls, turn.arguments, strict=True):
+                tokens[_NOTES if call.name == NOTES_TOOL else _CALLS] += self._counter.call(call.name, arguments)
+        return self._replies[form]
 
     def departures(self) -> Iterator[Departure]:
         """Yield every turn that left, in the order of the prompts."""
@@ -242,8 +223,8 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        spoken = turn.trimming_saves(self._counter) if turn.step < view.get("words", 0) else 0
-        return sum(self._parts_of(turn, oldest, view.get("pictures", 0))) - spoken
+        trimmed_before, elided = view.get("words", 0), view.get("pictures", 0)
+        return self._sum(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
 
     def _summary(self, view: ViewEvent) -> int:
         """The tokens of the summary that a prompt showed."""
@@ -252,44 +233,8 @@ class Accounts:
         text = self._record.summaries[number - 1]["text"]
         return self._form.show(text).tokens if text else 0
 
-    def _head(self, head: HeadEvent, manual: str | None) -> tuple[int, int]:
-        """The tokens of head, tools and priming, and those that the manual adds."""
-        key = (self._record.heads.index(head), manual)
-        if key not in self._heads:
-            messages = head["messages"][:1] if head.get("compacts") else head["messages"]
-            plain = self._counter.messages(messages)
-            more = 0 if manual is None else self._counter.messages(with_manual(messages, manual)) - plain
-            tools = self._counter.tools([ToolSpec(**tool) for tool in head["tools"]])
-            self._heads[key] = (plain + tools + PRIMING, more)
-        return self._heads[key]
-
-    def _parts_of(self, turn: Turn, oldest: int, pictures: int = 0) -> Tokens:
-        """The parts of a turn whose observations before `oldest` are masked, and whose first pictures are left out."""
-        tokens = self._replies[turn.number].copy()
-        for item, form in zip(turn.items, turn.seen(oldest, elided=pictures)[1:], strict=True):
-            tokens[_part_of(item, form)] += form.tokens(self._counter)
-        return tokens
-
-    def _parts_of_reply(self, turn: Turn, reply: Message) -> Tokens:
-        """The parts of a turn's reply as it was said, or as it is shown trimmed."""
-        tokens = _NOTHING.copy()
-        words = {name: value for name, value in reply.items() if name != "tool_calls"}
-        tokens[_WORDS if text_of(words) or reasoning_of(words) else _CALLS] = self._counter.message(words)
-        for call, arguments in zip(turn.calls, turn.arguments, strict=True):
-            tokens[_NOTES if call.name == NOTES_TOOL else _CALLS] += self._counter.call(call.name, arguments)
-        return tokens
-
-
-def _part_of(item: Item, form: Form) -> int:
-    """The part of a prompt that an item is, in one of its forms."""
-    if item.date is None:
-        return _OTHER
-    return _MASKED if form.message is item.masked else _OBSERVATIONS
-
-
-def _sums(parts: Iterable[Tokens]) -> list[Tokens]:
-    """Return the sums of the parts before each place."""
-    return list(accumulate(parts, _plus, initial=_NOTHING))
+    def _sum(self, forms: Iterable[Form]) -> int:
+        return sum(form.tokens(self._counter) for form in forms)
 
 
 def _plus(tokens: Tokens, more: Tokens) -> Tokens:
@@ -298,6 +243,13 @@ def _plus(tokens: Tokens, more: Tokens) -> Tokens:
 
 def _minus(tokens: Tokens, fewer: Tokens) -> Tokens:
     return list(map(sub, tokens, fewer))
+
+
+def _part_of(item: Item, form: Form) -> int:
+    """The part of a prompt that an item is, in one of its forms."""
+    if item.date is None:
+        return _OTHER
+    return _MASKED if form.message is item.masked else _OBSERVATIONS
 
 
 ShownAs = Literal["whole", "trimmed", "masked", "notes", "pinned", "gone"]

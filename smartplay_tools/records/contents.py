@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Set
 from functools import lru_cache
-from typing import Any
 
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
@@ -51,7 +50,7 @@ class Places:
 
     def __init__(self, record: Record) -> None:
         turns = record.turns
-        self._tools = {call["call_id"]: call["name"] for call in _calls(record)}
+        self._tools = {call["id"]: call["function"]["name"] for turn in turns for call in calls_of(turn.shown)}
         self._replies = [text_of(turn.shown) for turn in turns]
         self._said = {*self._replies}
         self._others = {text_of(item.message) for turn in turns for item in turn.items if item.position is None}
@@ -112,9 +111,3 @@ class Places:
         for call in calls:
             function = call["function"]
             yield MEMORY if function["name"] in KEEPING else place, function["arguments"]
-
-
-def _calls(record: Record) -> Iterator[dict[str, Any]]:
-    for turn in record.turns:
-        for call in calls_of(turn.shown):
-            yield {"call_id": call["id"], "name": call["function"]["name"]}

@@ -118,7 +118,7 @@ class Driver:
         An inconsistent record raises a `TranscriptError` that names the event and the field.
         """
         heads = [event for event in self.recorded if event["event"] == "head"]
-        with ErrorLocation() as at:
+        with record_named() as at:
             for at.number, at.event in enumerate(self.recorded, start=1):
                 if at.event["event"] == "usage" and "reply" in at.event:
                     key = at.event["turn"], purpose_of(at.event)

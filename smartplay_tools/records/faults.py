@@ -4,44 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Self
 
 from smartplay_tools.errors import SENSELESS, SmartPlayError, TranscriptError, in_one_line
 from smartplay_tools.transcript.events import Event
 
 
-@contextmanager
-def record_named() -> Iterator[None]:
-    """Turn what Python raises while an episode is made of a record's config and start into a `TranscriptError`."""
-    try:
-        yield
-    except SmartPlayError:
-        raise
-    except SENSELESS as error:
-        why = f"{type(error).__name__}: {in_one_line(error)}"
-        raise TranscriptError(f"The record cannot be replayed: {why}.") from error
-
-
 class ErrorLocation:
-    """Turn an exception about the event that is looked at into a `TranscriptError` that names it.
+    """The event that is looked at, and its number from 1 on; 0 before the first one."""
 
-    `with ErrorLocation() as at: for at.number, at.event in enumerate(events, start=1): ...`
+    def __init__(self) -> None:
+        self.number, self.event = 0, Event()
+
+
+@contextmanager
+def record_named() -> Iterator[ErrorLocation]:
+    """Turn what Python raises about a record into a `TranscriptError`, which names the event that is looked at.
+
+    `with record_named() as at: for at.number, at.event in enumerate(events, start=1): ...`
+
+    Before the first event, while an episode is made of a record's config and start, our own errors say it themselves.
     """
-
-    number: int
-    event: Event
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None or isinstance(error, TranscriptError) or not isinstance(error, SENSELESS):
-            return
-        where = f"event {self.number} ({self.event.get('event')})"
-        if isinstance(error, KeyError):
-            raise TranscriptError(f"The record cannot be replayed: {where} has no field {error}.") from error
-        what = in_one_line(error) or "out of place"
-        raise TranscriptError(f"The record cannot be replayed: {where}: {what.rstrip('.')}.") from error
+    at = ErrorLocation()
+    try:
+        yield at
+    except SENSELESS as error:
+        if isinstance(error, TranscriptError) or (isinstance(error, SmartPlayError) and not at.number):
+            raise
+        what = in_one_line(error)
+        if not at.number:
+            why = f"{type(error).__name__}: {what}"
+        elif isinstance(error, KeyError):
+            why = f"event {at.number} ({at.event.get('event')}) has no field {error}"
+        else:
+            why = f"event {at.number} ({at.event.get('event')}): {(what or 'out of place').rstrip('.')}"
+        raise TranscriptError(f"The record cannot be replayed: {why}.") from error

@@ -2,20 +2,13 @@
 
 A `view` event says which turns a prompt showed and which results were masked; `head`, `message`, `call` and `summary`
 events contain the texts. The sha256 in the `view` event verifies the rebuilt prompt.
-
-`WholeConversation` is every message of an episode, as if there had been no window. In the record of a window, the
-manual that a model has read is in the head of every later prompt, and the result that read it refers to it there; in a
-whole conversation the manual is that result. The record of an episode whose host managed the context has calls and
-answers only: its conversation has a message for each turn of calls, and the head is that of a new episode of the same
-config. The words that the host's model said with its calls are in no record.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import Any
+from typing import Any, TypeVar
 
 from smartplay_tools.context.choosing import text_message
 from smartplay_tools.context.prompts.wording import Wording
@@ -26,16 +19,14 @@ from smartplay_tools.context.turns import Form, Turn, TurnBuilder
 from smartplay_tools.context.view import Selection, numbers_in
 from smartplay_tools.context.window import ContextWindow
 from smartplay_tools.conversation import paper
-from smartplay_tools.episode.config import EpisodeConfig
-from smartplay_tools.episode.episode import Episode
-from smartplay_tools.records.faults import ErrorLocation, record_named
-from smartplay_tools.tool_formats.schemas import schema
-from smartplay_tools.transcript.events import CallEvent, Event, purpose_of
+from smartplay_tools.records.faults import record_named
+from smartplay_tools.transcript.events import Event, purpose_of
 from smartplay_tools.transcript.hashing import prompt_sha256, tools_bytes
 from smartplay_tools.types import Prompt, ResolvedBudget, ToolSpec
-from smartplay_tools.types.call_ids import CallIds
-from smartplay_tools.types.messages import Message, pictures_of, read_calls, text_of
+from smartplay_tools.types.messages import Message, pictures_of, text_of
 from smartplay_tools.types.pictures import NO_PICTURES, Picture
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,11 +55,7 @@ def sent_prompts(
         yield from _prompts_of_the_paper(events)
         return
     rebuilder = Rebuilder(events, recorded_turns(events) if turns is None else turns, pictures)
-    with ErrorLocation() as at:
-        for at.number, at.event in enumerate(events, start=1):
-            rebuilder.take(at.event)
-            if at.event["event"] == "view":
-                yield rebuilder.rebuild(at.event)
+    yield from rebuilder.each(rebuilder.rebuild)
 
 
 def rewritten_prompts(
@@ -77,10 +64,9 @@ def rewritten_prompts(
     """Yield every prompt to play whose messages a compactor has rewritten: its view, the messages, what it shows."""
     if is_compacted(events):
         rebuilder = Rebuilder(events, turns)
-        for event in events:
-            rebuilder.take(event)
-            if event["event"] == "view" and purpose_of(event) == "play":
-                yield event, rebuilder.window, rebuilder.reach(event)
+        for view, chosen in rebuilder.each(lambda view: (view, rebuilder.reach(view))):
+            if purpose_of(view) == "play":
+                yield view, rebuilder.window, chosen
 
 
 def _prompts_of_the_paper(events: Sequence[Event]) -> Iterator[SentPrompt]:
@@ -106,7 +92,7 @@ def recorded_turns(events: Sequence[Event]) -> list[Turn]:
     """Return the turns of a transcript, the last one as far as it goes."""
     if not events or events[0]["event"] != "start":
         return []
-    with ErrorLocation() as at:
+    with record_named() as at:
         at.number, at.event = 1, events[0]
         builder = TurnBuilder(Wording.recorded(at.event), compacts=is_compacted(events))
         for at.number, at.event in enumerate(events, start=1):
@@ -150,7 +136,7 @@ class Rebuilder:
     def __init__(
         self, events: Sequence[Event], turns: Sequence[Turn], pictures: Mapping[str, Picture] = NO_PICTURES
     ) -> None:
-        self._turns, self._pictures = turns, pictures
+        self._events, self._turns, self._pictures = events, turns, pictures
         self._summaries = [event["text"] for event in events if event["event"] == "summary"]
         words = Wording.recorded(events[0])
         self._version, self._budget = words.version, ResolvedBudget(**events[0]["budget"])
@@ -169,7 +155,15 @@ class Rebuilder:
             raise ValueError("it comes before the head of a conversation")
         return self._window
 
-    def take(self, event: Event) -> None:
+    def each(self, make: Callable[[Event], T]) -> Iterator[T]:
+        """Yield what is made of each view, in their order; an error names its event."""
+        with record_named() as at:
+            for at.number, at.event in enumerate(self._events, start=1):
+                self._take(at.event)
+                if at.event["event"] == "view":
+                    yield make(at.event)
+
+    def _take(self, event: Event) -> None:
         """Take the next event; a `head` and a `rewrite` event change what the following prompts show."""
         if event["event"] == "head":
             tools = tuple(ToolSpec(**tool) for tool in event["tools"])
@@ -232,85 +226,3 @@ class Rebuilder:
         for turn in self._turns[len(self.window.turns) : stop]:
             self.window.add(turn)
             self._oldest = self._strategies.ageing.oldest(turn.step, self._budget.history, self._oldest)
-
-
-@dataclass(frozen=True)
-class WholeConversation:
-    """The head, the tools and the turns of an episode."""
-
-    head: Sequence[Message]
-    """The messages before the first reply."""
-    tools: list[dict[str, Any]]
-    """The tools, each a function of chat completions."""
-    turns: Sequence[Turn]
-    """The turns, each manual that was read in its place."""
-
-    @property
-    def messages(self) -> list[Message]:
-        """All messages, in their order."""
-        return [*self.head, *(message for turn in self.turns for message in turn.messages)]
-
-
-def whole_conversation(
-    head: Sequence[Message], tools: list[dict[str, Any]], turns: Sequence[Turn], calls: Sequence[CallEvent]
-) -> WholeConversation:
-    """Return the conversation of a head, its tools and the turns; `calls` say which results were the manual."""
-    read = {(call["turn"], call["position"]) for call in calls if call["data"].get("manual")}
-    return WholeConversation(head, tools, [_with_manual(turn, read) for turn in turns])
-
-
-def conversation_of_host(config: EpisodeConfig, calls: Sequence[CallEvent]) -> WholeConversation:
-    """Return the conversation of an episode whose host managed the context, from its calls."""
-    with record_named(), Episode.from_config(config, is_recorded=True) as episode:
-        tools = [{"type": "function", "function": schema(tool, "json")} for tool in episode.tools]
-        head = episode.head
-    calls = _renumbered(calls)
-    return whole_conversation(head, tools, _turns_of_a_host(calls, config.words), calls)
-
-
-def _with_manual(turn: Turn, read: set[tuple[int, int]]) -> Turn:
-    """The turn whose results that read the manual are the manual."""
-    if turn.manual is None or not any(number == turn.number for number, _ in read):
-        return turn
-    items = (
-        replace(item, message={**item.message, "content": turn.manual})
-        if (turn.number, item.position) in read
-        else item
-        for item in turn.items
-    )
-    return replace(turn, items=tuple(items))
-
-
-def _renumbered(calls: Sequence[CallEvent]) -> Sequence[CallEvent]:
-    """The calls with their place among those of their turn that were played: a repeated call is not recorded."""
-    turns = (list(group) for _, group in groupby(calls, key=lambda call: call["turn"]))
-    return [{**call, "position": at} for own in turns for at, call in enumerate(own)]
-
-
-def _turns_of_a_host(calls: Sequence[CallEvent], words: Wording) -> Sequence[Turn]:
-    builder, ids = TurnBuilder(words), CallIds()
-    for number, group in groupby(calls, key=lambda call: call["turn"]):
-        own = list(group)
-        taken = ids.take([""] * len(own), number)
-        message = _asking(own, taken)
-        builder.open(number, message, read_calls(message, taken))
-        for call in own:
-            builder.add_result(call["position"], call["text"], call["data"], is_error=call["is_error"])
-    builder.close()
-    return builder.turns
-
-
-def _asking(calls: Sequence[CallEvent], ids: Sequence[str]) -> Message:
-    """The message of a model that makes these calls."""
-    return {
-        "role": "assistant",
-        "content": None,
-        "tool_calls": [
-            {
-                "id": call_id,
-                "type": "function",
-                "function": {"name": call["name"], "arguments": call["arguments"] or "{}"},
-            }
-            for call, call_id in zip(calls, ids, strict=True)
-        ],
-    }

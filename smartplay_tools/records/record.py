@@ -23,16 +23,8 @@ from smartplay_tools.files.growing_lines import GrowingLines, ends_of
 from smartplay_tools.files.lines import parse_json
 from smartplay_tools.files.times import read_times
 from smartplay_tools.providers.prices import Price
-from smartplay_tools.records.prompts import (
-    SentPrompt,
-    WholeConversation,
-    conversation_of_host,
-    is_compacted,
-    recorded_turns,
-    sent_prompts,
-    whole_conversation,
-)
-from smartplay_tools.records.spent import RecordCounts, Spent, Written
+from smartplay_tools.records.prompts import SentPrompt, recorded_turns, sent_prompts
+from smartplay_tools.records.spent import RecordCounts, Spent
 from smartplay_tools.transcript.events import (
     CallEvent,
     ChoiceEvent,
@@ -127,7 +119,7 @@ class Record:
         self._prices = prices or {}
         self._lines: GrowingLines | None = None
         for event in events or ():
-            self._take(event["event"], event)
+            self._take(event)
 
     @classmethod
     def read(cls, path: str | Path, prices: Mapping[str, Price] | None = None, *, checks_fields: bool = True) -> Self:
@@ -151,16 +143,15 @@ class Record:
         except OSError as error:
             raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
         for line in lines:
-            if (kind := kind_of(line)) in ("start", "end", "exception"):
-                record._take(kind, line)
+            if kind_of(line) in ("start", "end", "exception"):
+                record._take(read_line(line, path))
         return record
 
     @classmethod
     def follow(cls, path: str | Path, prices: Mapping[str, Price] | None = None) -> Self:
         """Read how far the episode of a record is and what it has used; `refresh` reads what was added since.
 
-        Prompts, replies and calls are not parsed, so this takes a fraction of the time of `read`. The file may not
-        exist yet.
+        The file may not exist yet.
         """
         record = cls(path=path, prices=prices)
         record._lines = GrowingLines(path)
@@ -174,7 +165,7 @@ class Record:
         with suppress(SmartPlayError):
             for line in record._lines.read()[0]:
                 with suppress(SmartPlayError, *SENSELESS):
-                    record._counts.take(kind_of(line), line)
+                    record._counts.take(read_line(line, path))
         return record.own_totals
 
     def refresh(self) -> Self:
@@ -185,30 +176,25 @@ class Record:
         assert self._lines is not None
         lines, _ = self._lines.read()
         for line in lines:
-            kind = kind_of(line)
-            self._take(kind, line)
-            self._counts.take(kind, line)
-        self._counts.count_steps()
+            if kind_of(line):
+                event = read_line(line, self.path)
+                self._take(event)
+                self._counts.take(event)
         return self
 
-    def _take(self, kind: str, event: Written) -> None:
-        match kind:
+    def _take(self, event: Event) -> None:
+        match event["event"]:
             case "start" if self.start is None:  # an episode begins once; another start is a fault that replay finds
-                self.start = self._parsed(event)
+                self.start = event
                 self.config  # noqa: B018 - it is checked before anything is read from it
             case "end" | "exception":
-                self.ending = self._parsed(event)
-
-    def _parsed(self, event: Written) -> Event:
-        return event if isinstance(event, dict) else read_line(event, self.path)
+                self.ending = event
 
     @cached_property
     def _counts(self) -> RecordCounts:
-        counts = RecordCounts(self._prices, self._parsed)
-        if self._lines is None:
-            for event in self.events:
-                counts.take(event["event"], event)
-            counts.count_steps()
+        counts = RecordCounts(self._prices)
+        for event in self.events if self._lines is None else ():
+            counts.take(event)
         return counts
 
     # Which episode it is, and how it ended.
@@ -484,17 +470,6 @@ class Record:
                 "own; export it as sft."
             )
         return recorded_turns(self.events)
-
-    @cached_property
-    def conversation(self) -> WholeConversation:
-        """The head and all turns as if there had been no window, each manual that was read in its place.
-
-        The paper's protocol has none (`InvalidArgumentError`).
-        """
-        if self.config.context == "host":
-            return conversation_of_host(self.config, self.calls)
-        read = () if is_compacted(self.events) else self.calls  # with a compactor, a manual is in its place
-        return whole_conversation(self.head_messages, self.tools, self.turns, read)
 
     @cached_property
     def replies(self) -> dict[int, Message]:

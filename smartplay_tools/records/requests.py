@@ -165,13 +165,10 @@ class _Units(Units):
                 yield [self.tools(sent.prompt.tools), *map(self.of, sent.prompt.messages)]
             return
         rebuilder, known = Rebuilder(self._record.events, self._record.turns), None
-        for event in self._record.events:
-            rebuilder.take(event)
-            if event["event"] == "view":
-                tools, forms = rebuilder.parts(event)
-                if tools is not known:
-                    known, unit = tools, self.tools(tools)
-                yield [unit, *map(self.__getitem__, forms)]
+        for tools, forms in rebuilder.each(rebuilder.parts):
+            if tools is not known:
+                known, unit = tools, self.tools(tools)
+            yield [unit, *map(self.__getitem__, forms)]
 
     def replies(self) -> dict[Key, Unit]:
         """Return the units of the replies as they were said, which is mostly how they are shown again."""

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from operator import add
-from typing import Any, TypeAlias
+from typing import Any
 
 from smartplay_tools.providers.prices import Price
 from smartplay_tools.transcript.events import Event, purpose_of
@@ -55,10 +55,6 @@ class Spent:
         return Spent(**both)
 
 
-Written: TypeAlias = bytes | Event
-"""An event, or the line that it is written on."""
-
-
 @dataclass
 class _Sum:
     """What the usages of a record add up to so far."""
@@ -95,12 +91,6 @@ class _Sum:
         return Spent(self.replies, self.prompt_tokens, self.reply_tokens, cost)
 
 
-def _declares(call: Written) -> bool:
-    if isinstance(call, dict):
-        return "needs" in call["data"] or "breaks" in call["data"]
-    return b'"needs":' in call or b'"breaks":' in call
-
-
 class _Play:
     """The prompts and replies of a record so far."""
 
@@ -124,10 +114,10 @@ class _Play:
 
 
 class RecordCounts:
-    """What the events of a record add up to; events that are only counted are not parsed."""
+    """What the events of a record add up to."""
 
-    def __init__(self, prices: Mapping[str, Price], parsed: Callable[[Written], Event]) -> None:
-        self._prices, self._parsed = prices, parsed
+    def __init__(self, prices: Mapping[str, Price]) -> None:
+        self._prices = prices
         self._price: Price | None = None
         self._question_price: Price | None = None
         """The price of the player that answers a compactor's questions."""
@@ -136,33 +126,32 @@ class RecordCounts:
         self.steps = 0
         self.declares = False
         """Whether the game has declared what an action needs, or which actions break its rules."""
-        self._new_calls: list[Written] = []
-        self._since_prompt: list[Written] = []
+        self._since_prompt: list[Event] = []
 
-    def take(self, kind: str, event: Written) -> None:
-        """Count an event of a kind."""
-        match kind:
+    def take(self, event: Event) -> None:
+        """Count an event."""
+        match event["event"]:
             case "start":
                 from smartplay_tools.players.player_registry import second_name  # only a record's start needs players
 
-                config = self._parsed(event)["config"]
+                config = event["config"]
                 self._price = self._prices.get(config.get("player") or "")
                 second = second_name(config.get("player_options", {}))
                 self._question_price = self._price if second is None else self._prices.get(second)
             case "usage":
-                self._add(self._parsed(event))
+                self._add(event)
             case "sent":
-                sent = self._parsed(event)
-                self._add({"prompt": sent["tokens"], "reply": sent["reply"], "provider": None})
+                self._add({"prompt": event["tokens"], "reply": event["reply"], "provider": None})
             case "call":
-                self._new_calls.append(event)
-                self.declares = self.declares or _declares(event)
+                data = event["data"]
+                self.steps = data.get("step", self.steps)  # a call that was not played has none
+                self.declares = self.declares or "needs" in data or "breaks" in data
             case "view":
                 self._since_prompt = [event]
-                self.play.add(self._parsed(event))
+                self.play.add(event)
             case "message" | "summary" | "question":
                 self._since_prompt.append(event)
-                self.play.add(self._parsed(event))
+                self.play.add(event)
             case "resume":  # a prompt without a reply is sent once more, and so is a further call
                 self.own = _Sum()
 
@@ -176,18 +165,10 @@ class RecordCounts:
         """The price of the player that is asked by the prompt of a `view` or `usage` event."""
         return self._question_price if purpose_of(event) == "compaction" else self._price
 
-    def count_steps(self) -> None:
-        """Take the number of steps from the latest call that has it; a call that was not played has none."""
-        for call in reversed(self._new_calls):
-            if (steps := self._parsed(call)["data"].get("step")) is not None:
-                self.steps = steps
-                break
-        self._new_calls = []
-
     def open_call(self) -> Spent:
         """The call that was made with the latest prompt, unless its reply follows."""
         waiting: Event | None = None
-        for event in map(self._parsed, self._since_prompt):
+        for event in self._since_prompt:
             if event["event"] == "view":
                 waiting = event
             elif event.get("by", "player") == "player":  # a summary is a reply of the player, too

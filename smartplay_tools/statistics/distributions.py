@@ -1,9 +1,8 @@
 """The distributions from which intervals and tests follow, and the intervals of shares.
 
-Student's t, central and not, and the binomial. The standard library has the normal distribution only, and
-NumPy draws from the others without having their probabilities. SciPy has them all, but takes more than 100 MB, which
-the core does not need otherwise; tests compare these functions with it (`tests/evaluation/test_intervals.py`) and with
-statsmodels (`test_oracles.py`).
+Student's t, central and not. The standard library has the normal distribution only, and NumPy draws from others without
+having their probabilities. SciPy has them all, but takes more than 100 MB, which the core needs not otherwise; tests
+compare these functions with it (`tests/evaluation/test_intervals.py`) and with statsmodels (`test_oracles.py`).
 
 A share, or the difference of two shares in pairs of episodes, has a distribution that is known but for one number, so
 nothing has to be resampled for its interval.
@@ -54,13 +53,6 @@ def t_quantile(tail: float, df: float) -> float:
         return t_tail(t, df) - tail
 
     return crossing(excess, 0.0, beyond(excess), 80)
-
-
-def binomial_at_most(successes: int, n: int, share: float) -> float:
-    """The probability of at most this number of successes in `n` trials."""
-    if successes < 0 or successes >= n:
-        return float(successes >= n)
-    return _incomplete_beta(n - successes, successes + 1, 1 - share)
 
 
 def t_power(effect: float, n: int, alpha: float = 0.05) -> float:

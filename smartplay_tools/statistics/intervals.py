@@ -18,7 +18,7 @@ resamples and depends on the values alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -161,11 +161,9 @@ def _within(interval: Interval, ordered: Ordered, bounds: Bounds | None) -> Inte
     return max(interval[0], bounds.low), min(interval[1], bounds.high)
 
 
-def named_estimates(groups: Iterable[Mapping[str, Sample]], method: Method = USUAL) -> list[dict[str, MeanEstimate]]:
-    """Estimate the named samples of every group in one call; empty samples have no estimate."""
-    groups = [{name: sample for name, sample in group.items() if sample.values} for group in groups]
-    estimates = iter(mean_estimates([sample for group in groups for sample in group.values()], method))
-    return [{name: next(estimates) for name in group} for group in groups]
+def named_estimates(samples: Mapping[str, Sample], method: Method = USUAL) -> dict[str, MeanEstimate]:
+    """Estimate the mean of every named sample that is not empty."""
+    return {name: mean_estimate(each.values, each.bounds, method) for name, each in samples.items() if each.values}
 
 
 def weighted_estimates(samples: Sequence[Sequence[float]], weightings: Sequence[Sequence[float]]) -> list[MeanEstimate]:

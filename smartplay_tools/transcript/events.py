@@ -6,7 +6,7 @@ A record has two kinds of information. The events about what happened (`start`, 
 `docs/records.md` with these classes.
 
 `event_fault` checks an event once, when its line is read: its fields have the types of its class, so what reads events
-need not check them. A value can still be out of place, such as a turn that does not exist; `ErrorLocation` reports that
+need not check them. A value can still be out of place, such as a turn that does not exist; `record_named` reports that
 in one sentence, with the number of the event.
 """
 
@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, NotRequired, Self, get_args, get_type_hints
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
-from typing_extensions import TypedDict  # Pydantic needs it on Python 3.11
+from typing_extensions import TypedDict, is_typeddict  # Pydantic needs it on Python 3.11
 
 from smartplay_tools.errors import in_one_line
 from smartplay_tools.types import EpisodeResult, Purpose, Tokens, Usage
@@ -347,25 +347,10 @@ class ExceptionEvent(TypedDict):
     traceback: str | None
 
 
-EVENTS: tuple[type, ...] = (
-    StartEvent,
-    HeadEvent,
-    ViewEvent,
-    MessageEvent,
-    UsageEvent,
-    SummaryEvent,
-    RewriteEvent,
-    QuestionEvent,
-    ChoiceEvent,
-    CallEvent,
-    SentEvent,
-    RevealEvent,
-    PictureEvent,
-    ResumeEvent,
-    EndEvent,
-    ExceptionEvent,
+EVENTS: tuple[type, ...] = tuple(
+    each for each in [*vars().values()] if is_typeddict(each) and "event" in each.__annotations__
 )
-"""Every kind of event."""
+"""Every kind of event: the classes above."""
 
 
 @functools.cache

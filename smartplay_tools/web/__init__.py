@@ -15,12 +15,16 @@ if TYPE_CHECKING:
         LARGEST_REQUEST as LARGEST_REQUEST,
         UNAUTHORIZED as UNAUTHORIZED,
         Bounded as Bounded,
-        hosted_or_refusal as hosted_or_refusal,
     )
     from smartplay_tools.web.guard import carries as carries, check_address as check_address, guarded as guarded
     from smartplay_tools.web.hosted import HostedEpisode as HostedEpisode
     from smartplay_tools.web.server import Server as Server
-    from smartplay_tools.web.store import EpisodeStore as EpisodeStore, FullError as FullError, Store as Store
+    from smartplay_tools.web.store import (
+        EpisodeStore as EpisodeStore,
+        FullError as FullError,
+        NotServedError as NotServedError,
+        Store as Store,
+    )
 
 if not TYPE_CHECKING:
     __getattr__, __dir__, __all__ = lazy_exports(__name__)

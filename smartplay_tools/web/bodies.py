@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import TypeVar
 
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.web.store import FullError
-
-T = TypeVar("T")
 
 LARGEST_CALL = 64 * 1024
 """The most bytes of a body; a call's arguments are malformed beyond 10,000 characters."""
@@ -76,14 +69,3 @@ class Bounded:
 
 def _refusal(status: int, text: str) -> Response:
     return PlainTextResponse(text, status, headers={"Connection": "close"})
-
-
-async def hosted_or_refusal(find: Callable[[str], T | None], handle: str) -> T | Response:
-    """Find an episode, in a thread because it may have to be replayed first; return a refusal if there is none."""
-    try:
-        hosted = await asyncio.to_thread(find, handle)
-    except FullError as error:
-        return PlainTextResponse(str(error), 503)
-    except SmartPlayError:
-        return PlainTextResponse("The record of this episode cannot be continued", 500)
-    return PlainTextResponse("No such episode", 404) if hosted is None else hosted

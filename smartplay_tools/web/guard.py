@@ -24,31 +24,6 @@ LOCAL = ("127.0.0.1", "localhost", "[::1]")
 """The names of this machine."""
 
 
-class Names:
-    """The names under which a server is reached, and the web pages that may use it.
-
-    Arguments:
-        hosts: names in addition to this machine's own, with or without a port.
-        origins: web pages that may use the server from a browser, such as `https://inspector.example.org`, in addition
-            to those of the hosts.
-    """
-
-    def __init__(self, hosts: Sequence[str] = (), origins: Sequence[str] = ()) -> None:
-        host = "|".join(rf"{re.escape(name)}(:[0-9]+)?" for name in (*LOCAL, *hosts))
-        named = "|".join(re.escape(origin.rstrip("/")) for origin in origins)
-        self.origin_pattern = f"https?://({host})" + (f"|{named}" if named else "")
-        """A regular expression for the whole of an Origin."""
-        self._host, self._origin = re.compile(host), re.compile(self.origin_pattern)
-
-    def knows_host(self, host: str | None) -> bool:
-        """Return whether a Host header names this server."""
-        return self._host.fullmatch(host or "") is not None
-
-    def knows_origin(self, origin: str | None) -> bool:
-        """Return whether an Origin header may use this server; only browsers send one."""
-        return origin is None or self._origin.fullmatch(origin) is not None
-
-
 def is_from_own_page(origin: str | None, site: str | None, host: str | None) -> bool:
     """Return whether a request that changes something comes from a page of the server itself, or from no page at all.
 
@@ -85,10 +60,10 @@ def guarded(
             those of the hosts.
         largest: the most bytes of a body.
     """
-    names = Names(hosts, origins)
+    guard = Guard(app, admit, hosts, origins, largest)
     return CORSMiddleware(
-        Guard(app, admit, names, largest),
-        allow_origin_regex=names.origin_pattern,
+        guard,
+        allow_origin_regex=guard.origin_pattern,
         allow_methods=["GET", "POST", "DELETE"],
         # Each client library for browsers sends other headers, and the page was allowed by its name.
         allow_headers=["*"],
@@ -122,7 +97,8 @@ class Guard:
     Arguments:
         app: the application.
         admit: the application's own conditions, asked when Host and Origin are right.
-        names: the expected hosts and origins.
+        hosts: the names under which the server is reached in addition to this machine's own, with or without a port.
+        origins: the web pages that may use it from a browser, in addition to those of the hosts.
         largest: the most bytes of a body.
         headers: the headers of a refusal.
     """
@@ -131,11 +107,17 @@ class Guard:
         self,
         app: ASGIApp,
         admit: Admit,
-        names: Names,
+        hosts: Sequence[str] = (),
+        origins: Sequence[str] = (),
         largest: int = LARGEST_CALL,
         headers: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        self._app, self._admit, self._names, self._headers = Bounded(app, largest), admit, names, headers
+        self._app, self._admit, self._headers = Bounded(app, largest), admit, headers
+        host = "|".join(rf"{re.escape(name)}(:[0-9]+)?" for name in (*LOCAL, *hosts))
+        named = "|".join(re.escape(origin.rstrip("/")) for origin in origins)
+        self.origin_pattern = f"https?://({host})" + (f"|{named}" if named else "")
+        """A regular expression for the whole of an Origin."""
+        self._host, self._origin = re.compile(host), re.compile(self.origin_pattern)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -148,8 +130,9 @@ class Guard:
         await self._app(scope, receive, send)
 
     async def _refusal(self, request: Request) -> Response | None:
-        if not self._names.knows_host(request.headers.get("host")):
+        if not self._host.fullmatch(request.headers.get("host", "")):
             return PlainTextResponse("Invalid Host header", 421, self._headers)
-        if not self._names.knows_origin(request.headers.get("origin")):
+        origin = request.headers.get("origin")  # only browsers send one
+        if origin is not None and not self._origin.fullmatch(origin):
             return PlainTextResponse("Invalid Origin header", 403, self._headers)
         return await self._admit(request)

@@ -11,7 +11,7 @@ from smartplay_tools.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from smartplay_tools.episode.episode import Episode
-    from smartplay_tools.types import Budget, ToolResult
+    from smartplay_tools.types import ToolResult
 
 LONG = 0.005
 """Seconds for which the event loop may be blocked."""
@@ -29,8 +29,6 @@ class HostedEpisode:
         episode: the episode, or a function that makes it: it is called in a thread, because a game may take longer to
             load than a host waits for a server's first word.
     """
-
-    is_read_by_host = True
 
     def __init__(self, episode: Episode | Callable[[], Episode]) -> None:
         self._make = episode if callable(episode) else None
@@ -72,14 +70,13 @@ def checked(episode: Episode) -> Episode:
     """Return an episode that an MCP host can play; `InvalidArgumentError` for any other."""
     if episode.config.context != "host":
         raise InvalidArgumentError('An MCP host manages the context; make the episode with context="host".')
-    check_budget(episode.budget)
-    return episode
-
-
-def check_budget(budget: Budget) -> None:
-    """Raise an error for a budget that only a `Conversation` can enforce."""
-    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(budget, name)]:
+    if episode.config.manual == "pinned":
+        raise InvalidArgumentError(
+            'An MCP host shows the results of tools only, so the manual cannot be pinned; leave manual="tool".'
+        )
+    if unenforceable := [name for name in NOT_ENFORCEABLE if getattr(episode.budget, name)]:
         raise InvalidArgumentError(
             f"An MCP host manages the context, so the budget cannot have {', '.join(unenforceable)}; "
             "history, result_tokens and tool_calls are enforced."
         )
+    return episode

@@ -19,32 +19,13 @@ if TYPE_CHECKING:
     from smartplay_tools.types import ToolResult, ToolSpec
     from smartplay_tools.web.store import Hosted
 
-__all__ = [
-    "BATCHES",
-    "CALL_KEY",
-    "INSTRUCTIONS",
-    "INTERNAL_ERROR",
-    "MANUAL",
-    "PARSE_ERROR",
-    "SERVER_INFO",
-    "STATELESS_VERSIONS",
-    "ProtocolError",
-    "respond",
-    "result_of",
-    "stateless_result",
-]
-
-MANUAL = "smartplay://manual"
-"""The resource with the manual, if the agent may read it."""
+__all__ = ["CALL_KEY", "INTERNAL_ERROR", "PARSE_ERROR", "ProtocolError", "respond"]
 
 CALL_KEY = "smartplay/call-id"
 """A field of a request's `_meta`: an idempotency key, for callers that repeat a call whose answer was lost."""
 
 HANDSHAKE_VERSIONS = ("2024-11-05", "2025-03-26", "2025-06-18", "2025-11-25")
 """Versions of the protocol that begin with `initialize`, oldest first."""
-
-BATCHES = "2025-03-26"
-"""The version of the protocol that has batches: a list of messages, whose answers are a list. The next one has none."""
 
 STATELESS_VERSIONS = ("2026-07-28",)
 """Versions of the protocol in which every request names its version in `_meta`."""
@@ -60,10 +41,6 @@ PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR =
 HEADER_MISMATCH, UNSUPPORTED_VERSION = -32020, -32022
 
 SERVER_INFO = {"name": "smartplay", "title": "SmartPlay", "version": version("smartplay-tools")}
-CAPABILITIES: dict[str, Any] = {
-    "tools": {"listChanged": False},
-    "resources": {"listChanged": False},
-}
 INSTRUCTIONS = (
     "This server is one game, to be played until it is over. Read the manual first with `read_manual`; `observe` shows "
     "the current observation, `act` plays one action and shows what happened. When a result says that the game is "
@@ -86,13 +63,10 @@ OUTPUT_SCHEMA: dict[str, Any] = {
 }
 """JSON Schema of a tool result's structured content."""
 
-CACHEABLE = {
-    "server/discover",
-    "tools/list",
-    "resources/list",
-    "resources/templates/list",
-    "resources/read",
-}
+ABOUT: dict[str, Any] = {"capabilities": {"tools": {"listChanged": False}}, "instructions": INSTRUCTIONS}
+"""What the server says of itself."""
+
+CACHEABLE = {"server/discover", "tools/list"}
 """Methods whose results state, since 2026-07-28, how long they may be cached."""
 
 
@@ -109,16 +83,8 @@ class ProtocolError(Exception):
         return {"jsonrpc": "2.0", "id": request_id, "error": error}
 
 
-async def respond(
-    hosted: Hosted, message: Any, *, takes_batches: bool = False
-) -> dict[str, Any] | list[dict[str, Any]] | None:
-    """Return the answer to a message, for a batch a list; None for a notification, which has none.
-
-    The messages of a batch are answered in their order; `initialize` is not part of one.
-    """
-    if takes_batches and isinstance(message, list) and message and not _initializes(message):
-        answers: list[Any] = [await respond(hosted, each) for each in message]
-        return [answer for answer in answers if answer is not None] or None
+async def respond(hosted: Hosted, message: Any) -> dict[str, Any] | None:
+    """Return the answer to a message; None for a notification, which has none."""
     if not isinstance(message, dict) or message.get("jsonrpc") != "2.0" or not isinstance(message.get("method"), str):
         return ProtocolError(INVALID_REQUEST, "Send one JSON-RPC request at a time.").body(None)
     request_id = message.get("id")
@@ -135,18 +101,12 @@ async def respond(
         return error.body(request_id)
 
 
-def _initializes(batch: list[Any]) -> bool:
-    return any(isinstance(message, dict) and message.get("method") == "initialize" for message in batch)
-
-
 async def _answer(hosted: Hosted, method: str, params: dict[str, Any]) -> dict[str, Any]:
     meta: dict[str, Any] = params.get("_meta", {})
     if method == "initialize":
-        return _initialized(hosted, params)
+        return _initialized(params)
     if VERSION_KEY not in meta:
-        if method == "ping":
-            return {}
-        return await result_of(hosted, method, params)
+        return {} if method == "ping" else await result_of(hosted, method, params)
     _check_version(meta)
     return stateless_result(method, await result_of(hosted, method, params))
 
@@ -158,18 +118,12 @@ def stateless_result(method: str, result: Mapping[str, Any]) -> dict[str, Any]:
     return stamped | ({"ttlMs": 0, "cacheScope": "private"} if method in CACHEABLE else {})
 
 
-def _initialized(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
+def _initialized(params: Mapping[str, Any]) -> dict[str, Any]:
     requested = params.get("protocolVersion")
     if not isinstance(requested, str):
         raise ProtocolError(INVALID_PARAMS, "initialize names a protocolVersion.")
     agreed = requested if requested in HANDSHAKE_VERSIONS else HANDSHAKE_VERSIONS[-1]
-    return {"protocolVersion": agreed, "serverInfo": SERVER_INFO, **_about(hosted)}
-
-
-def _about(hosted: Hosted) -> dict[str, Any]:
-    """What a server says of itself; a server for a model behind a window has tools only."""
-    capabilities = CAPABILITIES if hosted.is_read_by_host else {"tools": CAPABILITIES["tools"]}
-    return {"capabilities": capabilities, "instructions": INSTRUCTIONS}
+    return {"protocolVersion": agreed, "serverInfo": SERVER_INFO, **ABOUT}
 
 
 def _check_version(meta: Mapping[str, Any]) -> None:
@@ -185,18 +139,11 @@ async def result_of(hosted: Hosted, method: str, params: Mapping[str, Any]) -> d
     """Return the result of a method; raise `ProtocolError` if the method or its parameters are invalid."""
     match method:
         case "server/discover":
-            return {"supportedVersions": [*STATELESS_VERSIONS], **_about(hosted)}
+            return {"supportedVersions": [*STATELESS_VERSIONS], **ABOUT}
         case "tools/list":
             return {"tools": [_tool(spec) for spec in (await hosted.ready()).tools]}
         case "tools/call":
             return await _call(hosted, params)
-        case "resources/list":
-            is_listed = hosted.is_read_by_host and (await hosted.ready()).config.manual != "none"
-            return {"resources": [_manual()] if is_listed else []}
-        case "resources/templates/list":
-            return {"resourceTemplates": []}
-        case "resources/read":
-            return {"contents": [{"uri": MANUAL, "mimeType": "text/plain", "text": await _read(hosted, params)}]}
     raise ProtocolError(METHOD_NOT_FOUND, "Method not found", method[:80])
 
 
@@ -212,11 +159,6 @@ def _tool(spec: ToolSpec) -> dict[str, Any]:
         "annotations": {"title": title, **hints},
         "_meta": {ALWAYS_LOAD: True},
     }
-
-
-def _manual() -> dict[str, Any]:
-    about = {"title": "Manual", "description": "The game's manual.", "mimeType": "text/plain"}
-    return {"uri": MANUAL, "name": "manual", **about}
 
 
 async def _call(hosted: Hosted, params: Mapping[str, Any]) -> dict[str, Any]:
@@ -238,13 +180,3 @@ def call_result(result: ToolResult) -> dict[str, Any]:
         "structuredContent": {"text": result.text, **facts},
         "isError": result.is_error,
     }
-
-
-async def _read(hosted: Hosted, params: Mapping[str, Any]) -> str:
-    uri, episode = params.get("uri"), await hosted.ready()
-    if uri != MANUAL or episode.config.manual == "none" or not hosted.is_read_by_host:
-        raise ProtocolError(INVALID_PARAMS, f"There is no resource {str(uri)[:80]}.")
-    if episode.config.manual == "pinned":
-        return episode.manual_text
-    # It is recorded as a call like any other, and cut to the same cap.
-    return (await hosted.call("read_manual", {})).text

@@ -17,9 +17,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from smartplay_tools.web import mcp
-from smartplay_tools.web.bodies import Bounded, hosted_or_refusal
+from smartplay_tools.web.bodies import Bounded
 from smartplay_tools.web.mcp import ProtocolError, respond
-from smartplay_tools.web.store import Hosted, Store
+from smartplay_tools.web.store import Hosted, NotServedError, Store
 
 __all__ = ["bind_episode", "mcp_route"]
 
@@ -34,11 +34,10 @@ async def bind_episode(request: Request, store: Store[Any]) -> Response | None:
     """Bind a request to the episode that it names, for the route; return a refusal if there is none."""
     handle = request.url.path.lstrip("/").partition("/")[2].removesuffix("/mcp")  # some clients append it
     handle = handle or request.query_params.get("episode") or request.headers.get("x-episode") or ""
-    hosted = store.opened(handle) or await hosted_or_refusal(store.find, handle)
-    if isinstance(hosted, Response):
-        gone = store.gone(handle)
-        return hosted if gone is None else PlainTextResponse(gone.why, hosted.status_code)
-    request.scope[HOSTED] = hosted
+    try:
+        request.scope[HOSTED] = await store.asked_for(handle)
+    except NotServedError as error:
+        return PlainTextResponse(str(error), error.status)
     request.scope["path"] = "/mcp"
     return None
 
@@ -62,12 +61,9 @@ async def _answer(request: Request) -> Response:
         return _json(error.body(request_id), 400)
     except (ValueError, RecursionError):
         return _json(ProtocolError(mcp.PARSE_ERROR, "The body is not JSON.").body(None), 400)
-    takes_batches = request.headers.get("mcp-protocol-version", mcp.BATCHES) == mcp.BATCHES
-    answer = await respond(hosted, message, takes_batches=takes_batches)
+    answer = await respond(hosted, message)
     if answer is None:
         return Response(status_code=202)
-    if isinstance(answer, list):
-        return _json(answer, 200)
     code = answer.get("error", {}).get("code")
     is_refused = code is not None and (stateless or answer["id"] is None)
     return _json(answer, STATUS.get(code, 400) if is_refused else 200)
@@ -87,10 +83,9 @@ def _check_headers(request: Request, message: Any) -> None:
     meta = params.get("_meta") if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or mcp.VERSION_KEY not in meta:
         raise ProtocolError(mcp.INVALID_PARAMS, f"params._meta has no {mcp.VERSION_KEY}.")
-    method, named = message.get("method"), {"tools/call": "name", "resources/read": "uri"}
-    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": method}
-    if method in named and params.get(named[method]) is not None:
-        expected["mcp-name"] = params[named[method]]
+    expected = {"mcp-protocol-version": meta[mcp.VERSION_KEY], "mcp-method": message["method"]}
+    if message["method"] == "tools/call" and params.get("name") is not None:
+        expected["mcp-name"] = params["name"]
     for header, value in expected.items():
         if _decoded(request.headers.get(header)) != value:
             raise ProtocolError(mcp.HEADER_MISMATCH, f"The header {header} does not agree with the body.")

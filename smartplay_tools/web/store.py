@@ -7,6 +7,8 @@ result. Idempotency keys are part of the record, so a call that is repeated afte
 
 from __future__ import annotations
 
+import asyncio
+import math
 import re
 import secrets
 import threading
@@ -22,14 +24,28 @@ from smartplay_tools.episode.episode import Episode
 from smartplay_tools.errors import SmartPlayError
 from smartplay_tools.records.resumption import resume
 from smartplay_tools.types import Budget, EpisodeResult, ToolResult
-from smartplay_tools.web.hosted import HostedEpisode, check_budget
+from smartplay_tools.web.hosted import HostedEpisode
 
 HANDLE = re.compile(r"[A-Za-z0-9_-]{32}")
 """The format of a handle: 192 random bits in base64, which cannot be guessed."""
 
 
-class FullError(SmartPlayError):
+class NotServedError(SmartPlayError):
+    """An episode that is asked for is not there; `status` is that of the answer."""
+
+    status = 404
+
+
+class UnreadableError(NotServedError):
+    """The record of an episode cannot be continued."""
+
+    status = 500
+
+
+class FullError(NotServedError):
     """The largest number of open episodes is reached."""
+
+    status = 503
 
 
 @dataclass(frozen=True)
@@ -43,11 +59,6 @@ class Gone:
 
 class Hosted(Protocol):
     """What a server plays: an episode, and how a call of its host's agent is answered."""
-
-    @property
-    def is_read_by_host(self) -> bool:
-        """Whether the host reads by itself, so that resources are of use to it."""
-        ...
 
     @property
     def episode(self) -> Episode:
@@ -86,20 +97,17 @@ class Store(ABC, Generic[H]):
     ) -> None:
         self._folder, self._most, self._idle, self._clock = folder, most, idle, clock
         self._hosted: dict[str, tuple[H, float]] = {}
-        """Open episodes with the time of their last use, least recently used first."""
-        self._waiting: dict[str, H] = {}
-        """Open episodes that nobody has asked for yet."""
+        """Open episodes with the time of their last use; never, for one that nobody has asked for yet."""
         self._gone: dict[str, Gone] = {}
         self._busy: set[str] = set()
         """Handles whose episodes are being created, replayed or closed; this may take long, and others play on."""
         self._lock = threading.Condition()
 
     def __len__(self) -> int:
-        return len(self._hosted) + len(self._waiting)
+        return len(self._hosted)
 
     def open(self, game: str, *, seed: int, budget: Budget | None = None, **options: Any) -> str:
         """Begin an episode and return its handle; raise `FullError` if too many are open. `options` are `Episode`'s."""
-        self._check_budget(budget or Budget())
 
         def begin(handle: str) -> H:
             return self._begin(handle, game, seed=seed, budget=budget, transcript=self._path(handle), **options)
@@ -109,7 +117,7 @@ class Store(ABC, Generic[H]):
     def hosted(self) -> list[H]:
         """Return all open episodes."""
         with self._lock:
-            return [*self._waiting.values(), *(hosted for hosted, _ in self._hosted.values())]
+            return [hosted for hosted, _ in self._hosted.values()]
 
     def gone(self, handle: str) -> Gone | None:
         """Return what is left of an episode that was closed here; None for any other."""
@@ -121,18 +129,15 @@ class Store(ABC, Generic[H]):
         self._close_idle()
         with self._lock:
             self._make_way(handle)
-        self._host(handle, lambda: make(handle), is_asked_for=False)
+        self._host(handle, lambda: make(handle), math.inf)
         return handle
 
     def opened(self, handle: str) -> H | None:
         """Return an episode if it is open; otherwise return None, even if its transcript exists."""
         with self._lock:
-            if handle in self._waiting:
-                hosted = self._waiting.pop(handle)
-            elif handle not in self._hosted or self._is_idle(handle):
+            if handle not in self._hosted or self._is_idle(handle):
                 return None
-            else:
-                hosted, _ = self._hosted.pop(handle)
+            hosted, _ = self._hosted[handle]
             self._hosted[handle] = (hosted, self._clock())
             return hosted
 
@@ -149,7 +154,19 @@ class Store(ABC, Generic[H]):
             if hosted is not None or path is None or not HANDLE.fullmatch(handle) or not path.exists():
                 return hosted
             self._make_way(handle)
-        return self._host(handle, lambda: self._again(handle, path))
+        return self._host(handle, lambda: self._again(handle, path), self._clock())
+
+    async def asked_for(self, handle: str) -> H:
+        """Return an episode, in a thread where it has to be replayed first; `NotServedError` if there is none."""
+        try:
+            hosted = self.opened(handle) or await asyncio.to_thread(self.find, handle)
+        except FullError:
+            raise
+        except SmartPlayError as error:
+            raise UnreadableError("The record of this episode cannot be continued") from error
+        if hosted is None:
+            raise NotServedError(self._gone[handle].why if handle in self._gone else "No such episode")
+        return hosted
 
     def close(self, handle: str) -> EpisodeResult | None:
         """End an episode and return its result."""
@@ -174,31 +191,23 @@ class Store(ABC, Generic[H]):
     def _again(self, handle: str, record: Path) -> H:
         """Play an episode again from its record."""
 
-    def _check_budget(self, budget: Budget) -> None:
-        """Refuse a budget that cannot be enforced over MCP."""
-
     def _make_way(self, handle: str) -> None:
         if len(self) + len(self._busy) >= self._most:
             raise FullError(f"{self._most} episodes are open, which is the largest number allowed.")
         self._busy.add(handle)
 
-    def _host(self, handle: str, make: Callable[[], H], *, is_asked_for: bool = True) -> H:
+    def _host(self, handle: str, make: Callable[[], H], used: float) -> H:
         try:
             hosted = make()
             with self._lock:
-                if is_asked_for:
-                    self._hosted[handle] = (hosted, self._clock())
-                else:
-                    self._waiting[handle] = hosted
+                self._hosted[handle] = (hosted, used)
             return hosted
         finally:
             self._done_with(handle)
 
     def _close_idle(self) -> None:
-        idle = {}
         with self._lock:
-            while self._hosted and self._is_idle(handle := next(iter(self._hosted))):
-                idle[handle] = self._hosted.pop(handle)[0]
+            idle = {handle: self._hosted.pop(handle)[0] for handle in [*self._hosted] if self._is_idle(handle)}
             self._busy.update(idle)
         with ExitStack() as closing:  # all of them, even if the record of one cannot be written
             for handle, hosted in idle.items():
@@ -227,12 +236,9 @@ class EpisodeStore(Store[HostedEpisode]):
     """The episodes of an MCP server, whose hosts own the context. The arguments are those of `Store`."""
 
     def _begin(self, handle: str, game: str, **options: Any) -> HostedEpisode:
-        episode = Episode(game, context="host", **options)
-        episode.begin()
-        return HostedEpisode(episode)
+        hosted = HostedEpisode(Episode(game, context="host", **options))
+        hosted.episode.begin()
+        return hosted
 
     def _again(self, handle: str, record: Path) -> HostedEpisode:
         return HostedEpisode(resume(record).episode)
-
-    def _check_budget(self, budget: Budget) -> None:
-        check_budget(budget)

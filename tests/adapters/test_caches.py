@@ -42,7 +42,7 @@ def by(way: Way, **options: Any) -> Any:
 
 def ways(*interfaces: str) -> Any:
     """The ways in whose prompts are those of an episode, and whose options have `cache`."""
-    no_key = ("serve openai", "Inspect AI", "verifiers", "OpenEnv")
+    no_key = ("serve openai", "Inspect AI", "verifiers")
     found = [way for way in WAYS.values() if way.interface in interfaces and way.name not in no_key]
     fast = ("openai:", "openai-responses:")
     marked = [pytest.param(way, id=way.name, marks=() if way.name in fast else pytest.mark.slow) for way in found]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import Any
 
 import pytest
 from langchain.agents import create_agent
@@ -39,19 +38,7 @@ def test_all_that_the_player_reports_arrives():
     assert usage_of(functools.reduce(operator.add, model.stream("Go."))) == usage
 
 
-def test_a_player_that_calls_no_tool_although_it_must_is_refused_in_a_sentence():
-    model = PlayerChatModel(player=sp.ScriptedPlayer([{"role": "assistant", "content": "No."}]))
-    with pytest.raises(sp.InvalidArgumentError, match="tool_choice demands"):
-        model.bind_tools([{"name": "act", "description": "", "parameters": {}}], tool_choice="any").invoke("Go!")
-
-
-def test_a_choice_restricts_what_the_player_is_shown():
-    tools = [{"name": name, "description": "d", "parameters": {"type": "object", "properties": {}}} for name in "ab"]
-
-    def shown(choice: Any) -> list[str]:
-        player = sp.ScriptedPlayer([sp.call("b")])
-        PlayerChatModel(player=player).bind_tools(tools, tool_choice=choice).invoke("Go!")
-        return [tool.name for tool in player.prompts[0].tools]
-
-    assert [shown(choice) for choice in ("auto", "any", "b", "none")] == [["a", "b"], ["a", "b"], ["b"], []]
-    assert shown({"type": "function", "function": {"name": "b"}}) == ["b"]
+def test_a_text_to_stop_at_is_refused_in_a_sentence():
+    model = PlayerChatModel(player=sp.get_player("rule"))
+    with pytest.raises(sp.InvalidArgumentError, match="leave `stop` out"):
+        model.invoke("Go!", stop=["."])

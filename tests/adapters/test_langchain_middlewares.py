@@ -434,18 +434,6 @@ def test_a_call_that_a_middleware_stops_waiting_for_holds_up_no_other(order):
     assert [message.text.split(".")[0] for message in results(messages)][1] == "Error: This took too long"
 
 
-class TestWhatIsShown:
-    def test_the_agents_other_tools_can_be_hidden_and_are_not_run(self):
-        model = ScriptedModel([calling(("weather", {})), calling(*map(act, WAY))])
-        episode, events = fresh()
-        with episode:
-            middleware = SmartPlayMiddleware(episode, only_game_tools=True)
-            create_agent(model, [forbidden_weather], middleware=[middleware]).invoke({"messages": []})
-        assert [name for name, *_ in model.received[0].tools] == ["observe", "act", "read_manual"]
-        assert (episode.result.score, episode.result.malformed_calls) == (3.0, 1)
-        assert sp.replay(events).identical
-
-
 class TestAnAgentWithoutACheckpointer:
     def test_is_told_what_it_needs_to_go_on_after_an_error(self):
         model = ScriptedModel([calling(act(short)) for short in WAY[:3]])  # then it raises
@@ -456,9 +444,3 @@ class TestAnAgentWithoutACheckpointer:
                 agent.invoke({"messages": []})
             with pytest.raises(sp.InvalidArgumentError, match="without a checkpointer keeps nothing"):
                 agent.invoke({"messages": []})
-
-
-@tool("weather")
-def forbidden_weather() -> str:
-    """Tell the weather."""
-    raise AssertionError("a tool that is hidden is not run")

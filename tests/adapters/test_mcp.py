@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import io
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,7 @@ import httpx2
 import pytest
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, serve_stdio
+from smartplay_mcp import CALL_KEY, HttpServer
 
 import smartplay_tools as sp
 from smartplay_tools.errors import TranscriptError
@@ -68,21 +67,14 @@ class TestServer:
         assert text_of(result).startswith("You tried to move")
         assert "score" not in json.dumps(result.model_dump(mode="json"))
 
-    async def test_the_manual_is_a_resource_and_a_tool(self, mode):
+    async def test_there_are_tools_only(self, mode):
+        """Coding agents show the model tools of their own where a server has resources."""
         episode, _ = fresh(context="host")
         async with client_of(episode, mode) as client:
-            (resource,) = (await client.list_resources()).resources
-            (content,) = (await client.read_resource(str(resource.uri))).contents
-            assert content.text == text_of(await client.call_tool("read_manual")) == episode.game.manual
-            with pytest.raises(MCPError, match="There is no resource"):
-                await client.read_resource("smartplay://secrets")
-
-    async def test_a_manual_that_is_withheld_is_no_resource(self, mode):
-        episode, _ = fresh(context="host", manual="none")
-        async with client_of(episode, mode) as client:
-            assert (await client.list_resources()).resources == []
-            with pytest.raises(MCPError, match="There is no resource"):
-                await client.read_resource(MANUAL)
+            assert text_of(await client.call_tool("read_manual")) == episode.game.manual
+            assert client.server_capabilities.model_dump(exclude_none=True) == {"tools": {"list_changed": False}}
+            with pytest.raises(MCPError, match="Method not found"):
+                await client.list_resources()
 
     async def test_a_call_that_is_sent_again_is_not_played_again(self, mode):
         episode, _ = fresh(context="host")
@@ -210,44 +202,15 @@ class TestTheDoor:
 
 
 ACT = {**CALL, "id": 2, "params": {"name": "act", "arguments": {"action": "1"}}}
-TOLD = {"jsonrpc": "2.0", "method": "notifications/initialized"}
-START = {**CALL, "id": 0, "method": "initialize", "params": {"protocolVersion": "2025-03-26"}}
 
 
-class TestBatches:
-    """Version 2025-03-26 of the protocol has batches; no other has. Requests without a header are of that version."""
-
-    @pytest.mark.parametrize("version", [None, "2025-03-26"])
-    def test_are_answered_in_their_order(self, version):
-        with HttpServer(episodes := EpisodeStore(), port=0) as server:
-            url = f"{server.url}/mcp/{(handle := episodes.open(GAME, seed=1))}"
-            headers = {} if version is None else {"MCP-Protocol-Version": version}
-            answer = post(url, json=[TOLD, ACT, CALL, {**CALL, "id": 3, "method": "jump"}], headers=headers)
-            assert answer.status_code == 200
-            assert [each["id"] for each in answer.json()] == [2, 1, 3]
-            assert [each["result"]["structuredContent"]["step"] for each in answer.json()[:2]] == [1, 1]
-            assert post(url, json=[TOLD, TOLD], headers=headers).status_code == 202
-            for wrong in ([], [START]):
-                assert post(url, json=wrong, headers=headers).json()["error"]["code"] == -32600
-            assert episodes.close(handle).steps == 1
-
-    @pytest.mark.parametrize("version", ["2024-11-05", "2025-06-18", "2025-11-25", "2026-07-28"])
-    def test_of_other_versions_are_refused(self, version):
-        with HttpServer(episodes := EpisodeStore(), port=0) as server:
-            url = f"{server.url}/mcp/{(handle := episodes.open(GAME, seed=1))}"
-            refused = post(url, json=[ACT], headers={"MCP-Protocol-Version": version})
-            assert (refused.status_code, refused.json()["error"]["code"]) == (400, -32600)
-            assert episodes.close(handle).steps == 0
-
-    @pytest.mark.parametrize(("version", "takes"), [("2025-03-26", True), ("2025-11-25", False)])
-    async def test_on_stdio_are_of_the_version_that_was_agreed_to(self, version, takes):
-        start = {**START, "params": {"protocolVersion": version}}
-        reading = io.BytesIO(b"".join(json.dumps(each).encode() + b"\n" for each in (start, CALL, [ACT, CALL])))
-        episode, _ = fresh(context="host")
-        await serve_stdio(episode, reading=reading, writing=(writing := io.BytesIO()))
-        *_, last = map(json.loads, writing.getvalue().splitlines())
-        assert ([each["id"] for each in last] if takes else last["error"]["code"]) == ([2, 1] if takes else -32600)
-        assert episode.stats.steps == takes
+@pytest.mark.parametrize("version", ["2024-11-05", "2025-03-26", "2025-11-25", "2026-07-28"])
+def test_a_list_of_messages_is_refused(version):
+    with HttpServer(episodes := EpisodeStore(), port=0) as server:
+        url = f"{server.url}/mcp/{(handle := episodes.open(GAME, seed=1))}"
+        refused = post(url, json=[ACT], headers={"MCP-Protocol-Version": version})
+        assert (refused.status_code, refused.json()["error"]["code"]) == (400, -32600)
+        assert episodes.close(handle).steps == 0
 
 
 class TestEpisodes:

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from mcp import Client, StdioServerParameters, stdio_client
-from smartplay_mcp import CALL_KEY, MANUAL, HttpServer, open_episode
+from smartplay_mcp import CALL_KEY, HttpServer, open_episode
 
 import smartplay_tools as sp
 from smartplay_tools.web import EpisodeStore, HostedEpisode
@@ -56,7 +56,6 @@ class TestWhatHostsShow:
     async def test_a_server_says_what_it_is(self, mode):
         async with Client(on_stdio("--seed", "7"), mode=mode) as client:
             tools = {tool.name: tool for tool in (await client.list_tools()).tools}
-            assert (await client.list_resource_templates()).resource_templates == []
             info, instructions = client.server_info, client.instructions
         assert (info.name, info.version) == ("smartplay", version("smartplay-tools"))
         assert "until it is over" in instructions
@@ -66,13 +65,6 @@ class TestWhatHostsShow:
             "read_manual": True,
         }
         assert [tool.title for tool in tools.values()] == ["Observe", "Act", "Read the manual"]
-
-    async def test_the_manual_resource_is_cut_and_recorded_as_the_tool_is(self, mode):
-        episode, events = fresh(sp.Budget(result_tokens=40), context="host")
-        async with client_of(episode, mode) as client:
-            (content,) = (await client.read_resource(MANUAL)).contents
-        assert content.text == episode.manual_text != episode.game.manual
-        assert [event["name"] for event in events if event["event"] == "call"] == ["read_manual"]
 
 
 class TestStdio:
@@ -129,7 +121,7 @@ class TestStdio:
             request("jump", 2),
             request("tools/call", 3, name="act", arguments=[1]),
             request("tools/call", "four", name="jump"),
-            request("resources/read", 5, uri="smartplay://secrets"),
+            request("resources/list", 5),
             request("server/discover", 6, _meta={"io.modelcontextprotocol/protocolVersion": "2099-01-01"}),
             {"jsonrpc": "2.0", "id": None, "method": "ping"},
         )
@@ -141,7 +133,7 @@ class TestStdio:
             (2, -32601),
             (3, -32602),
             ("four", None),
-            (5, -32602),
+            (5, -32601),
             (6, -32602),
             (None, -32600),
         ]
@@ -229,6 +221,11 @@ def test_a_budget_that_only_a_window_can_keep_is_refused():
         HostedEpisode(episode)
     with pytest.raises(sp.InvalidArgumentError, match="cannot have reply_tokens"):
         EpisodeStore().open(GAME, seed=1, budget=sp.Budget(reply_tokens=5))
+
+
+def test_a_manual_cannot_be_pinned_where_the_host_makes_the_prompts():
+    with pytest.raises(sp.InvalidArgumentError, match="results of tools only"):
+        EpisodeStore().open(GAME, seed=1, manual="pinned")
 
 
 HALF = {"action": "half \ud83d a character"}

@@ -205,7 +205,7 @@ def test_a_missing_extra_is_one_sentence(missing, code, extra):
         ("openai starlette uvicorn", "from smartplay_openai import CHAT, RESPONSES, chat_request, responses_reply"),
         slowly("anthropic", "from smartplay_anthropic import reply, request"),
         slowly("openai", "from smartplay_gateway import LocalEndpoint, WindowEndpoint"),
-        slowly("starlette uvicorn", "from smartplay_mcp import MANUAL, serve_stdio"),
+        slowly("starlette uvicorn", "from smartplay_mcp import CALL_KEY, serve_stdio"),
         slowly("langchain langgraph", "from smartplay_langchain import SmartPlayToolkit, to_langchain"),
     ],
 )

@@ -1,10 +1,9 @@
-"""OpenEnv: its server and client on loopback, and its white-box harness. `.ci/run` has an environment with it."""
+"""OpenEnv: its server and client on loopback. `.ci/run` has an environment with it."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,139 +15,29 @@ pytest.importorskip("openenv", reason="needs smartplay-tools[openenv]; `.ci/run`
 
 import httpx
 from openenv.core.env_server.mcp_types import CallToolAction
-from openenv.core.harness import HarnessRunLimits, ModelStepResult
-from openenv.core.llm_client import LLMResponse, ToolCall
 from openenv.core.mcp_client import MCPToolClient
 from openenv.validation.parsers.openenv_yaml import OpenEnvYamlParser
-from smartplay_openenv import (
-    SPLITS,
-    SmartPlayEnvironment,
-    SmartPlayHarness,
-    SmartPlaySession,
-    SmartPlaySessions,
-    new_app,
-)
+from smartplay_openenv import SPLITS, SmartPlayEnvironment, new_app
 
 import smartplay_tools as sp
 from smartplay_tools.games import get_spec
 from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.types import TOOL_NAMES
-from smartplay_tools.types.messages import calls_of, text_of
 from smartplay_tools.web import Server
 from tests.adapters import conformance
 from tests.adapters.conformance import (
     GAME,
     HOST_BUDGET,
     WAY,
-    Held,
     Host,
-    Received,
     Send,
-    Window,
-    WindowConformance,
-    act,
-    calling,
-    fresh,
     move,
-    one_system,
 )
-from tests.adapters.situations import SituationConformance, lacking
 from tests.processes import printed_by
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 HUB = Path(__file__).parents[2] / "hub" / "openenv"
-
-
-# --- The harness -------------------------------------------------------------------------------------------------
-
-
-class Sampler:
-    """Samples the replies of a script, and keeps what it was sent."""
-
-    def __init__(self, script: Iterable[sp.Message]) -> None:
-        self.script, self.received = iter(script), list[Received]()
-
-    def __call__(self, messages: Any, tools: Any, sampling: dict[str, Any]) -> ModelStepResult:
-        described = [(tool.name, tool.description, tool.input_schema) for tool in tools]
-        self.received.append(Received(one_system(messages), described, sampling.get("max_tokens")))
-        reply = next(self.script)
-        calls = [
-            ToolCall(id=call["id"], name=call["function"]["name"], args=json.loads(call["function"]["arguments"]))
-            for call in calls_of(reply)
-        ]
-        return ModelStepResult(response=LLMResponse(content=text_of(reply), tool_calls=calls))
-
-
-def hold(episode: sp.Episode, script: Iterable[sp.Message], *, own_cap: int | None = None, situation: str = "") -> Held:
-    sampler = Sampler(script)
-    limits = HarnessRunLimits(max_turns=1000, sampling={} if own_cap is None else {"max_tokens": own_cap})
-    SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode), limits)
-    return Held(sampler.received)
-
-
-LACKS = lacking("the harness is ours: a trainer samples replies to its prompts, and reports no usage of them")
-
-
-class TestConformance(SituationConformance, WindowConformance):
-    row = Window(hold, "OpenEnv `SmartPlayHarness`", broken_json=False, lacks=LACKS)
-
-
-def test_a_rollout_is_verified_and_recorded(tmp_path):
-    sessions = SmartPlaySessions(GAME, budget=sp.Budget(prompt_tokens=700), records=tmp_path)
-    session = sessions.create(None, seed=7, episode_id="a")
-    script = [calling(act(short)) for short in WAY]
-    rollout = SmartPlayHarness().run_white_box(Sampler(script), session)
-    verified = session.verify(rollout.messages)
-    assert (verified.env_reward, verified.metrics["end_reason"]) == (1.0, "terminated")
-    assert rollout.metrics == {"turns": 7, "tool_calls": 7}
-    (record,) = tmp_path.glob("*.jsonl")
-    assert sp.replay(record).identical
-
-
-@pytest.mark.parametrize(
-    ("limits", "name", "turns"),
-    [
-        (HarnessRunLimits(max_turns=3), "max_turns", 3),
-        (HarnessRunLimits(max_total_tool_calls=5), "max_total_tool_calls", 3),
-    ],
-)
-def test_a_limit_of_the_trainer_ends_the_episode_as_the_hosts(limits, name, turns):
-    episode, events = fresh()
-    session = SmartPlaySession(episode)
-    SmartPlayHarness().run_white_box(Sampler([calling(("observe", {}), ("observe", {}))] * 9), session, limits)
-    assert (episode.result.end_reason, episode.result.detail, episode.result.turns) == ("host", name, turns)
-    assert sp.replay(events).identical
-
-
-def test_calls_that_are_too_many_for_a_message_are_refused_by_the_host():
-    episode, events = fresh()
-    limits = HarnessRunLimits(max_turns=1, max_tool_calls_per_turn=1)
-    rollout = SmartPlayHarness().run_white_box(
-        Sampler([calling(act("A->C"), act("A->B"))]), SmartPlaySession(episode), limits
-    )
-    assert (episode.result.steps, episode.result.refused_calls) == (1, 1)
-    assert "no more calls" in rollout.tool_trace[1].result.error
-    assert [event.get("host") for event in events if event["event"] == "call"] == [None, "refused"]
-
-
-def test_half_a_character_of_the_model_reaches_no_request():
-    episode, events = fresh()
-    sampler = Sampler([calling(("act", {"action": "half \ud83d"})), *[calling(say="\ud83d")] * 3])
-    rollout = SmartPlayHarness().run_white_box(sampler, SmartPlaySession(episode))
-    assert any("half \ufffd" in text_of(message) for message in sampler.received[-1].messages)
-    json.dumps([[each.messages for each in sampler.received], rollout.messages], ensure_ascii=False).encode()
-    assert sp.replay(events).identical
-
-
-def test_every_rollout_has_a_seed():
-    sessions = SmartPlaySessions(GAME)
-    assert sessions.create({"seed": 3}, seed=7).episode.config.seed == 3
-    with pytest.raises(sp.InvalidArgumentError, match="needs a seed"):
-        sessions.create("Play.")
-
-
-# --- The server --------------------------------------------------------------------------------------------------
 
 
 @contextmanager

@@ -89,7 +89,7 @@ def is_in_results(body: Json, files: list[bytes]) -> None:
 
 IS_SHOWN = {"chat": is_below, "responses": is_in_outputs, "messages": is_in_results}
 """How each interface is sent the pictures."""
-BLIND = ("serve openai", "verifiers", "OpenEnv")
+BLIND = ("serve openai", "verifiers")
 SEES = WAYS["anthropic:"]
 """The player whose models all see pictures."""
 FAST = ("openai:", "openai-responses:", "serve window")

@@ -219,14 +219,8 @@ def test_results_stay_when_an_episode_is_closed():
         assert endpoint.ignored(played).startswith("system messages")
 
 
-def test_the_window_lists_nothing_that_cannot_be_read(endpoint):
+def test_the_tools_are_shown_at_once(endpoint):
     host = HostAgent(endpoint, endpoint.open(GAME, seed=7))
-
-    def ask(method: str, **params: Any) -> Any:
-        asked = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
-        return httpx2.post(host.mcp_url, json=asked, trust_env=False, verify=False).json()
-
-    assert list(ask("initialize", protocolVersion="2025-11-25")["result"]["capabilities"]) == ["tools"]
-    assert ask("resources/list")["result"] == {"resources": []}
-    assert "error" in ask("resources/read", uri="smartplay://manual")
-    assert all(tool["_meta"] == {"anthropic/alwaysLoad": True} for tool in ask("tools/list")["result"]["tools"])
+    asked = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+    answer = httpx2.post(host.mcp_url, json=asked, trust_env=False, verify=False).json()
+    assert all(tool["_meta"] == {"anthropic/alwaysLoad": True} for tool in answer["result"]["tools"])

@@ -126,7 +126,7 @@ def test_a_token_comes_as_a_key_or_as_a_bearer():
 
 
 def test_an_unknown_handle_is_an_error_in_anthropics_form(endpoint):
-    with anthropic_client(endpoint) as client, pytest.raises(anthropic.NotFoundError, match="There is no episode"):
+    with anthropic_client(endpoint) as client, pytest.raises(anthropic.NotFoundError, match="No such episode"):
         client.messages.create(model="smartplay/no", max_tokens=10, messages=[USER], tools=MESSAGES_TOOLS)
 
 

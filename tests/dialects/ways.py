@@ -27,7 +27,7 @@ Play = Callable[..., None]
 QUICK = {"api_key": "k", "retries": 1, "pause": 0.01}
 
 
-APART = ("inspect_ai", "openenv", "pydantic_ai", "verifiers")
+APART = ("inspect_ai", "pydantic_ai", "verifiers")
 """The modules of frameworks that have an environment of their own."""
 
 
@@ -240,37 +240,6 @@ def by_verifiers(server: DialectServer, episode: sp.Episode, stream: bool) -> No
     launched(server.base_url, Given(SmartPlayHarnessConfig()))
 
 
-def by_openenv(server: DialectServer, episode: sp.Episode, stream: bool) -> None:
-    """A trainer that samples from the server, as its own client of chat completions would."""
-    import openai
-    from openenv.core.harness import HarnessRunLimits, ModelStepResult
-    from openenv.core.llm_client import LLMResponse, ToolCall
-    from smartplay_openai import chat_reply
-    from smartplay_openenv import SmartPlayHarness, SmartPlaySession
-
-    from smartplay_tools.types.arguments import object_in
-
-    client = openai.OpenAI(base_url=server.base_url, api_key="k", max_retries=0)
-
-    def sample(messages: Any, tools: Any, sampling: dict[str, Any]) -> Any:
-        offered = [
-            {
-                "type": "function",
-                "function": {"name": t.name, "description": t.description, "parameters": t.input_schema},
-            }
-            for t in tools
-        ]
-        reply = chat_reply(
-            client.chat.completions.create(model=server.dialect.model, messages=messages, tools=offered)
-        ).message
-        functions = [(call["id"], call["function"]) for call in reply.get("tool_calls", ())]
-        calls = [ToolCall(id=i, name=f["name"], args=object_in(f["arguments"] or "{}") or {}) for i, f in functions]
-        return ModelStepResult(response=LLMResponse(content=reply["content"] or "", tool_calls=calls))
-
-    with client:
-        SmartPlayHarness().run_white_box(sample, SmartPlaySession(episode), HarnessRunLimits(max_turns=1000))
-
-
 # --- The rows ------------------------------------------------------------------------------------------------------
 
 WAYS = {
@@ -313,7 +282,6 @@ WAYS = {
         Way("Pydantic AI (Anthropic)", "messages", by_pydantic_ai("messages"), streams=False, needs="pydantic_ai"),
         Way("Inspect AI", "chat", by_inspect, streams=False, needs="inspect_ai"),
         Way("verifiers", "chat", by_verifiers, streams=False, needs="verifiers"),
-        Way("OpenEnv", "chat", by_openenv, streams=False, needs="openenv"),
     ]
 }
 

@@ -9,7 +9,6 @@ import pytest
 import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis.figures.capability_dots import capability_dots
 from smartplay_tools.evaluation.analysis.figures.curves import (
-    effects_of_slack,
     score_against_history,
     score_against_prompt_tokens,
 )
@@ -89,17 +88,6 @@ def test_there_is_no_human_where_scores_are_not_comparable():
     rows = [r | {"normalized_score": None} for h in (1, 5) for r in episodes([h], history=h)]
     (panel,) = score_against_history(compare_windows(rows)).axes
     assert set(lines(panel)) == {"rule"}
-
-
-def test_slack_is_drawn_as_differences_and_shares():
-    rows = [r for s, lost in ((0.0, 0), (0.5, 3)) for r in episodes([40 - lost, 44 - lost], history=10, slack=s)]
-    scores, shares = effects_of_slack(compare_windows(rows, along=("slack",))).axes
-    name = f"{BANDIT}, rule, history 10"
-    assert [y for _, y in lines(scores)[name]] == [-3]
-    assert [y for _, y in lines(shares)[name]] == [0.5, 0.5]
-    assert ticks(scores) == ticks(shares) == ["0", "0.5"]
-    with pytest.raises(sp.InvalidArgumentError, match="slack alone"):
-        effects_of_slack(compare_windows(rows[:2], along=("slack",)))
 
 
 def test_the_frontier_is_labelled_with_its_windows(comparisons):

@@ -9,7 +9,7 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.errors import UnknownNameError
-from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.drawings import draw
 from smartplay_tools.games.game_registry import importing_packages
 from smartplay_tools.records import Record
 
@@ -67,9 +67,8 @@ def test_a_page_names_the_game_and_imports_it_when_asked(record):
 def test_numbers_that_no_setting_has_are_not_played():
     with sp.Episode(HANOI, seed=1, transcript=(events := [])) as episode:
         sp.play(episode, sp.get_player("first"))
-    with Drawings() as drawings:
-        assert drawings.draw(Record(events))["kind"] == "hanoi"
+    assert draw(Record(events))["kind"] == "hanoi"
     events[0]["config"]["setting"]["kwargs"] = {"disks": 10**9}
-    with importing_packages(False), Drawings() as drawings:
-        drawing = drawings.draw(Record(events))
+    with importing_packages(False):
+        drawing = draw(Record(events))
     assert "has other numbers here; --plugins draws it" in drawing["source"]

@@ -242,6 +242,9 @@ def test_shards_put_together_are_the_whole_run(tmp_path):
         run = sp.evaluate(GAMES, out=tmp_path / str(number), shard=(number, 2), **arguments)
         assert run.complete
         assert 2 <= len(run.rows) <= 4
+    for shard in (None, (2, 2)):
+        with pytest.raises(sp.InvalidArgumentError, match="holds shard 1/2 of this run"):
+            sp.evaluate(GAMES, out=tmp_path / "1", shard=shard, **arguments)
     merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     assert results(tmp_path / "merged") == results(tmp_path / "whole")
     again = sp.evaluate(GAMES, out=tmp_path / "merged", **arguments)

@@ -97,7 +97,7 @@ def test_the_same_call_resumes_it(played):
 @pytest.mark.slow
 def test_it_writes_tables_and_figures(played):
     written = {path.relative_to(played.folder.path).as_posix() for path in played.write()}
-    stems = ("score-against-history", "effects-of-slack", "frontier")
+    stems = ("score-against-history", "frontier")
     assert written == {"table.csv", "summary.csv"} | {
         f"figures/{stem}.{suffix}" for stem in stems for suffix in ("pdf", "png", "svg")
     }

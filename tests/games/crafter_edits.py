@@ -14,7 +14,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from crafter import objects
+from crafter import constants, objects
 
 from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.fast import FastEngine
@@ -304,7 +304,9 @@ POLICIES: tuple[Policy, ...] = (
 
 # --- Play -------------------------------------------------------------------------------------------------------------
 
-EVERYTHING = frozenset({*facts.ACTIONS, *facts.ACHIEVEMENTS, "death", "lava", "arrow", "ripe plant", "border", "night"})
+EVERYTHING = frozenset(
+    {*facts.ACTIONS, *constants.achievements, "death", "lava", "arrow", "ripe plant", "border", "night"}
+)
 """What a comparison of the rules has to meet."""
 
 

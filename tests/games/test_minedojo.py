@@ -21,15 +21,12 @@ import smartplay_tools as sp
 from smartplay_tools.errors import EngineError
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import (
-    CALL_SECONDS,
     INTERPRETER,
     LOG,
-    START_SECONDS,
     MineDojoEngine,
     _turned,
     _walked,
 )
-from smartplay_tools.games.minecraft.minedojo.install import install
 from smartplay_tools.games.minecraft.minedojo.process import WorkerProcess
 from smartplay_tools.games.minecraft.observation import Observation
 from smartplay_tools.games.minecraft.rules import PAPER_GOALS, Goal, Stride, strides, turn
@@ -278,7 +275,7 @@ def test_a_crash_ends_the_episode_on_the_record_and_the_next_reset_starts_anew(i
 
 def test_a_late_answer_ends_the_episode(interpreter, monkeypatch):
     interpreter("time.sleep(60)")
-    monkeypatch.setenv(CALL_SECONDS, "0.3")
+    monkeypatch.setattr("smartplay_tools.games.minecraft.minedojo.engine.CALL_SECONDS", 0.3)
     with sp.Episode(GAME, seed=1, engine="minedojo") as episode:
         episode.call("act", {"action": "1"})
     assert episode.result.end_reason == "game_error"
@@ -287,14 +284,14 @@ def test_a_late_answer_ends_the_episode(interpreter, monkeypatch):
 
 def test_a_late_start_is_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setenv(INTERPRETER, program(tmp_path / "python", "sleep 60"))
-    monkeypatch.setenv(START_SECONDS, "0.3")
+    monkeypatch.setattr("smartplay_tools.games.minecraft.minedojo.engine.START_SECONDS", 0.3)
     with pytest.raises(EngineError, match=r"has not answered 'make' within 0\.3 seconds; it was ended"):
         sp.Episode(GAME, seed=1, engine="minedojo")
 
 
 def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
     monkeypatch.delenv(INTERPRETER, raising=False)
-    with pytest.raises(sp.InvalidArgumentError, match="smartplay-tools minedojo install --venv DIR"):
+    with pytest.raises(sp.InvalidArgumentError, match=r"commands in docs/minecraft\.md make"):
         sp.Episode(GAME, seed=1, engine="minedojo")
 
 
@@ -304,10 +301,6 @@ def test_without_an_interpreter_the_sentence_names_the_remedy(monkeypatch):
         (INTERPRETER, "/nowhere/python", "/nowhere/python cannot be run: No such file or directory"),
         (INTERPRETER, "/", "/ cannot be run: Permission denied"),
         (LOG, "/nowhere/game.log", "/nowhere/game.log cannot be written: No such file or directory"),
-        *(
-            (START_SECONDS, value, f"{START_SECONDS} must be a number .* not '{value}'")
-            for value in ("soon", "0", "inf")
-        ),
     ],
 )
 def test_a_wrong_variable_is_one_sentence(variable, value, sentence, monkeypatch, temporary):
@@ -339,47 +332,7 @@ def test_only_this_engine_is_compared_with_people(interpreter):
     assert set(played["voxel"].deviations) >= {"engine", "text"}
 
 
-# Installing the environment.
-
-
-def test_an_environment_is_made_in_a_new_folder_only(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(sp.InvalidArgumentError, match="is there already; name a new folder"):
-        install(tmp_path)
-    assert (tmp_path / "notes.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        (["echo 3 12"], "MineDojo needs Python 3.11; .* is 3.12"),
-        (["exit 1"], "MineDojo needs Python 3.11; .* is not a Python"),
-        (None, "/nowhere/python cannot be run: No such file"),
-    ],
-)
-def test_another_python_is_refused(lines, sentence, tmp_path):
-    python = "/nowhere/python" if lines is None else program(tmp_path / "python", *lines)
-    with pytest.raises(sp.InvalidArgumentError, match=sentence):
-        install(tmp_path / "venv", python)
-
-
-def test_a_failed_installation_says_why_and_leaves_no_folder(tmp_path):
-    """Here, an index without the packages."""
-    pip = f"{tmp_path}/venv/bin/python"
-    maker = program(
-        tmp_path / "python",
-        'if [ "$1" = -c ]; then echo 3 11; exit; fi',
-        f"mkdir -p {tmp_path}/venv/bin",
-        f"echo '#!/bin/sh' > {pip}",
-        f"echo 'echo ERROR: No matching distribution found for pip==24.0; echo; exit 1' >> {pip}",
-        f"chmod +x {pip}",
-    )
-    with pytest.raises(EngineError, match=r"is the package index in reach\? \(ERROR: No matching distribution"):
-        install(tmp_path / "venv", maker)
-    assert not (tmp_path / "venv").exists()
-
-
-# The real package. `smartplay-tools minedojo install` makes what is needed.
+# The real package. The commands of docs/minecraft.md make what is needed.
 
 
 @pytest.fixture

@@ -274,8 +274,8 @@ def nested(levels: int) -> dict[str, Any]:
         ("words", "Message 2 is str"),
         ({"role": "critic", "content": "Bad."}, "Message 2 has the role 'critic'"),
         ({"type": "item_reference", "id": "rs_1"}, "Message 2 is a reference"),
-        (nested(3_000), "Message 2 is nested 3002 levels deep"),
-        ({"role": "user", "content": {1, 2}}, "Message 2 has content of the type set"),
+        (nested(3_000), "Message 2 is nested more than 100 levels deep"),
+        ({"role": "user", "content": {1, 2}}, "Message 2 holds set, which is no JSON"),
         ({"content": "no role"}, "Message 2 has the role None"),
         ({"role": [], "content": "a list as a role"}, r"Message 2 has the role \[\]"),
         ({"role": "assistant", "tool_calls": 5}, "Message 2 has tool_calls that are no list of calls"),
@@ -426,9 +426,9 @@ def test_two_threads_on_one_manager_get_their_own_prompts():
         ({"slack": 2}, "slack is a share"),
         ({"history": -1}, "history is a whole number from 0 on"),
         ({"beyond_history": "mask"}, "give history a number"),
-        ({"beyond_history": "hide", "history": 1}, "beyond_history is one of 'drop', 'mask'"),
-        ({"head": "none"}, "head is one of"),
-        ({"form": "gemini"}, "form is one of"),
+        ({"beyond_history": "hide", "history": 1}, "beyond_history must be one of drop, mask"),
+        ({"head": "none"}, "head must be one of"),
+        ({"form": "gemini"}, "form must be one of"),
         ({"tokenizer": "nope"}, "nope"),
     ],
 )
@@ -473,3 +473,18 @@ def test_a_list_that_was_refused_changes_no_later_prompt(options: dict[str, Any]
             made.fit([*whole[:-1], {"role": "user", "content": content}])
         assert made.fit(whole).messages == whole
         assert made.fit(other := [*HEAD, *step(7)]).messages == other
+
+
+@pytest.mark.parametrize("own", [{}, {"strategy": "clear_tool_uses_20250919:trigger=4000,keep=1"}])
+def test_results_of_two_replies_in_one_message_go_to_their_calls(own: dict[str, Any]):
+    """Anthropic takes two messages of the model, one after the other, as one."""
+    replies: Messages = [
+        {"role": "assistant", "content": [{"type": "tool_use", "id": f"c{at}", "name": "read", "input": {}}]}
+        for at in range(2)
+    ]
+    results: Messages = [{"type": "tool_result", "tool_use_id": f"c{at}", "content": f"Page {at}."} for at in range(2)]
+    words = {"type": "text", "text": "Be quick."}
+    prompt = sp.ContextManager(8_000, **own).fit([HEAD[1], *replies, {"role": "user", "content": [*results, words]}])
+    one, two = ({"role": "user", "content": content} for content in (results[:1], [results[1], words]))
+    assert [*prompt.messages] == [HEAD[1], replies[0], one, replies[1], two]
+    assert [*prompt.repaired] == [3]

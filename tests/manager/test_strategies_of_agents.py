@@ -177,7 +177,7 @@ def test_what_cannot_be_sent_is_an_error(strategy: Any):
         ({"strategy": cleared, "own_words": 2}, "rewrites messages itself, so own_words has no meaning"),
         ({"question_tokens": 100}, "questions of a compactor"),
         ({"strategy": Rewritten}, "give ask"),
-        ({"strategy": int}, "int is no strategy"),
+        ({"strategy": int}, "The strategy int needs one of two methods"),
     ],
 )
 def test_what_a_strategy_cannot_be_combined_with_is_refused(options: dict[str, Any], sentence: str):

@@ -180,7 +180,7 @@ async def asynchronous(messages: Messages, max_tokens: int) -> str:
     [
         ({"ask": None}, "give ask"),
         ({"strategy": None}, "Nobody asks without a strategy"),
-        ({"strategy": 3}, r"int is no strategy: give Summaries\(tokens=...\)"),
+        ({"strategy": 3}, "The strategy int needs one of two methods"),
         ({"question_tokens": 300}, "questions of a compactor"),
         ({"strategy": sp.Summaries(0)}, "tokens is a whole number from 1 on"),
         ({"strategy": sp.Summaries(40, 100)}, "raise question_tokens"),
@@ -189,7 +189,7 @@ async def asynchronous(messages: Messages, max_tokens: int) -> str:
         ({"prompt_tokens": None}, "Nothing ever leaves"),
         ({"memo": 3}, "a folder or a mutable mapping"),
         ({"memo": __file__}, "is no folder"),
-        ({"on_error": "ignore"}, "on_error is one of"),
+        ({"on_error": "ignore"}, "on_error must be one of"),
         ({"ask": asynchronous}, "afit"),
         ({"ask": lambda _, __: 3}, "returns the text of an answer, not int"),
     ],

@@ -10,7 +10,6 @@ logged once an episode.
 
 from __future__ import annotations
 
-import asyncio
 import re
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -28,7 +27,7 @@ with extra_named("An endpoint", "serve"):
     from starlette.routing import Route
     from starlette.types import ASGIApp
 
-from smartplay_gateway.endpoint import HANDLERS, WRONG_KEY, json_response, model_object, read_request, respond
+from smartplay_gateway.endpoint import HANDLERS, WRONG_KEY, json_response, model_object, read_request, refuse, respond
 from smartplay_gateway.window.episode import WindowEpisode
 from smartplay_gateway.window.formats import CHAT_FORMAT, HostFormat
 from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
@@ -37,7 +36,7 @@ from smartplay_gateway.window.responses_format import RESPONSES_FORMAT
 from smartplay_gateway.window.store import PlayerOf, WindowStore
 from smartplay_tools import AsyncPlayer, Episode, EpisodeResult, Player, SmartPlayError
 from smartplay_tools.players.wire import RequestError, bad
-from smartplay_tools.web import LARGEST_REQUEST, FullError, Server, carries, check_address, guarded
+from smartplay_tools.web import LARGEST_REQUEST, NotServedError, Server, carries, check_address, guarded
 from smartplay_tools.web.mcp_http import bind_episode, mcp_route
 
 PREFIX = "smartplay/"
@@ -63,6 +62,10 @@ LONGEST_HEADER = 4_000
 """Characters of a header; servers and clients take few more. The log has the whole text."""
 
 
+CODES = {404: "model_not_found", 500: "record_refused", 503: "full"}
+"""The codes of the refusals of episodes, by their status."""
+
+
 def window_app(
     store: WindowStore, *, token: str | None = None, hosts: Sequence[str] = (), origins: Sequence[str] = ()
 ) -> ASGIApp:
@@ -80,7 +83,7 @@ def window_app(
         if surface not in ("mcp", "v1"):
             return PlainTextResponse("Not found", 404)
         if token is not None and not carries(request, token, key_header=KEY_HEADER):
-            return await _refuse(request, WRONG_KEY)
+            return await refuse(request, WRONG_KEY)
         return await bind_episode(request, store) if surface == "mcp" else None
 
     routes = [
@@ -96,8 +99,7 @@ def window_app(
         yield
         await store.aclose()
 
-    handlers: Any = {**HANDLERS, RequestError: _refuse}
-    app = Starlette(routes=routes, exception_handlers=handlers, lifespan=lifespan)
+    app = Starlette(routes=routes, exception_handlers=HANDLERS, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, origins=origins, largest=LARGEST_REQUEST)
 
 
@@ -222,12 +224,6 @@ def _counter(store: WindowStore) -> Any:
     return count
 
 
-async def _refuse(request: Request, error: RequestError) -> Response:
-    """Answer a request that is refused, in the form of its interface."""
-    form = MESSAGES_FORMAT if request.url.path.startswith(MESSAGES_FORMAT.path) else CHAT_FORMAT
-    return json_response(form.refusal(error), error.status, error.headers)
-
-
 def _is_retry(request: Request) -> bool:
     return request.headers.get(RETRY_COUNT, "0").strip() not in ("", "0")
 
@@ -235,18 +231,11 @@ def _is_retry(request: Request) -> bool:
 async def _episode(store: WindowStore, model: Any) -> WindowEpisode:
     if not isinstance(model, str):
         raise bad("A request names its model.", "model")
-    handle = model.removeprefix(PREFIX)
     try:
-        episode = store.opened(handle) or await asyncio.to_thread(store.find, handle)
-    except FullError as error:
-        raise RequestError(503, str(error), code="full") from error
-    except SmartPlayError as error:
-        raise RequestError(500, "The record of this episode cannot be continued.", code="record_refused") from error
-    if episode is None:
-        gone = store.gone(handle)
-        problem = gone.why if gone else f"There is no episode {model[:80]!r}; the model is {PREFIX}HANDLE."
-        raise RequestError(404, problem, code="model_not_found")
-    return episode
+        return await store.asked_for(model.removeprefix(PREFIX))
+    except NotServedError as error:
+        problem = f"{error} (the model {model[:80]!r}; an episode is {PREFIX}HANDLE)"
+        raise RequestError(error.status, problem, code=CODES[error.status]) from error
 
 
 async def _list_models(request: Request) -> Response:

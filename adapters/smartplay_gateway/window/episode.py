@@ -77,8 +77,6 @@ class WindowEpisode:
         shown: what the model is shown of the host's own messages and tools.
     """
 
-    is_read_by_host = False
-
     def __init__(
         self,
         handle: str,

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from smartplay_tools import Message, ToolSpec, Usage
-from smartplay_tools.players.wire import CHAT, Event, RequestError, Streaming, bad, objects, read_tools
+from smartplay_tools.players.wire import CHAT, Event, Streaming, bad, objects, read_tools
 from smartplay_tools.types.messages import words_of
 
 
@@ -108,10 +108,6 @@ class HostFormat(Streaming):
     @abstractmethod
     def write(self, message: Message, usage: Usage, body: Mapping[str, Any]) -> dict[str, Any]:
         """Return the answer to a request that says a message."""
-
-    def refusal(self, error: RequestError) -> dict[str, Any]:
-        """Return the body of an error."""
-        return error.body()
 
 
 class ChatFormat(HostFormat):

@@ -13,10 +13,19 @@ import uuid
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from smartplay_gateway.window.formats import CompletionRequest, HostFormat, Ignored, fields_of, json_schema, messages_of
+from smartplay_gateway.surfaces import MESSAGES
+from smartplay_gateway.window.formats import (
+    CompletionRequest,
+    HostFormat,
+    Ignored,
+    fields_of,
+    functions_of,
+    json_schema,
+    messages_of,
+)
 from smartplay_tools import Message, Usage
 from smartplay_tools.players.conversion import encodable, halves
-from smartplay_tools.players.wire import Event, RequestError, bad, objects, read_tools
+from smartplay_tools.players.wire import Event, RequestError, objects, read_tools
 from smartplay_tools.types.messages import calls_of, text_of, words_of
 
 OURS, THEIRS = "call_", "toolu_"
@@ -33,20 +42,12 @@ DELTAS = {
     "text": ("text", "text_delta", "text"),
     "thinking": ("thinking", "thinking_delta", "thinking"),
     "tool_use": ("input", "input_json_delta", "partial_json"),
+    "compaction": ("content", "compaction_delta", "content"),
 }
 """For each type of block: the field that is streamed, the type of its pieces, and the field that has them."""
 
 NOTHING = "..."
 """Replaces an empty message, which the interface does not have."""
-
-KINDS = {
-    400: "invalid_request_error",
-    401: "authentication_error",
-    404: "not_found_error",
-    413: "request_too_large",
-    503: "overloaded_error",
-}
-"""The types of errors by status; any other is an `api_error`."""
 
 
 class MessagesFormat(HostFormat):
@@ -131,43 +132,28 @@ class MessagesFormat(HostFormat):
         begun = {**answer, "content": [], "stop_reason": None, "usage": {**answer["usage"], "output_tokens": 0}}
         yield _event("message_start", message=begun)
         for index, block in enumerate(answer["content"]):
-            field, kind, name = DELTAS[block["type"]]
-            whole = block[field]
-            yield _event("content_block_start", index=index, content_block={**block, field: type(whole)()})
-            for piece in halves(whole if isinstance(whole, str) else json.dumps(whole)):
-                yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
-            yield _event("content_block_stop", index=index)
+            yield from block_events(index, block)
         end = {"stop_reason": answer["stop_reason"], "stop_sequence": None}
         yield _event("message_delta", delta=end, usage=answer["usage"])
         yield _event("message_stop")
 
     def failure(self, error: RequestError) -> Event:
         """Return the event of a stream that ends without a message."""
-        return "error", self.refusal(error)
-
-    def refusal(self, error: RequestError) -> dict[str, Any]:
-        """Return the body of an error; its code is where the client looks for one."""
-        details = {"details": {"error_code": error.code}} if error.code else {}
-        error_body = {"type": KINDS.get(error.status, "api_error"), "message": str(error), **details}
-        return {"type": "error", "error": error_body}
+        return "error", MESSAGES.refusal(error)
 
 
 def _functions(body: Mapping[str, Any]) -> tuple[list[Any], list[str]]:
     """The tools of a request as functions, and what those are that Anthropic's servers run."""
     tools = body.get("tools")
-    if not isinstance(tools, list | None):
-        raise bad("tools is a list.", "tools")
-    functions, left_out = list[Any](), list[str]()
-    for tool in tools or ():
-        if not isinstance(tool, Mapping):
-            functions.append(tool)
-        elif tool.get("name") != PLACEHOLDER:
-            # Claude Code marks tools that it has loaded later with `defer_loading`, too; they are as good as others.
-            if "input_schema" in tool or tool.get("type") in (None, "custom"):
-                functions.append({**tool, "type": "function", "parameters": tool.get("input_schema")})
-            else:
-                left_out.append(f"{tool.get('name')} ({tool['type']})")
-    return functions, left_out
+    if isinstance(tools, list):
+        tools = [_function(tool) for tool in tools if not isinstance(tool, Mapping) or tool.get("name") != PLACEHOLDER]
+    return functions_of({"tools": tools})
+
+
+def _function(tool: Any) -> Any:
+    """A tool in OpenAI's form, if it is a function; Claude Code's that have `defer_loading` are as good as others."""
+    is_function = isinstance(tool, Mapping) and ("input_schema" in tool or tool.get("type") in (None, "custom"))
+    return {**tool, "type": "function", "parameters": tool.get("input_schema")} if is_function else tool
 
 
 def _forbids_calls(choice: Any, messages: list[Any]) -> bool:
@@ -181,7 +167,22 @@ def _ours(call_id: str) -> str:
     return OURS + call_id.removeprefix(THEIRS)
 
 
-def _event(kind: str, **data: Any) -> Event:
+def block_events(index: int, block: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the events of a block. A compaction comes in one piece; one that is signed begins with it."""
+    field, kind, name = DELTAS[block["type"]]
+    whole: Any = block[field]
+    if kind == "compaction_delta":
+        begun, pieces = (block, []) if "signature" in block else ({**block, field: None}, [whole])
+    else:
+        begun = {**block, field: type(whole)()}
+        pieces = [*halves(whole if isinstance(whole, str) else json.dumps(whole))]
+    yield _event("content_block_start", index=index, content_block=begun)
+    for piece in pieces:
+        yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
+    yield _event("content_block_stop", index=index)
+
+
+def _event(kind: str, **data: Any) -> tuple[str, dict[str, Any]]:
     return kind, {"type": kind, **data}
 
 

@@ -140,10 +140,11 @@ def compare(
     ]
     if not matches:
         raise InvalidArgumentError("There is nothing to compare: no two players or runs have a game in common.")
-    pairings = _pairings(sides, matches, margin)
+    pairings = tuple(_pairing(sides, match, margin) for match in matches)
+    used = dict.fromkeys((game, reference) for game, _, reference in matches)
     return Comparison(
         runs=tuple(runs),
-        references=tuple(_references(sides, matches)),
+        references=tuple((game, side, named_estimates(samples(sides[side][game]))) for game, side in used),
         pairings=pairings,
         overall=tuple(_overall(sides, pairings)),
         versions=_versions(runs),
@@ -199,39 +200,32 @@ def _widest(side: Side, sides: Sequence[Side]) -> Side:
     return max((other for other in sides if other.player == side.player), key=lambda other: other.width)
 
 
-def _pairings(sides: Sides, matches: Sequence[tuple[str, Side, Side]], margin: Margin | None) -> tuple[Pairing, ...]:
-    paired = [pairs(sides[side][game], sides[other][game]) for game, side, other in matches]
-    means = named_estimates(samples(sides[side][game]) for game, side, _ in matches)
-    differing = list(map(difference_samples, paired))
-    compared = named_estimates(differing)
-    pairings = []
-    for (game, side, other), own, drawn, mean, difference in zip(
-        matches, paired, differing, means, compared, strict=True
-    ):
-        signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in own)
-        verdict = None
-        if margin is not None and own:
-            verdict = decide(drawn["score"], margin.points(game), difference["score"])
-            verdict = replace(verdict, word="identical", mde=None) if are_identical(own) else verdict
-        pairings.append(
-            Pairing(
-                game,
-                side,
-                other,
-                pairs=len(own),
-                unpaired=len(sides[side][game]) + len(sides[other][game]) - 2 * len(own),
-                means=mean,
-                differences=difference,
-                wins=signs[1],
-                ties=signs[0],
-                losses=signs[-1],
-                is_identical=are_identical(own),
-                ends=ends_of(sides[side][game]),
-                reference_ends=ends_of(sides[other][game]),
-                verdict=verdict,
-            )
-        )
-    return tuple(pairings)
+def _pairing(sides: Sides, match: tuple[str, Side, Side], margin: Margin | None) -> Pairing:
+    game, side, other = match
+    rows, counterparts = sides[side][game], sides[other][game]
+    own = pairs(rows, counterparts)
+    drawn, is_identical = difference_samples(own), are_identical(own)
+    signs = Counter(_sign(score(row) - score(counterpart)) for row, counterpart in own)
+    difference, verdict = named_estimates(drawn), None
+    if margin is not None and own:
+        verdict = decide(drawn["score"], margin.points(game), difference["score"])
+        verdict = replace(verdict, word="identical", mde=None) if is_identical else verdict
+    return Pairing(
+        game,
+        side,
+        other,
+        pairs=len(own),
+        unpaired=len(rows) + len(counterparts) - 2 * len(own),
+        means=named_estimates(samples(rows)),
+        differences=difference,
+        wins=signs[1],
+        ties=signs[0],
+        losses=signs[-1],
+        is_identical=is_identical,
+        ends=ends_of(rows),
+        reference_ends=ends_of(counterparts),
+        verdict=verdict,
+    )
 
 
 def _uncompared(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> int:
@@ -249,15 +243,6 @@ def _uncompared(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> int:
 
 def _sign(difference: float) -> int:
     return (difference > 0) - (difference < 0)
-
-
-def _references(
-    sides: Sides, matches: Sequence[tuple[str, Side, Side]]
-) -> Iterator[tuple[str, Side, Mapping[str, MeanEstimate]]]:
-    used = list(dict.fromkeys((game, reference) for game, _, reference in matches))
-    means = named_estimates(samples(sides[side][game]) for game, side in used)
-    for (game, side), estimates in zip(used, means, strict=True):
-        yield game, side, estimates
 
 
 def _overall(sides: Sides, pairings: Sequence[Pairing]) -> Iterator[Overall]:

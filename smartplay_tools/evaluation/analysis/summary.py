@@ -196,8 +196,8 @@ def summarize(rows: Iterable[Row], failures: Iterable[Row] = ()) -> RunSummary:
     groups = by_cell(rows)
     among = conditions(cell for cell, _ in groups)
     measured = [samples(members, FIGURES) for _, members in groups]
-    means = named_estimates(measured)
-    cells = tuple(_cell_summary(cell, members, own) for (cell, members), own in zip(groups, means, strict=True))
+    pairs = zip(groups, measured, strict=True)
+    cells = tuple(_cell_summary(cell, members, named_estimates(own)) for (cell, members), own in pairs)
     lost = _failures(failures, {row["key"] for row in rows})
     normalized = [each["normalized_score"].values for each in measured]
     profiles = (_profile(condition, cells, normalized) for condition in among)

@@ -1,11 +1,10 @@
-"""Differences that are judged together: intervals of which all hold in 95 of 100 cases, and Holm's p values.
+"""Differences that are judged together: intervals of which all hold in 95 of 100 cases.
 
 The level of the intervals is that of max-T: K comparisons are simulated as if nothing differed, normal, with the
 correlations that the pairs show, and the least of their K p values has a 5 % quantile. An interval at this level is
 narrower than one by Bonferroni (5 % / K) where comparisons have a reference or their worlds in common. Correlations of
 few pairs are mostly noise, so they are shrunk towards 0 (Schaefer and Strimmer, 2005); comparisons of different worlds
-are independent. Holm's p values, which are adjusted one after the other, stand beside the intervals, since they reject
-more but have no intervals.
+are independent.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smartplay_tools.statistics.distributions import Values, binomial_at_most, t_tail
-from smartplay_tools.statistics.intervals import CONFIDENCE, Method, Sample, is_constant
+from smartplay_tools.statistics.distributions import Values, t_tail
+from smartplay_tools.statistics.intervals import CONFIDENCE, Method, Sample
 from smartplay_tools.types.groups import grouped
 
 SEED = 20_240_417
@@ -83,23 +82,3 @@ def _shrinkage(correlations: Values, df: int) -> float:
     apart = correlations[~np.eye(len(correlations), dtype=bool)]
     squares = float((apart**2).sum())
     return min(1.0, float(((1 - apart**2) ** 2).sum()) / df / squares) if squares > 0 else 1.0
-
-
-def p_value(sample: Sample) -> float:
-    """Return the two-sided p value of a mean difference of 0: of Student's t, or of signs where those are all it has.
-
-    Signs are all that pairs have that differ by the same amount in every world, or whose scores have two values.
-    """
-    values = np.array(sample.values)
-    n, more, less = len(values), int((values > 0).sum()), int((values < 0).sum())
-    if is_constant(sample.values) or (sample.bounds is not None and sample.bounds.two_valued):
-        return min(1.0, 2 * binomial_at_most(min(more, less), more + less, 0.5))
-    return 2 * t_tail(abs(float(values.mean())) * math.sqrt(n) / float(values.std(ddof=1)), n - 1)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Return the p values adjusted by Holm's method (1979)."""
-    adjusted, most = [0.0] * len(p_values), 0.0
-    for place, at in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
-        most = adjusted[at] = max(most, min(1.0, (len(p_values) - place) * p_values[at]))
-    return adjusted

@@ -19,6 +19,7 @@ from smartplay_tools.evaluation.analysis.numbers import (
     percent,
     with_interval,
 )
+from smartplay_tools.evaluation.analysis.pairs import is_control
 from smartplay_tools.evaluation.analysis.windows import WindowComparison
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
@@ -29,7 +30,7 @@ NOTES = (
     "*: on the game's Pareto front of score against tokens",
 )
 FULL_NOTE = "full context: nothing left the window in any episode, as far as it was played"
-TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T); p: Holm's"
+TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T)"
 SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
 CONTROLS = "controls, which do not read their prompts, are not among the differences that hold together"
 COST_NOTE = "$: on the front of score against cost; USD: of an episode"
@@ -47,7 +48,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
     The intervals of differences hold together, or with `single` each by itself.
     """
     differences = [c.differences.get("score") if single else c.together for c in comparisons]
-    compared = sum(c.p is not None for c in comparisons)
+    controls = [is_control(c.cell.player) for c in comparisons if c.together]
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     has_best = any("way_to_best" in c.means for c in comparisons)
     beside = [c.beside for c in comparisons]
@@ -60,7 +61,6 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             *([STEPS] if has_steps else []),
             ("score", lambda c: with_interval(c.means["score"], decimals)),
             ("+-", lambda c: _difference(c, decimals, single=single)),
-            *([] if single else [("p", lambda c: _p_value(c.p))]),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
             *([("to best", lambda c: with_interval(c.means.get("way_to_best"), 2))] if has_best else []),
@@ -68,10 +68,10 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             ("", lambda c: _marks(c, priced=priced)),
         )
 
-    held = (SINGLE if single else TOGETHER).format(compared=compared)
+    held = (SINGLE if single else TOGETHER).format(compared=controls.count(False))
     notes = [
-        *([held] if compared > 1 else []),
-        *([CONTROLS] if any(c.p is None and c.together for c in comparisons) else []),
+        *([held] if controls.count(False) > 1 else []),
+        *([CONTROLS] if any(controls) else []),
         *NOTES,
         *([FULL_NOTE] if any(c.is_reference and c.is_whole for c in comparisons) else []),
         *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
@@ -138,10 +138,6 @@ def _difference(comparison: WindowComparison, decimals: int, *, single: bool) ->
         return "identical"
     difference = comparison.differences.get("score") if single else comparison.together
     return "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
-
-
-def _p_value(p: float | None) -> str:
-    return NOTHING if p is None else "<.001" if p < 0.001 else f"{p:.2g}"
 
 
 def _marks(comparison: WindowComparison, *, priced: bool) -> str:

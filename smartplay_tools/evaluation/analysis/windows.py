@@ -9,7 +9,7 @@ dropping, with the same manual. It is **full context** if nothing left the windo
 An episode that was cut short by a cap on the whole run (`run_budget`) does not show the value of a window, so it is not
 compared. Means and paired differences are estimated with 95 % intervals (`pairs`, `intervals`), each of which holds by
 itself: with twenty cells, one is expected to miss. The K differences of scores also have intervals that hold together
-in 95 of 100 sweeps, and p values (`together`). Controls, which do not read their prompts, are not among the K. The
+in 95 of 100 sweeps (`together`). Controls, which do not read their prompts, are not among the K. The
 Pareto fronts compare the means of all cells of a game, including different players, manuals and protocols, because
 these have a price too. A point is dominated if another one is at most as expensive and at least as good, and better in
 one of the two. The front consists of the points that are not dominated; equal points are on it together.
@@ -32,9 +32,9 @@ from smartplay_tools.evaluation.analysis.pairs import (
     pairs,
     samples,
 )
-from smartplay_tools.evaluation.analysis.together import holm, jointly, p_value
+from smartplay_tools.evaluation.analysis.together import jointly
 from smartplay_tools.records.rows import Row, is_whole
-from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
+from smartplay_tools.statistics.intervals import MeanEstimate, mean_estimate, named_estimates, with_ends
 from smartplay_tools.types import STRATEGIES, Budget
 from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.groups import grouped
@@ -84,14 +84,10 @@ class WindowComparison:
     """Whether every prompt and reply is equal to the reference's."""
     together: MeanEstimate | None
     """The difference of scores with an interval that holds together with those of all other cells."""
-    p: float | None
-    """The p value of that difference, adjusted for all other cells (Holm); None for references and controls."""
     cut_share: float | None
     """The share of tool results that were cut to their cap; None without a tool call."""
     pairs: int
     """Episodes with a counterpart in the reference."""
-    confidence: float
-    """The level of each interval that holds together with the others."""
     ends: Mapping[str, int]
     """How many of its episodes ended before their game did, by the reason."""
     on_token_front: bool
@@ -118,17 +114,13 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
     """
     groups = by_cell(row for row in rows if row["end_reason"] != "run_budget")
     references = _references(groups, along)
-    means = named_estimates(samples(members) for _, members in groups)
+    means = [named_estimates(samples(members)) for _, members in groups]
     played = [
         [] if at == reference else pairs(groups[at][1], groups[reference][1]) for at, reference in enumerate(references)
     ]
     differing = [difference_samples(own) if own else {} for own in played]
-    paired = named_estimates(differing)
-    scores = [{"score": measures["score"]} if measures else {} for measures in differing]
-    judged = [at for at, own in enumerate(scores) if own and not is_control(groups[at][0].player)]
-    method = jointly([scores[at]["score"] for at in judged])
-    together = named_estimates(scores, method)
-    p_values = dict(zip(judged, holm([p_value(scores[at]["score"]) for at in judged]), strict=True))
+    judged = zip(differing, groups, strict=True)
+    method = jointly([own["score"] for own, (cell, _) in judged if own and not is_control(cell.player)])
     token_fronts, cost_fronts = _fronts(groups, means, "tokens"), _fronts(groups, means, "cost")
     return [
         WindowComparison(
@@ -137,13 +129,11 @@ def compare_windows(rows: Iterable[Row], *, along: Sequence[str] = WINDOW) -> li
             reference=groups[reference][0],
             is_whole=all(map(is_whole, members)),
             means=means[at],
-            differences=paired[at],
+            differences=named_estimates(differing[at]),
             is_identical=are_identical(played[at]),
-            together=together[at].get("score"),
-            p=p_values.get(at),
+            together=mean_estimate(own.values, own.bounds, method) if (own := differing[at].get("score")) else None,
             cut_share=cut_share(members),
             pairs=len(played[at]),
-            confidence=method.confidence,
             ends=ends_of(members),
             on_token_front=bool(token_fronts[at]),
             on_cost_front=cost_fronts[at],
@@ -215,5 +205,5 @@ def as_row(comparison: WindowComparison) -> dict[str, Any]:
     joint = with_ends("score_difference_together", comparison.together)
     row |= {name: end for name, end in joint.items() if name != "score_difference_together"}
     row |= {"pairs": None if comparison.is_reference else comparison.pairs}
-    row |= {"identical": comparison.is_identical, "p_holm": comparison.p}
+    row |= {"identical": comparison.is_identical}
     return row | {"on_token_front": comparison.on_token_front, "on_cost_front": comparison.on_cost_front}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
+import json
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import records_in
@@ -15,17 +16,16 @@ from smartplay_tools.records.damage import DamageError, damage_named, warn_damag
 from smartplay_tools.records.record import Record
 from smartplay_tools.registry import Registry
 
-Write = Callable[..., dict[str, int]]
-"""Writes episodes into an existing folder, and returns how much of each kind it wrote.
+FILE = "data.jsonl"
 
-`write(episodes, folder, summaries=...)` also writes replies to prompts for a summary if it is told so.
-"""
+Rows = Callable[..., Iterator[dict[str, Any]]]
+"""Yields the rows of an episode: `rows(record, summaries=...)`, those of prompts for a summary if it is told so."""
 
 FORMATS: dict[str, str] = {
-    "sft": "smartplay_tools.evaluation.exports.sft:write_replies",
-    "sft-chains": "smartplay_tools.evaluation.exports.sft:write_chains",
+    "sft": "smartplay_tools.evaluation.exports.sft:reply_rows",
+    "sft-chains": "smartplay_tools.evaluation.exports.sft:chain_rows",
 }
-"""The formats: name -> the function that writes it."""
+"""The formats: name -> the function that yields its rows."""
 
 _REGISTRY = Registry("export format", FORMATS)
 
@@ -36,7 +36,7 @@ class Exported:
 
     folder: Path
     counts: dict[str, int]
-    """How many episodes, and how many rows or logs."""
+    """How many episodes and rows, and for `sft-chains` how many replies."""
     left_out: Counter[str]
     """How many episodes were left out, by reason."""
 
@@ -58,7 +58,7 @@ def export(
     game was completed. Every prompt is rebuilt from its record and verified; a record that was changed is left out with
     a `DamageWarning`, and a selection without any episode is an `InvalidArgumentError`.
     """
-    write: Write = _REGISTRY[format]
+    rows_of: Rows = _REGISTRY[format]
     for name, chosen in (("games", games), ("players", players)):
         if isinstance(chosen, str):
             raise InvalidArgumentError(f"{name} is a list of names, such as [{chosen!r}], not the text {chosen!r}.")
@@ -76,24 +76,27 @@ def export(
     if folder.exists():
         raise InvalidArgumentError(f"{folder} exists, and data is never overwritten; name a new folder.")
     folder.parent.mkdir(parents=True, exist_ok=True)
+    counts = Counter(episodes=0, rows=0)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as unfinished:
         part = Path(unfinished) / folder.name
-        while True:  # again without a record that turns out to be damaged
-            part.mkdir()
-            begun: list[Path] = []
-            try:
-                with damage_named(source):
-                    counts = write(_read(records, begun), part, summaries=summaries)
-                break
-            except DamageError as error:
-                records = [record for record in records if record not in begun[-1:]]
-                if not records or not begun:
-                    raise
-                warn_damaged(f"{begun[-1]} is left out. {error}")
-                left_out["damaged"] += 1
-                shutil.rmtree(part)
+        part.mkdir()
+        with (part / FILE).open("xb") as file:
+            for path in records:
+                begin, own = file.tell(), Counter(episodes=1)
+                try:
+                    for replies, line in _lines(path, rows_of, summaries=summaries):
+                        own.update(replies, rows=1)
+                        file.write(line)
+                    counts.update(own)
+                except DamageError as error:
+                    if path is records[-1] and not counts["episodes"]:
+                        raise
+                    warn_damaged(f"{path} is left out. {error}")
+                    left_out["damaged"] += 1
+                    file.seek(begin)
+                    file.truncate()
         part.rename(folder)
-    return Exported(folder, counts, left_out)
+    return Exported(folder, dict(counts), left_out)
 
 
 def _judged(
@@ -112,6 +115,7 @@ def _judged(
         reasons = {
             record.end_reason: record.outcome != "finished",
             "observations are pictures": record.config.observation != "text",
+            "its host managed the context, so its prompts are not recorded": record.config.context == "host",
             "another game": games and record.game not in games,
             "another player": players and record.player not in players,
             "not completed": completed and not (record.result_data or {}).get("completed"),
@@ -119,8 +123,9 @@ def _judged(
         yield path, next((reason for reason, holds in reasons.items() if holds), None)
 
 
-def _read(records: Iterable[Path], begun: list[Path]) -> Iterator[Record]:
-    """Read one record after the other, keeping of each its path."""
-    for record in records:
-        begun.append(record)
-        yield Record.read(record)
+def _lines(path: Path, rows_of: Rows, *, summaries: bool) -> Iterator[tuple[dict[str, int], bytes]]:
+    """Yield the replies of each row, where it counts them, and its line; a `DamageError` if the record is damaged."""
+    with damage_named(path):  # and not writing, whose errors are others
+        for row in rows_of(Record.read(path), summaries=summaries):
+            replies = {"replies": row["replies"]} if "replies" in row else {}
+            yield replies, f"{json.dumps(row, ensure_ascii=False)}\n".encode()

@@ -12,29 +12,16 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 from smartplay_tools.episode import schema
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Purpose, SampledTokens
 from smartplay_tools.types.messages import Message, text_of
 
-FILE = "data.jsonl"
 Row = dict[str, Any]
-
-
-def write_replies(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
-    """Write a row for every reply, and with `summaries` for every summary; return the number of episodes and rows."""
-    return _write(folder, episodes, lambda episode: reply_rows(episode, summaries=summaries))
-
-
-def write_chains(episodes: Iterable[Record], folder: Path, *, summaries: bool = False) -> dict[str, int]:
-    """Write the rows of `chain_rows`; return the number of episodes, rows and replies."""
-    return _write(folder, episodes, lambda episode: chain_rows(episode, summaries=summaries))
 
 
 def reply_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
@@ -58,12 +45,7 @@ def chain_rows(episode: Record, *, summaries: bool = False) -> Iterator[Row]:
     The assistant messages of `completion` are the replies, each after exactly the prompt to which it was given: all
     messages before it. Assistant messages of `prompt` are replies that an earlier row has.
     """
-    if episode.config.context == "host":
-        whole = episode.conversation
-        messages, first = list(map(plain, whole.messages)), len(whole.head)
-        yield _chain(episode, messages, first, {"tools": json.dumps(whole.tools)}, turn=0, replies=len(whole.turns))
-        return
-    messages, first, tools, turn, replies = [], 0, Row(), 0, 0
+    messages, first, tools, turn, replies = list[Row](), 0, Row(), 0, 0
     for sent, prompt, reply in _steps(episode, summaries=summaries):
         if messages and (tools != _tools(sent) or prompt[: len(messages)] != messages):
             yield _chain(episode, messages, first, tools, turn=turn, replies=replies)
@@ -88,11 +70,6 @@ def plain(message: Message) -> Row:
 
 def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, list[Row], Row]]:
     """Yield every prompt, and its messages and the reply as a row has them."""
-    if episode.config.context == "host":
-        raise InvalidArgumentError(
-            f"The host managed the context of {episode.name or 'the record'}, so its prompts are not recorded; "
-            "export it as sft-chains."
-        )
     for sent, reply in episode.answered:
         if summaries or sent.prompt.purpose == "play":
             yield sent, list(map(plain, sent.prompt.messages)), plain(reply)
@@ -122,16 +99,3 @@ def _facts(episode: Record) -> Row:
         "normalized_score": result.normalized_score,
         "completed": result.completed,
     }
-
-
-def _write(folder: Path, episodes: Iterable[Record], rows_of: Callable[[Record], Iterator[Row]]) -> dict[str, int]:
-    counts = {"episodes": 0, "rows": 0}
-    with (folder / FILE).open("x", encoding="utf-8", newline="\n") as file:
-        for episode in episodes:
-            counts["episodes"] += 1
-            for row in rows_of(episode):
-                counts["rows"] += 1
-                if "replies" in row:
-                    counts["replies"] = counts.get("replies", 0) + row["replies"]
-                file.write(json.dumps(row, ensure_ascii=False) + "\n")
-    return counts

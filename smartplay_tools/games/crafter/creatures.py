@@ -13,24 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smartplay_tools.games.crafter.facts import (
-    AREA,
-    ARROW,
-    CHUNK,
-    CHUNKS,
-    COW,
-    FURNACE,
-    GRASS,
-    NAMES,
-    PATH,
-    PLANT,
-    PLAYER,
-    SKELETON,
-    TABLE,
-    WALKABLE,
-    WALKABLE_FOR_ARROW,
-    ZOMBIE,
-)
+from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.player import CrafterPlayer
 from smartplay_tools.games.crafter.world import (
     COLUMN,
@@ -44,8 +27,8 @@ from smartplay_tools.games.crafter.world import (
     place,
 )
 
-FREE = bytes(material in WALKABLE for material in range(len(NAMES)))
-FREE_FOR_ARROW = bytes(material in WALKABLE_FOR_ARROW for material in range(len(NAMES)))
+FREE = bytes(material in facts.WALKABLE for material in range(len(facts.NAMES)))
+FREE_FOR_ARROW = bytes(material in facts.WALKABLE_FOR_ARROW for material in range(len(facts.NAMES)))
 
 
 def _walk(world: World, thing: Thing, direction: int) -> bool:
@@ -106,7 +89,7 @@ def skeleton(world: World, thing: Thing, player: CrafterPlayer) -> None:
 def _shoot(world: World, thing: Thing, direction: int) -> None:
     target = thing.at + direction
     if not thing.clock and direction and FREE_FOR_ARROW[world.surface[target]]:
-        world.add(Thing(ARROW, target, direction))
+        world.add(Thing(facts.ARROW, target, direction))
         thing.clock = 4
 
 
@@ -117,31 +100,33 @@ def arrow(world: World, thing: Thing, player: CrafterPlayer) -> None:
     if FREE_FOR_ARROW[hit]:
         world.move(thing, target)
         return
-    if hit == PLAYER:
+    if hit == facts.PLAYER:
         player.hurt(2)
-    elif hit > PLAYER:
+    elif hit > facts.PLAYER:
         other = world.thing_at(target)
         other.health = max(0, other.health - 2)
     world.remove(thing)
-    if hit in (TABLE, FURNACE):
-        world.set_ground(target, PATH)
+    if hit in (facts.TABLE, facts.FURNACE):
+        world.set_ground(target, facts.PATH)
 
 
 def plant(world: World, thing: Thing, player: CrafterPlayer) -> None:
     """Grow; a creature next to it eats it."""
     thing.clock += 1
-    if any(world.surface[thing.at + direction] in (COW, ZOMBIE, SKELETON) for direction in DIRECTIONS):
+    if any(
+        world.surface[thing.at + direction] in (facts.COW, facts.ZOMBIE, facts.SKELETON) for direction in DIRECTIONS
+    ):
         thing.health = 0
     if not thing.health:
         world.remove(thing)
 
 
 UPDATE: dict[int, Callable[[World, Thing, CrafterPlayer], None]] = {
-    COW: cow,
-    ZOMBIE: zombie,
-    SKELETON: skeleton,
-    ARROW: arrow,
-    PLANT: plant,
+    facts.COW: cow,
+    facts.ZOMBIE: zombie,
+    facts.SKELETON: skeleton,
+    facts.ARROW: arrow,
+    facts.PLANT: plant,
 }
 """The function for a thing's turn, by kind."""
 
@@ -182,9 +167,9 @@ class Rule(NamedTuple):
     leave: float
 
 
-ZOMBIES = Rule(ZOMBIE, GRASS, 50, 6, 0, 0.3, 0.4)
-SKELETONS = Rule(SKELETON, PATH, 6, 7, 7, 0.1, 0.1)
-COWS = Rule(COW, GRASS, 30, 5, 5, 0.01, 0.1)
+ZOMBIES = Rule(facts.ZOMBIE, facts.GRASS, 50, 6, 0, 0.3, 0.4)
+SKELETONS = Rule(facts.SKELETON, facts.PATH, 6, 7, 7, 0.1, 0.1)
+COWS = Rule(facts.COW, facts.GRASS, 30, 5, 5, 0.01, 0.1)
 
 
 def balance(world: World, at: int, now: Light) -> None:
@@ -206,7 +191,7 @@ def balance(world: World, at: int, now: Light) -> None:
 def _come(world: World, at: int, key: int, rule: Rule, cells: int) -> None:
     if world.stream.uniform() < rule.come:
         where = _nth_cell(world, key, rule.material, world.stream.below(cells))
-        if world.surface[where] < PLAYER and DISTANCE[where - at] >= rule.least_distance:
+        if world.surface[where] < facts.PLAYER and DISTANCE[where - at] >= rule.least_distance:
             world.add(Thing(rule.kind, where))
 
 
@@ -220,9 +205,9 @@ def _leave(world: World, at: int, chunk: Chunk, rule: Rule, count: int) -> None:
 
 def _nth_cell(world: World, key: int, material: int, n: int) -> int:
     """The n-th cell of a material in a chunk, column by column."""
-    x, y = key // CHUNKS * CHUNK, key % CHUNKS * CHUNK
-    height = min(CHUNK, AREA - y)
-    for column in range(place(x, y), place(x + CHUNK, y), COLUMN):
+    x, y = key // facts.CHUNKS * facts.CHUNK, key % facts.CHUNKS * facts.CHUNK
+    height = min(facts.CHUNK, facts.AREA - y)
+    for column in range(place(x, y), place(x + facts.CHUNK, y), COLUMN):
         in_column = world.ground.count(material, column, column + height)
         if n < in_column:
             cell = column - 1

@@ -114,11 +114,6 @@ ACTIONS = (
 )
 NOOP, SLEEP = ACTIONS.index("noop"), ACTIONS.index("sleep")
 
-_FEATS = ("defeat_skeleton", "defeat_zombie", "eat_cow", "eat_plant", "wake_up")
-_COLLECTED = (f"collect_{rule.item}" for rule in COLLECT.values())
-ACHIEVEMENTS = tuple(sorted((*_FEATS, *_COLLECTED, *ACTIONS[SLEEP + 1 :])))
-"""In alphabetical order: the five feats, and whatever can be collected, placed or made."""
-
 DAMAGE = (("iron_sword", 5), ("stone_sword", 3), ("wood_sword", 2))
 """The damage of a blow by the best sword; 1 without a sword."""
 

@@ -5,13 +5,11 @@ away they lie and how much they weigh depends on the point alone; the seed only 
 world needs the noise at the same 53,248 points whatever its seed. `Points` therefore computes the geometry once per
 process, and `Points.values` only looks up gradients and adds.
 
-For bitwise equality, every sum and every rounding has to be in the library's order. That is why a corner is described
-by two offsets: the library subtracts the skew between them, and for some corners applies one step only after it.
+For bitwise equality, sums are in the library's order. For some corners it also subtracts the skew in the middle of an
+offset; at the points of a world, which never change, that rounds to the same bits.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,14 +64,7 @@ def permutation(seed: int) -> Integers:
 # --- The corners around a point --------------------------------------------------------------------------------------
 
 Offset = tuple[int, int, int]
-
-
-class Corner(NamedTuple):
-    """A lattice corner relative to the corner at the base of a point's cell."""
-
-    offset: Offset
-    late: Offset = (0, 0, 0)
-
+"""A lattice corner relative to the corner at the base of a point's cell."""
 
 # A cell falls into two tetrahedra, at its base and at its opposite corner, and an octahedron in the middle. Each
 # contributes its own corners first.
@@ -90,27 +81,22 @@ _TWICE = {1: (2, 0, 0), 2: (0, 2, 0), 4: (0, 0, 2)}
 _WITHOUT = {6: (-1, 1, 1), 5: (1, -1, 1), 3: (1, 1, -1)}
 _BASE_WITH = {1: ((1, -1, 0), (1, 0, -1)), 2: ((-1, 1, 0), (0, 1, -1)), 4: ((-1, 0, 1), (0, -1, 1))}
 _BASE_WITHOUT = {3: (1, 1, 0), 5: (1, 0, 1), 6: (0, 1, 1)}
-_OPPOSITE_WITH = {
-    3: (Corner((2, 1, 0)), Corner((1, 1, 0), (0, 1, 0))),
-    5: (Corner((2, 0, 1)), Corner((1, 0, 2))),
-    6: (Corner((0, 1, 1), (0, 1, 0)), Corner((0, 1, 2))),
-}
+_OPPOSITE_WITH = {3: ((2, 1, 0), (1, 2, 0)), 5: ((2, 0, 1), (1, 0, 2)), 6: ((0, 2, 1), (0, 1, 2))}
 
 
-def _extra_corners() -> dict[tuple[int, int, int], tuple[Corner, Corner]]:
+def _extra_corners() -> dict[tuple[int, int, int], tuple[Offset, Offset]]:
     """The two outside corners by case, (region, side, axes) as in `_cases`."""
-    extra: dict[tuple[int, int, int], tuple[Corner, Corner]] = {}
+    extra: dict[tuple[int, int, int], tuple[Offset, Offset]] = {}
     for axis in (1, 2, 4):
-        offset, other = _BASE_WITH[axis]
-        extra[BASE, 0, axis] = Corner(offset), Corner(other)
-        extra[OPPOSITE, 7, axis] = Corner(_AXIS[axis]), Corner(_TWICE[axis])
-        extra[MIDDLE, 7, axis] = Corner((1, 1, 1)), Corner(_TWICE[axis])
+        extra[BASE, 0, axis] = _BASE_WITH[axis]
+        extra[OPPOSITE, 7, axis] = _AXIS[axis], _TWICE[axis]
+        extra[MIDDLE, 7, axis] = (1, 1, 1), _TWICE[axis]
     for pair in (3, 5, 6):
-        extra[BASE, 7, pair] = Corner(_BASE_WITHOUT[pair]), Corner(_WITHOUT[pair])
+        extra[BASE, 7, pair] = _BASE_WITHOUT[pair], _WITHOUT[pair]
         extra[OPPOSITE, 0, pair] = _OPPOSITE_WITH[pair]
-        extra[MIDDLE, 0, pair] = Corner((0, 0, 0)), Corner(_WITHOUT[pair])
+        extra[MIDDLE, 0, pair] = (0, 0, 0), _WITHOUT[pair]
         for axis in (1, 2, 4):
-            extra[MIDDLE, pair, axis] = Corner(_WITHOUT[pair]), Corner((0, 0, 0), _TWICE[axis])
+            extra[MIDDLE, pair, axis] = _WITHOUT[pair], _TWICE[axis]
     return extra
 
 
@@ -172,17 +158,15 @@ def _cases(inside: list[Floats]) -> Integers:
     return cases
 
 
-def _corner_table() -> tuple[Integers, Integers, Flags]:
-    """Offsets, late offsets and presence of up to eight corners, by case."""
-    offsets, late = np.zeros((192, 8, 3), np.int64), np.zeros((192, 8, 3), np.int64)
-    present = np.zeros((192, 8), np.bool_)
+def _corner_table() -> tuple[Integers, Flags]:
+    """Offsets and presence of up to eight corners, by case."""
+    offsets, present = np.zeros((192, 8, 3), np.int64), np.zeros((192, 8), np.bool_)
     for (region, side, axes), extra in _extra_corners().items():
         case = region * 64 + side * 8 + axes
-        corners = [*(Corner(offset) for offset in _OWN[region]), *extra]
-        offsets[case, : len(corners)] = [corner.offset for corner in corners]
-        late[case, : len(corners)] = [corner.late for corner in corners]
+        corners = [*_OWN[region], *extra]
+        offsets[case, : len(corners)] = corners
         present[case, : len(corners)] = True
-    return offsets, late, present
+    return offsets, present
 
 
 # --- Noise at fixed points -------------------------------------------------------------------------------------------
@@ -214,14 +198,14 @@ class Points:
         squish = (base[0] + base[1] + base[2]) * SQUISH
         from_base = [v - (b + squish) for v, b in zip((x, y, z), base, strict=True)]
         case = _cases([s - b for s, b in zip(stretched, base, strict=True)])
-        offsets, late, present = (table[case] for table in _corner_table())
-        skew = (offsets + late).sum(2) * SQUISH
+        offsets, present = (table[case] for table in _corner_table())
+        skew = offsets.sum(2) * SQUISH
         lattice = np.zeros(skew.shape, np.int64)
         distance = []
         for axis in range(3):
-            way = from_base[axis][:, None] - offsets[:, :, axis] - skew - late[:, :, axis]
+            way = from_base[axis][:, None] - offsets[:, :, axis] - skew
             distance.append(np.where(present, way, 9.0))
-            reached = base[axis][:, None].astype(np.int64) + offsets[:, :, axis] + late[:, :, axis]
+            reached = base[axis][:, None].astype(np.int64) + offsets[:, :, axis]
             lattice = lattice << 8 | reached & 255
         return lattice, distance
 

@@ -62,8 +62,6 @@ def tiles(unit: int) -> Tiles:
             picture = _laid_over(np.zeros((unit, unit, 3), np.uint8), _scaled(item, 0.8 * unit), int(0.1 * unit))
             picture = _laid_over(picture, _scaled(str(amount), 0.6 * unit), int(0.4 * unit))
             carried[number, amount] = picture.transpose(2, 0, 1)
-    for table in (cells, carried):
-        table.setflags(write=False)
     return Tiles(cells, carried)
 
 
@@ -103,7 +101,6 @@ def vignette(columns: int, rows: int) -> NDArray[np.float64]:
     """The strength of the night's noise at each pixel of the view: rows by columns, weakest in the middle."""
     across, down = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
     strength: NDArray[np.float64] = 1 - np.exp(-0.5 * (across**2 + down**2) / (0.5**2))
-    strength.setflags(write=False)
     return strength
 
 

@@ -4,27 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from smartplay_tools.games.crafter.facts import (
-    ACTIONS,
-    COLLECT,
-    COW,
-    DAMAGE,
-    ITEMS,
-    LAVA,
-    MAKE,
-    MOST,
-    NAMES,
-    PLACE,
-    PLANT,
-    PLAYER,
-    RIPE,
-    SKELETON,
-    SLEEP,
-    VITALS,
-    WALKABLE_FOR_PLAYER,
-    WATER,
-    ZOMBIE,
-)
+from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.world import (
     CHUNK_OF,
     COLUMN,
@@ -37,7 +17,7 @@ from smartplay_tools.games.crafter.world import (
 )
 from smartplay_tools.games.crafter.worldgen import CENTER
 
-_FREE = bytes(material in WALKABLE_FOR_PLAYER for material in range(len(NAMES)))
+_FREE = bytes(material in facts.WALKABLE_FOR_PLAYER for material in range(len(facts.NAMES)))
 
 
 class CrafterPlayer:
@@ -50,25 +30,11 @@ class CrafterPlayer:
         sleeping: whether it sleeps; only an injury or full energy wakes it.
     """
 
-    __slots__ = (
-        "_fatigue",
-        "_hunger",
-        "_last_health",
-        "_recovery",
-        "_thirst",
-        "at",
-        "facing",
-        "inventory",
-        "sleeping",
-        "unlocked",
-        "world",
-    )
-
     def __init__(self, world: World) -> None:
         self.world = world
         self.at = place(CENTER, CENTER)
         self.facing = SOUTH
-        self.inventory = dict.fromkeys(VITALS, MOST) | dict.fromkeys(ITEMS, 0)
+        self.inventory = dict.fromkeys(facts.VITALS, facts.MOST) | dict.fromkeys(facts.ITEMS, 0)
         self.unlocked: dict[str, int] = {}
         self.sleeping = False
         # Steps since the last change of a vital; asleep, hunger and thirst run at half speed.
@@ -76,7 +42,7 @@ class CrafterPlayer:
         self._thirst: float = 0
         self._fatigue = 0
         self._recovery: float = 0
-        self._last_health = MOST
+        self._last_health = facts.MOST
 
     @property
     def health(self) -> int:
@@ -90,8 +56,8 @@ class CrafterPlayer:
     def update(self, action: int) -> None:
         """Take a turn. While the player sleeps, every action is replaced by sleeping."""
         if self.sleeping:
-            if self.inventory["energy"] < MOST:
-                action = SLEEP
+            if self.inventory["energy"] < facts.MOST:
+                action = facts.SLEEP
             else:
                 self.sleeping = False
                 self._reach("wake_up")
@@ -113,47 +79,47 @@ class CrafterPlayer:
         self.facing = direction
         if _FREE[world.surface[target]]:
             world.surface[self.at] = world.ground[self.at]
-            world.surface[target] = PLAYER
+            world.surface[target] = facts.PLAYER
             if CHUNK_OF[target] != CHUNK_OF[self.at]:
                 world.visit(target)
             self.at = target
-        if world.ground[self.at] == LAVA:
+        if world.ground[self.at] == facts.LAVA:
             self.inventory["health"] = 0
 
     def _do(self) -> None:
         target = self.at + self.facing
         shown = self.world.surface[target]
-        if shown > PLAYER:
+        if shown > facts.PLAYER:
             self._touch(self.world.thing_at(target))
-        elif shown in COLLECT:
+        elif shown in facts.COLLECT:
             self._collect(target, shown)
 
     def _touch(self, thing: Thing) -> None:
-        if thing.kind == PLANT:
-            if thing.clock > RIPE:
+        if thing.kind == facts.PLANT:
+            if thing.clock > facts.RIPE:
                 thing.clock = 0
                 self.inventory["food"] += 4
                 self._reach("eat_plant")
-        elif thing.kind in (COW, ZOMBIE, SKELETON):
+        elif thing.kind in (facts.COW, facts.ZOMBIE, facts.SKELETON):
             thing.health = max(0, thing.health - self._damage())
             if not thing.health:
                 self._defeat(thing.kind)
 
     def _damage(self) -> int:
-        return next((damage for sword, damage in DAMAGE if self.inventory[sword]), 1)
+        return next((damage for sword, damage in facts.DAMAGE if self.inventory[sword]), 1)
 
     def _defeat(self, kind: int) -> None:
-        if kind == COW:
+        if kind == facts.COW:
             self.inventory["food"] += 6
             self._hunger = 0
             self._reach("eat_cow")
         else:
-            self._reach(f"defeat_{NAMES[kind]}")
+            self._reach(f"defeat_{facts.NAMES[kind]}")
 
     def _collect(self, target: int, material: int) -> None:
-        if material == WATER:
+        if material == facts.WATER:
             self._thirst = 0
-        tool, item, leaves, probability = COLLECT[material]
+        tool, item, leaves, probability = facts.COLLECT[material]
         if tool and not self.inventory[tool]:
             return
         if leaves != material:
@@ -165,17 +131,17 @@ class CrafterPlayer:
 
     def _place(self, name: str) -> None:
         target = self.at + self.facing
-        uses, where, what = PLACE[name]
+        uses, where, what = facts.PLACE[name]
         if self.world.surface[target] not in where or not self._pay(uses):
             return
-        if what == PLANT:
-            self.world.add(Thing(PLANT, target))
+        if what == facts.PLANT:
+            self.world.add(Thing(facts.PLANT, target))
         else:
             self.world.set_ground(target, what)
         self._reach(f"place_{name}")
 
     def _make(self, name: str) -> None:
-        uses, nearby = MAKE[name]
+        uses, nearby = facts.MAKE[name]
         around = self._around()
         if all(material in around for material in nearby) and self._pay(uses):
             self._gain(name)
@@ -193,7 +159,7 @@ class CrafterPlayer:
         return b"".join(ground[start : start + 3] for start in (corner, corner + COLUMN, corner + 2 * COLUMN))
 
     def _sleep(self) -> None:
-        if self.inventory["energy"] < MOST:
+        if self.inventory["energy"] < facts.MOST:
             self.sleeping = True
 
     def _pay(self, uses: tuple[tuple[str, int], ...]) -> bool:
@@ -204,7 +170,7 @@ class CrafterPlayer:
         return True
 
     def _gain(self, item: str) -> None:
-        self.inventory[item] = min(self.inventory[item] + 1, MOST)
+        self.inventory[item] = min(self.inventory[item] + 1, facts.MOST)
 
     def _reach(self, achievement: str) -> None:
         self.unlocked[achievement] = self.unlocked.get(achievement, 0) + 1
@@ -219,8 +185,8 @@ class CrafterPlayer:
             self._hunger = 0
             has["food"] = max(0, has["food"] - 1)
         # A meal may exceed the maximum for a moment, because it counts before hunger does.
-        if has["food"] > MOST:
-            has["food"] = MOST
+        if has["food"] > facts.MOST:
+            has["food"] = facts.MOST
         self._thirst += pace
         if self._thirst > 20:
             self._thirst = 0
@@ -228,7 +194,7 @@ class CrafterPlayer:
         self._fatigue = min(self._fatigue - 1, 0) if self.sleeping else self._fatigue + 1
         if self._fatigue < -10:
             self._fatigue = 0
-            has["energy"] = min(has["energy"] + 1, MOST)
+            has["energy"] = min(has["energy"] + 1, facts.MOST)
         elif self._fatigue > 30:
             self._fatigue = 0
             has["energy"] = max(0, has["energy"] - 1)
@@ -242,7 +208,7 @@ class CrafterPlayer:
             self._recovery -= 0.5 if asleep else 1
         if self._recovery > 25:
             self._recovery = 0
-            has["health"] = min(has["health"] + 1, MOST)
+            has["health"] = min(has["health"] + 1, facts.MOST)
         if self._recovery < -15:
             self._recovery = 0
             self.hurt(1)
@@ -272,5 +238,5 @@ def _action(name: str) -> Any:
     return {"noop": CrafterPlayer._rest, "do": CrafterPlayer._do, "sleep": CrafterPlayer._sleep}[name]
 
 
-_ACT = tuple(_action(name) for name in ACTIONS)
+_ACT = tuple(_action(name) for name in facts.ACTIONS)
 """What each action does to a player."""

@@ -9,20 +9,12 @@ from __future__ import annotations
 
 import functools
 
-from smartplay_tools.games.crafter.facts import (
-    ACTIONS as ENGINE_ACTIONS,
-    ITEMS,
-    MOST,
-    NAMES,
-    PLAYER,
-    VIEW,
-    VITALS,
-)
+from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.views import Sight
 from smartplay_tools.games.crafter.world import cells_around, position
 
 _COMPASS = {"move_left": "move_west", "move_right": "move_east", "move_up": "move_north", "move_down": "move_south"}
-_ACTIONS_IN_WORDS = tuple(_COMPASS.get(action, action) for action in ENGINE_ACTIONS)
+_ACTIONS_IN_WORDS = tuple(_COMPASS.get(action, action) for action in facts.ACTIONS)
 ACTIONS = tuple(action.replace("_", " ").title() for action in _ACTIONS_IN_WORDS)
 """The actions by their names for a player, in the engine's order."""
 NUMBERED_ACTIONS = (*ACTIONS[1:], ACTIONS[0])
@@ -36,7 +28,7 @@ _NO_INVENTORY = "You have nothing in your inventory."
 OUT_OF_MAP = "Error, you are out of the map."
 
 # The view, nearest cell first and, at the same distance, western columns before eastern and north before south.
-_COLUMNS, _ROWS = VIEW
+_COLUMNS, _ROWS = facts.VIEW
 _CELLS = [(i // _ROWS - _COLUMNS // 2, i % _ROWS - _ROWS // 2) for i in range(_COLUMNS * _ROWS)]
 _NEAREST_FIRST = sorted(range(len(_CELLS)), key=lambda i: (abs(_CELLS[i][0]) + abs(_CELLS[i][1]), i))
 _ORDER = bytes(_NEAREST_FIRST)
@@ -53,10 +45,10 @@ _LINES = [
         f"\n- {name} {abs(dx) + abs(dy)} steps to your {_direction(dx, dy)}"
         for dx, dy in (_CELLS[i] for i in _NEAREST_FIRST)
     ]
-    for name in NAMES
+    for name in facts.NAMES
 ]
 """The line about a thing, by its id and by the rank of its cell in the order above."""
-_MENTIONED = frozenset(range(1, len(NAMES))) - {PLAYER}
+_MENTIONED = frozenset(range(1, len(facts.NAMES))) - {facts.PLAYER}
 """What a line can be about: anything on the map except the player."""
 
 
@@ -70,7 +62,7 @@ def describe(sight: Sight, action: int | None = None, *, dead: bool = False, cor
     asleep = sight.sleeping and not (dead and corrected)
     status = _ASLEEP if asleep else _DEAD if dead else ""
     amounts = _amounts(*sight.inventory.values())
-    text = f"{status}\n\n{_view(surface, at)}\n\nYou face {NAMES[faced]} at your front.\n\n{amounts}"
+    text = f"{status}\n\n{_view(surface, at)}\n\nYou face {facts.NAMES[faced]} at your front.\n\n{amounts}"
     return text.strip() if action is None else _TOOK[action] + text
 
 
@@ -90,7 +82,7 @@ def _view(surface: bytes | bytearray, at: int) -> str:
 @functools.lru_cache(maxsize=4096)
 def _amounts(*amounts: int) -> str:
     """Vitals and items; cached, because the amounts rarely change from step to step."""
-    vitals = [f"- {name}: {amount}/{MOST}" for name, amount in zip(VITALS, amounts, strict=False)]
-    items = [f"- {name}: {n}" for name, n in zip(ITEMS, amounts[len(VITALS) :], strict=True) if n]
+    vitals = [f"- {name}: {amount}/{facts.MOST}" for name, amount in zip(facts.VITALS, amounts, strict=False)]
+    items = [f"- {name}: {n}" for name, n in zip(facts.ITEMS, amounts[len(facts.VITALS) :], strict=True) if n]
     inventory = ["Your inventory:", *items] if items else [_NO_INVENTORY]
     return "\n".join(["Your status:", *vitals, "", *inventory])

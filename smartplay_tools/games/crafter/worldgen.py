@@ -13,33 +13,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from smartplay_tools.games.crafter.facts import (
-    AREA,
-    COAL,
-    COW,
-    DIAMOND,
-    GRASS,
-    IRON,
-    LAVA,
-    PATH,
-    SAND,
-    SKELETON,
-    STONE,
-    TREE,
-    WATER,
-    ZOMBIE,
-)
+from smartplay_tools.games.crafter import facts
 from smartplay_tools.games.crafter.noise import Points
 from smartplay_tools.games.crafter.stream import Stream
 
 Flags = NDArray[np.bool_]
 
-CELLS = AREA * AREA
-CENTER = AREA // 2
+CELLS = facts.AREA * facts.AREA
+CENTER = facts.AREA // 2
 MOST_DRAWS = 3 * CELLS
 """No cell asks for more than three draws in both passes together."""
 
-_X, _Y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(AREA), np.arange(AREA), indexing="ij"))
+_X, _Y = (
+    a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(facts.AREA), np.arange(facts.AREA), indexing="ij")
+)
 FROM_CENTER = np.sqrt((_X - CENTER) ** 2 + (_Y - CENTER) ** 2)
 """The distance of each cell from the player's first place."""
 
@@ -136,13 +123,13 @@ def _ground(noise: dict[str, NDArray[np.float64]], draws: Draws) -> tuple[NDArra
     beach = low & (water > 0.25) & (water <= 0.35) & (noise["sand"] > -0.2)
     lake = low & ~beach & (water > 0.3)
     land = low & ~beach & ~lake
-    ground = np.full(CELLS, GRASS, np.uint8)
+    ground = np.full(CELLS, facts.GRASS, np.uint8)
     for where, material in (
-        (caves | tunnels, PATH),
-        (rock, STONE),
-        (rock & (mountain > 0.3) & (noise["lava"] > 0.35), LAVA),
-        (beach, SAND),
-        (lake, WATER),
+        (caves | tunnels, facts.PATH),
+        (rock, facts.STONE),
+        (rock & (mountain > 0.3) & (noise["lava"] > 0.35), facts.LAVA),
+        (beach, facts.SAND),
+        (lake, facts.WATER),
     ):
         ground[where] = material
     asks = [
@@ -152,17 +139,17 @@ def _ground(noise: dict[str, NDArray[np.float64]], draws: Draws) -> tuple[NDArra
         (land & (noise["tree"] > 0), 0.8),
     ]
     for cell, ask in draws.take(asks):
-        ground[cell] = (COAL, IRON, DIAMOND, TREE)[ask]
+        ground[cell] = (facts.COAL, facts.IRON, facts.DIAMOND, facts.TREE)[ask]
     return ground, tunnels
 
 
 def _creatures(ground: NDArray[np.uint8], tunnels: Flags, draws: Draws) -> list[tuple[int, int]]:
     """The first cows, zombies and skeletons."""
-    grass = ground == GRASS
-    walkable = grass | (ground == PATH) | (ground == SAND)
+    grass = ground == facts.GRASS
+    walkable = grass | (ground == facts.PATH) | (ground == facts.SAND)
     asks = [
         (grass & (FROM_CENTER > 3), 0.985),
         (walkable & (FROM_CENTER > 10), 0.993),
         (tunnels, 0.95),
     ]
-    return [((COW, ZOMBIE, SKELETON)[ask], cell) for cell, ask in draws.take(asks)]
+    return [((facts.COW, facts.ZOMBIE, facts.SKELETON)[ask], cell) for cell, ask in draws.take(asks)]

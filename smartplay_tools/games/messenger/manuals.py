@@ -18,16 +18,7 @@ from types import MappingProxyType
 from numpy.random import Generator
 
 from smartplay_tools.errors import InvalidArgumentError, check_choice
-from smartplay_tools.games.messenger.rules import (
-    GAMES,
-    MOVEMENTS,
-    SPLITS,
-    Game,
-    Movement,
-    Split,
-    pick,
-    shuffled,
-)
+from smartplay_tools.games.messenger import rules
 
 Texts = dict[str, dict[str, dict[str, list[str]]]]
 
@@ -56,7 +47,7 @@ ORIGINAL_SHA256 = MappingProxyType(
 """The sha256 of the original's `text_{split}.json`, by split."""
 
 
-def choose_folder(texts: str | os.PathLike[str] | None, split: Split, sentences: str | None = None) -> Path:
+def choose_folder(texts: str | os.PathLike[str] | None, split: rules.Split, sentences: str | None = None) -> Path:
     """Return the folder to read: the one that is named, by the argument or the environment variable, or else ours.
 
     If `sentences` says which sentences are wanted (see `identify`), it is the first of these that holds them, or one
@@ -84,7 +75,7 @@ def choose_folder(texts: str | os.PathLike[str] | None, split: Split, sentences:
 
 
 @functools.cache
-def identify(folder: Path, split: Split) -> str:
+def identify(folder: Path, split: rules.Split) -> str:
     """Return which sentences a split has in a folder: "grammar" (ours), "original", or "other:" and their sha256."""
     load(folder, split)
     content = _sha256(folder, split)
@@ -92,18 +83,18 @@ def identify(folder: Path, split: Split) -> str:
     return names.get(content, f"other:{content[:16]}")
 
 
-def _sha256(folder: Path, split: Split) -> str:
+def _sha256(folder: Path, split: rules.Split) -> str:
     return hashlib.sha256((folder / _file_name(split)).read_bytes()).hexdigest()
 
 
-def _file_name(split: Split) -> str:
+def _file_name(split: rules.Split) -> str:
     return f"text_{split}.json"
 
 
 @functools.cache
-def load(folder: Path, split: Split) -> Texts:
+def load(folder: Path, split: rules.Split) -> Texts:
     """Read the texts of a split: the file `text_{split}.json` of the folder."""
-    check_choice("split", split, SPLITS)
+    check_choice("split", split, rules.SPLITS)
     file = folder / _file_name(split)
     try:
         texts: Texts = json.loads(file.read_text(encoding="utf-8-sig"))
@@ -114,7 +105,7 @@ def load(folder: Path, split: Split) -> Texts:
     except ValueError as error:
         raise InvalidArgumentError(f"{file} is not JSON in UTF-8: {error}.") from None
     for entity, role in _pairs_played(split):
-        for movement in MOVEMENTS:
+        for movement in rules.MOVEMENTS:
             try:
                 sentences = texts[entity][role][movement]
             except (KeyError, TypeError, IndexError):
@@ -127,14 +118,16 @@ def load(folder: Path, split: Split) -> Texts:
     return texts
 
 
-def _pairs_played(split: Split) -> Iterator[tuple[str, str]]:
+def _pairs_played(split: rules.Split) -> Iterator[tuple[str, str]]:
     """Yield every (entity, role) that a manual of the split can need, including those of decoys."""
-    for game in GAMES[split]:
+    for game in rules.GAMES[split]:
         yield from zip(game, ROLES, strict=True)
         yield from ((game.message, "enemy"), (game.goal, "enemy"))
 
 
-def draw(level: int, game: Game, movements: Sequence[Movement], texts: Texts, chance: Generator) -> list[str]:
+def draw(
+    level: int, game: rules.Game, movements: Sequence[rules.Movement], texts: Texts, chance: Generator
+) -> list[str]:
     """Draw the sentences of an episode, in random order."""
     sentences = []
     for entity, role, movement in zip(game, ROLES, movements, strict=False):  # decoys: below
@@ -146,18 +139,18 @@ def draw(level: int, game: Game, movements: Sequence[Movement], texts: Texts, ch
             pool = unknown
         else:
             pool = by_movement[movement]
-        sentences.append(pick(pool, chance))
+        sentences.append(rules.pick(pool, chance))
     if level == 3:
         for entity, movement in zip((game.message, game.goal), movements[3:], strict=True):
-            sentences.append(pick(texts[entity]["enemy"][movement], chance))
+            sentences.append(rules.pick(texts[entity]["enemy"][movement], chance))
         sentences.append(_false_lead(game.enemy, movements[0], texts, chance))
-    return shuffled(sentences, chance)
+    return rules.shuffled(sentences, chance)
 
 
-def _false_lead(enemy: str, movement: Movement, texts: Texts, chance: Generator) -> str:
+def _false_lead(enemy: str, movement: rules.Movement, texts: Texts, chance: Generator) -> str:
     """Draw a sentence that calls the enemy's entity message or goal, with a movement that it does not have."""
-    other = pick([m for m in MOVEMENTS if m != movement], chance)
-    for role in shuffled(("message", "goal"), chance):
+    other = rules.pick([m for m in rules.MOVEMENTS if m != movement], chance)
+    for role in rules.shuffled(("message", "goal"), chance):
         if pool := texts[enemy].get(role, {}).get(other):
-            return pick(pool, chance)
+            return rules.pick(pool, chance)
     raise InvalidArgumentError(f"No sentence of the manuals describes {enemy} as a message or goal that is {other}.")

@@ -1,12 +1,10 @@
 """The screen of the human player: a prompt, what the budget has left, the actions, and a line to answer on.
 
-The layout of the lines below the prompt depends on the size of the terminal: in full if they take at most half of it,
-else in running text, else as two lines, with a key that lists the actions. This leaves room for the prompt in
-40 columns by 12 lines.
+The lines below the prompt list the actions if they take at most half of the terminal, and else name the key that lists
+them. This leaves room for the prompt in 40 columns by 12 lines.
 
-The budget is shown as bars, in numbers that add up. A prompt is task, tools and past turns. Its tokens are charged to
-the episode with the reply to it, so the bar of the episode includes them, and what is left there is what the reply may
-take.
+The tokens of a prompt are charged to the episode with the reply to it, so those of the episode include them, and what
+is left there is what the reply may take.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import takewhile
 
 from rich.columns import Columns
 from rich.console import Group, RenderableType
@@ -22,22 +19,17 @@ from rich.padding import Padding
 from rich.rule import Rule
 from rich.segment import Segment, Segments
 
-from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.conversation.base import BaseConversation
 from smartplay_tools.terminal import Console, Text
 from smartplay_tools.types import Prompt
 from smartplay_tools.types.messages import Message, calls_of, text_of
 
-WIDTH = 20
-"""Cells of a full bar."""
-
 
 @dataclass(frozen=True)
 class BudgetBar:
-    """A fact about the budget, in full and for a narrow terminal."""
+    """A fact about the budget."""
 
-    full: str
-    short: str
+    text: str
     share: float | None = None
     """How much of the cap is used, at most 1; None without a cap."""
 
@@ -47,40 +39,26 @@ def budget_bars(prompt: Prompt, conversation: BaseConversation | None) -> list[B
     if conversation is None or conversation.view is None:
         return []
     budget, stats, view = conversation.episode.budget, conversation.episode.stats, conversation.view
-    task = _task_tokens(prompt, conversation)
-    parts = f" (task {task:,} + turns {view.tokens - task:,})"
-    bars = [_budget_bar("prompt", view.tokens, budget.prompt_tokens, parts)]
     used = stats.tokens.prompt + stats.tokens.reply + view.tokens
-    bars.append(_budget_bar("episode", used, budget.episode_tokens, " with this prompt"))
+    bars = [
+        _budget_bar("prompt", view.tokens, budget.prompt_tokens),
+        _budget_bar("episode", used, budget.episode_tokens),
+    ]
     if conversation.spending is not None:
-        bars.append(_budget_bar("cost", conversation.spending.with_prompt, budget.episode_cost, " with this prompt"))
+        bars.append(_budget_bar("cost", conversation.spending.with_prompt, budget.episode_cost))
     bars.append(_budget_bar("calls", stats.tool_calls, budget.tool_calls))
     # The view counts the current observation, a history counts what is behind it.
     past = max(0, view.shown_steps - 1)
-    allowed = "all" if budget.history is None else str(budget.history)
-    bars.append(BudgetBar(f"history {past} past steps shown, {allowed} allowed", f"past steps {past}/{allowed}"))
+    bars.append(BudgetBar(f"past steps {past}/{'all' if budget.history is None else budget.history}"))
     if prompt.max_tokens is not None:
-        most = f"{prompt.max_tokens:,}"
-        bars.append(BudgetBar(f"reply at most {most} tokens", f"reply {most}"))
+        bars.append(BudgetBar(f"reply {prompt.max_tokens:,}"))
     return bars
 
 
-def _task_tokens(prompt: Prompt, conversation: BaseConversation) -> int:
-    """Tokens of what comes before the first turn, tools and priming included."""
-    counter = conversation.episode.counter
-    if not prompt.tools:  # the paper's protocol has no turns: its prompts are put together anew
-        return counter.messages(prompt.messages) + PRIMING
-    head = takewhile(lambda message: message["role"] not in ("assistant", "tool"), prompt.messages)
-    return counter.messages(list(head)) + counter.tools(prompt.tools) + PRIMING
-
-
-def _budget_bar(name: str, used: float, cap: float | None, parts: str = "") -> BudgetBar:
+def _budget_bar(name: str, used: float, cap: float | None) -> BudgetBar:
     if cap is None:
-        return BudgetBar(f"{name} {used:,}{parts}, no cap", f"{name} {used:,}")
-    share = min(1.0, used / cap)
-    full = round(WIDTH * share)
-    drawn = f"{'█' * full}{'░' * (WIDTH - full)}"
-    return BudgetBar(f"{name} {drawn} {used:,.12g}/{cap:,.12g}{parts}", f"{name} {used:,.12g}/{cap:,.12g}", share)
+        return BudgetBar(f"{name} {used:,}")
+    return BudgetBar(f"{name} {used:,.12g}/{cap:,.12g}", min(1.0, used / cap))
 
 
 KEYS = "o observe, m manual, ? help, q leave"
@@ -175,23 +153,15 @@ class Screen:
     def _footer_of(
         self, prompt: Prompt, actions: Sequence[str], conversation: BaseConversation | None
     ) -> RenderableType:
-        """Return the status lines below the prompt, in the fullest form for which there is room."""
-        facts, keys = budget_bars(prompt, conversation), KEYS if prompt.tools else FREE_KEYS
-        short = Text(", ".join(fact.short for fact in facts), style="cyan")
-        full = Columns([Text(fact.full, style="cyan") for fact in facts], padding=(0, 3))
-        hint = Text(keys, style="dim")
-        listed = Text(", ".join(f"{number} {name}" for number, name in enumerate(actions, start=1)))
-        forms = [
-            Group(Rule(style="dim"), *([full] if facts else []), _actions(actions), hint),
-            Group(Rule(style="dim"), *([short] if facts else []), listed, hint),
-        ]
-        if self._pages:
-            for form in forms:
-                if len(self._lines(form)) <= self._console.height // 2:
-                    return form
-            more = Text(f"a lists the {len(actions)} actions, ? help, q leave", style="dim")
-            return Group(*(Text(text.plain, text.style, no_wrap=True, overflow="ellipsis") for text in (short, more)))
-        return forms[0]
+        """Return the lines below the prompt, with the actions if there is room for them."""
+        budget = Text(", ".join(bar.text for bar in budget_bars(prompt, conversation)), style="cyan")
+        numbered = [Text(f"{number}. {name}") for number, name in enumerate(actions, start=1)]
+        listed = Columns(numbered, column_first=True, padding=(0, 3))
+        full = Group(Rule(style="dim"), budget, listed, Text(KEYS if prompt.tools else FREE_KEYS, style="dim"))
+        if not self._pages or len(self._lines(full)) <= self._console.height // 2:
+            return full
+        more = Text(f"a lists the {len(actions)} actions, ? help, q leave", style="dim")
+        return Group(*(Text(text.plain, text.style, no_wrap=True, overflow="ellipsis") for text in (budget, more)))
 
     def _height(self) -> int:
         """Lines that the footer, the line about pages and the answer leave for the prompt."""
@@ -215,8 +185,3 @@ def _message(message: Message) -> RenderableType:
         function = made["function"]
         parts.append(Padding(Text(f"{function['name']} {function['arguments']}", style=style), (0, 0, 0, 2)))
     return Group(*parts)
-
-
-def _actions(actions: Sequence[str]) -> RenderableType:
-    numbered = [Text(f"{number}. {name}") for number, name in enumerate(actions, start=1)]
-    return Columns(numbered, column_first=True, padding=(0, 3))

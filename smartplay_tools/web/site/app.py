@@ -22,6 +22,7 @@ import asyncio
 import hmac
 import json
 import secrets
+import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any
 
@@ -35,7 +36,7 @@ from starlette.routing import Route
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.players.environment import is_loopback
 from smartplay_tools.web import Server, carries
-from smartplay_tools.web.guard import Guard, Names, is_from_own_page
+from smartplay_tools.web.guard import Guard, is_from_own_page
 from smartplay_tools.web.site.browser_play import BrowserGames
 from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page, static
 from smartplay_tools.web.site.listed import COLUMNS
@@ -57,8 +58,12 @@ KEY = "x-smartplay-key"
 
 def _routes(site: _Site, play: BrowserGames | None, key: str | None, is_stopping: Callable[[], bool]) -> list[Route]:
     """Return the routes; those that change something ask for the `key` of a page."""
+
+    async def index(request: Request) -> Response:
+        return page("index.html.j2", games=None if play is None else play.games)
+
     routes = [
-        Route("/", page("index.html.j2", games=None if play is None else play.games)),
+        Route("/", index),
         Route("/episode/{run:path}/{kind}/{stem}", site.episode),
         Route("/api/runs", site.runs),
         Route("/api/runs/{run:path}/episodes", site.episodes),
@@ -127,14 +132,13 @@ class _Site:
 
     async def news(self, request: Request) -> Response:
         """Answer with an episode as its open page needs it, as soon as its record is another than `after`."""
-        after, waited = request.query_params.get("after", ""), 0.0
-        run_and_record = await run_in_threadpool(self._record, request)
-        version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
-        while version == after and is_playing and waited < LONGEST_WAIT and not self._is_stopping():
-            await asyncio.sleep(LOOK_SECONDS)
-            waited += LOOK_SECONDS
+        after, until = request.query_params.get("after", ""), time.monotonic() + LONGEST_WAIT
+        while True:
             run_and_record = await run_in_threadpool(self._record, request)
             version, is_playing = await run_in_threadpool(self._pages.version, *run_and_record)
+            if version != after or not is_playing or time.monotonic() >= until or self._is_stopping():
+                break
+            await asyncio.sleep(LOOK_SECONDS)
         news = await run_in_threadpool(self._pages.news, *run_and_record, is_new=version != after)
         return AsciiJson({"version": version, "playing": is_playing, **news}, headers=HEADERS)
 
@@ -217,7 +221,7 @@ class ViewServer(Server):
         app = Starlette(routes=routes, exception_handlers={SmartPlayError: refused})
         # A stream that is compressed waits for its compressor, so the middleware leaves event streams as they are.
         compressed = GZipMiddleware(app, minimum_size=10_000)
-        super().__init__(Guard(compressed, admit, Names(hosts), headers=HEADERS), host, port)
+        super().__init__(Guard(compressed, admit, hosts, headers=HEADERS), host, port)
         self.url = f"{self.address(hosts[0]) if is_open else self.url}/"
         self.entry = self.url if token is None else f"{self.url}?token={token}"
         """The address that a browser opens first; the token is kept in a cookie from then on."""

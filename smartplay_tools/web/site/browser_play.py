@@ -86,12 +86,6 @@ class BrowserPlay:
         self._thread.start()
         return self
 
-    def begun(self, until: ExitStack) -> BrowserPlay:
-        """Begin, unless it has begun; it is left when `until` is closed."""
-        if self._thread.ident is None:
-            until.enter_context(self)
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.player.leave()
         self._thread.join()
@@ -204,7 +198,7 @@ class BrowserGames:
         self._begun = ExitStack()
         self._lock = threading.Lock()
         if len(self.games) == 1:
-            self._make(self.games[0])  # what cannot be played is refused now
+            self._made(self.games[0])  # what cannot be played is refused now
         elif self.games and (self.folder / "manifest.json").exists():
             raise InvalidArgumentError(f"{out} holds the run of one game; name another folder for several (--out).")
 
@@ -218,14 +212,14 @@ class BrowserGames:
         """Return the run of a game, which begins now if it has not yet."""
         with self._lock:
             if name in self.games and name not in self._runs:
-                self._make(name)
+                self._runs[name] = self._begun.enter_context(self._made(name))
             if name not in self._runs:
                 raise InvalidArgumentError(f"There is no game {name!r} to play here; /play has the list.")
-            return self._runs[name].begun(self._begun)
+            return self._runs[name]
 
-    def _make(self, game: str) -> None:
+    def _made(self, game: str) -> BrowserPlay:
         out = self.folder if len(self.games) == 1 else self.folder / game
-        self._runs[game] = BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
+        return BrowserPlay(human_cell(game, **self._options), out, seed=self._seed)
 
 
 def _lost(record: Record, view: ViewEvent) -> list[int]:

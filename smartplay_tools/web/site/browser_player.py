@@ -101,9 +101,7 @@ class BrowserPlayer:
             "messages": prompt.messages,
             "tools": [tool.to_json() for tool in prompt.tools],
             "actions": Reading(prompt).actions,
-            "budget_bars": [
-                {"short": bar.short, "share": bar.share} for bar in budget_bars(prompt, self._conversation)
-            ],
+            "budget_bars": [{"short": bar.text, "share": bar.share} for bar in budget_bars(prompt, self._conversation)],
             "steps": None if self._conversation is None else self._conversation.episode.stats.steps,
             "rollout": None if self._conversation is None else self._conversation.episode.spec.rollout,
             "pictures": game is not None and game.render_mode == PICTURES,

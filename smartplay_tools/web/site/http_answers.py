@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable
 from importlib import resources
 from typing import Any
 
@@ -51,17 +50,7 @@ def missing(text: str) -> Response:
     return PlainTextResponse(well_formed(text), 404, HEADERS)
 
 
-def page(template: str, **values: Any) -> Callable[[Request], Awaitable[Response]]:
-    """Return a route that answers with a page."""
-    made = template_environment(__package__, "The site").get_template(template).render(values)
-
-    async def answer(request: Request) -> Response:
-        return _text(made, "text/html")
-
-    return answer
-
-
-def page_now(template: str, **values: Any) -> Response:
+def page(template: str, **values: Any) -> Response:
     """Answer with a page."""
     return _text(template_environment(__package__, "The site").get_template(template).render(values), "text/html")
 

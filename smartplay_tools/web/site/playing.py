@@ -28,7 +28,7 @@ from smartplay_tools.games.specs import GAMES, get_spec
 from smartplay_tools.types.arguments import object_in
 from smartplay_tools.web.site.browser_play import BrowserGames, BrowserPlay
 from smartplay_tools.web.site.browser_player import PassedError
-from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page_now
+from smartplay_tools.web.site.http_answers import HEADERS, AsciiJson, missing, page
 
 LONGEST_WAIT = 15.0
 """Seconds after which a page that waits is answered in any case."""
@@ -73,7 +73,7 @@ class _Playing:
         for game in self._play.games:
             families.setdefault(GAMES[game].family, []).append(game)
         shown = [(family, *FAMILIES.get(family, (family, "")), games) for family, games in families.items() if games]
-        return page_now("games.html.j2", families=shown)
+        return page("games.html.j2", families=shown)
 
     def of_run(
         self, answer: Callable[[Request, BrowserPlay], Awaitable[Response]]
@@ -97,7 +97,7 @@ class _Playing:
         _, aim = FAMILIES.get(spec.family, ("", ""))
         if spec.family == "minecraft":
             aim = f"Find this biome: {PAPER_GOALS[spec.kwargs['task']].name}."
-        return page_now("play.html.j2", game=run.game, aim=aim, name=name, key=self._key, several=several)
+        return page("play.html.j2", game=run.game, aim=aim, name=name, key=self._key, several=several)
 
     async def state(self, request: Request, run: BrowserPlay) -> Response:
         """Answer with what is to be shown, when it has changed."""

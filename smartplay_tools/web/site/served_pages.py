@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -48,16 +47,12 @@ def address(run: ViewedRun, record: str) -> str:
 
 def _neighbours(run: ViewedRun, record: str) -> tuple[str | None, str | None]:
     """The addresses of the episodes before and after one in the plan."""
-    listed = [row[0] for row in run.episodes() if row[0]]
+    listed = [None, *(row[0] for row in run.episodes() if row[0]), None]
     if record not in listed:
         return None, None
     at = listed.index(record)
-    before, after = listed[max(0, at - 1) : at], listed[at + 1 : at + 2]
-    return _address_of(run, before), _address_of(run, after)
-
-
-def _address_of(run: ViewedRun, records: Sequence[str]) -> str | None:
-    return f"/episode/{address(run, records[0])}" if records else None
+    before, after = (each and f"/episode/{address(run, each)}" for each in (listed[at - 1], listed[at + 1]))
+    return before, after
 
 
 def _figures(run: dict[str, Any]) -> str:

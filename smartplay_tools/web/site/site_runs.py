@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
@@ -25,41 +25,13 @@ from smartplay_tools.records.record import Record
 from smartplay_tools.records.threads import thread_files
 from smartplay_tools.types.arguments import well_formed
 from smartplay_tools.web.site.listed import figures, listed
-from smartplay_tools.web.site.site_threads import SiteThreads
+from smartplay_tools.web.site.site_threads import SiteThreads, stamp
 
 SUMMARY = ("planned", "finished", "running", "paused", "failed", "tokens", "cost", "seconds_left", "caps")
 """What the site shows of a snapshot."""
 
 RECORD = re.compile(r"(episodes/[0-9a-f]{16}|(attempts|running)/[0-9a-f]{16}\.[0-9]{1,6})")
 """What names a record in an address; nothing else reaches the disk."""
-
-
-class ViewedRun(Protocol):
-    """What the site can show as a run: a run folder, or a folder of threads."""
-
-    name: str
-    path: Path
-    """Its folder."""
-
-    def summary(self) -> dict[str, Any]:
-        """Return how far it is."""
-        ...
-
-    def episodes(self) -> list[list[Any]]:
-        """Return its episodes as arrays (`listed`)."""
-        ...
-
-    def playing(self) -> list[dict[str, Any]]:
-        """Return the episodes that are being played."""
-        ...
-
-    def record(self, name: str) -> Path:
-        """Return the file of a record; `InvalidArgumentError` if there is none."""
-        ...
-
-    def is_playing(self, record: Path) -> bool:
-        """Return whether the episode of one of its files is being played."""
-        ...
 
 
 class SiteRun:
@@ -91,10 +63,7 @@ class SiteRun:
     @property
     def written_at(self) -> float:
         """When the run was begun or ended last, in seconds since the epoch: its manifest is written then."""
-        try:
-            return (self.folder.path / "manifest.json").stat().st_mtime
-        except OSError:
-            return 0.0
+        return stamp(self.folder.path / "manifest.json")[0]
 
     def _snapshot(self) -> RunSnapshot:
         snapshot = self._follower.snapshot()
@@ -138,7 +107,7 @@ class SiteRun:
         """Return something that changes when the list of episodes does."""
         running = [record.name for record in self.folder.running()]
         return [
-            *(_stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
+            *(stamp(self.folder.path / name) for name in ("manifest.json", "results.jsonl", "timings.jsonl")),
             running,
         ] + [record.name for record in self.folder.attempts()]
 
@@ -182,12 +151,8 @@ class SiteRun:
         return dates
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return stat.st_mtime_ns, stat.st_size
+ViewedRun = SiteRun | SiteThreads
+"""What the site can show as a run: a run folder, or a folder of threads."""
 
 
 def live_figures(record: Record) -> dict[str, Any]:
@@ -220,7 +185,7 @@ class RunList:
         for folder in map(Path, folders):
             if not folder.is_dir():
                 raise InvalidArgumentError(f"There is no folder {folder}; name a run's folder, or one that holds runs.")
-        self._shown: dict[Path, SiteRun | SiteThreads] = {}
+        self._shown: dict[Path, ViewedRun] = {}
         self._listed: list[ViewedRun] = []
         self._looked = float("-inf")
         self._lock = threading.Lock()
@@ -242,7 +207,7 @@ class RunList:
             self._looked = float("-inf")
         return None
 
-    def _look(self) -> list[SiteRun | SiteThreads]:
+    def _look(self) -> list[ViewedRun]:
         names: dict[Path, str] = {}
         for folder in self._folders:
             for path in _runs_in(folder, DEEPEST):
@@ -258,7 +223,7 @@ class RunList:
         return sorted(self._shown.values(), key=lambda run: run.written_at, reverse=True)
 
 
-def _run(folder: Path, name: str) -> SiteRun | SiteThreads:
+def _run(folder: Path, name: str) -> ViewedRun:
     return SiteRun(folder, name) if (folder / "manifest.json").is_file() else SiteThreads(folder, name)
 
 

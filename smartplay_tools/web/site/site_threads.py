@@ -35,13 +35,13 @@ class SiteThreads:
         with self._lock:
             files = thread_files([self.path])
             for file in files:
-                stamp = _stamp(file)
-                if file not in self._rows or self._rows[file][0] != stamp:
+                found = stamp(file)
+                if file not in self._rows or self._rows[file][0] != found:
                     try:
                         row = thread_row(read_thread(file))
                     except SmartPlayError as error:
                         row = {"thread": file.stem, "error": str(error)}
-                    self._rows[file] = stamp, row
+                    self._rows[file] = found, row
             return {file: self._rows[file][1] for file in files}
 
     def summary(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class SiteThreads:
     @property
     def written_at(self) -> float:
         """When a thread was written last, in seconds since the epoch."""
-        return max((_stamp(file)[0] for file in thread_files([self.path])), default=0.0)
+        return max((stamp(file)[0] for file in thread_files([self.path])), default=0.0)
 
     def episodes(self) -> list[list[Any]]:
         """Return every thread as an array (`listed`)."""
@@ -68,7 +68,7 @@ class SiteThreads:
             "record": f"{THREADS}/{file.stem}",
             "game": file.stem,
             "player": MANAGER,
-            "date": round(_stamp(file)[0]),
+            "date": round(stamp(file)[0]),
         }
         if error := row.get("error"):
             return listed(**facts, status="failed", budget="", end=error)
@@ -88,7 +88,7 @@ class SiteThreads:
         live = [(file, row) for file, row in self._read().items() if "error" not in row and self.is_playing(file)]
         names = [{"key": file.stem, "game": file.stem, "record": f"{THREADS}/{file.stem}"} for file, _ in live]
         return [
-            {**name, "player": MANAGER, "seed": None, "cost": None, "silent": round(time.time() - _stamp(file)[0])}
+            {**name, "player": MANAGER, "seed": None, "cost": None, "silent": round(time.time() - stamp(file)[0])}
             | {"steps": row["prompts"], "calls": row["prompts"], "tokens": row["tokens"]}
             for name, (file, row) in zip(names, live, strict=True)
         ]
@@ -103,10 +103,10 @@ class SiteThreads:
 
     def is_playing(self, record: Path) -> bool:
         """Return whether a thread goes on."""
-        return time.time() - _stamp(record)[0] < LIVE
+        return time.time() - stamp(record)[0] < LIVE
 
 
-def _stamp(file: Path) -> tuple[float, int]:
+def stamp(file: Path) -> tuple[float, int]:
     """When a file was written last, and its size; it may have gone."""
     try:
         stat = file.stat()

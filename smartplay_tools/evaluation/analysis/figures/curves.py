@@ -1,4 +1,4 @@
-"""Figures of the score against the limits of a prompt: past steps, tokens, and slack.
+"""Figures of the score against the limits of a prompt: past steps and tokens.
 
 The axis of a limit is ordinal: the limits that were played are placed at equal distances, from the narrowest window to
 no limit. The labels are exact; the distance between two labels has no meaning.
@@ -15,7 +15,7 @@ from smartplay_tools.evaluation.analysis.figures import style
 from smartplay_tools.evaluation.analysis.names import series_name, window_name
 from smartplay_tools.evaluation.analysis.pairs import is_control
 from smartplay_tools.evaluation.analysis.window_tables import marks_of
-from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, family, is_widest_but, width
+from smartplay_tools.evaluation.analysis.windows import WINDOW, WindowComparison, is_widest_but, width
 from smartplay_tools.types import Budget
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import typeset
@@ -66,40 +66,6 @@ def score_against_prompt_tokens(comparisons: Sequence[WindowComparison]) -> Figu
     return _score_against("prompt_tokens", "cap on every prompt (budget tokens)", comparisons)
 
 
-@style.figure
-def effects_of_slack(comparisons: Sequence[WindowComparison]) -> Figure:
-    """Draw the effect of slack on score and prefix-stable share, with 95 % intervals of the paired differences.
-
-    `comparisons` are made along slack alone: `compare_windows(rows, along=("slack",))`.
-    """
-    lines = _lines(comparisons)
-    drawn, (scores, shares) = style.panels(2)
-    amounts = sorted({c.cell.budget["slack"] for members in lines.values() for c in members})
-    for index, (label, members) in enumerate(lines.items()):
-        look, beside = style.Series.number(index), style.spread(index, len(lines))
-        measured = [c for c in members if "score" in c.differences]
-        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
-        less = [c.differences["score"] for c in measured]
-        style.draw_estimates(scores, positions, less, look, label)
-        points = [(x, each.mean) for x, each in zip(positions, less, strict=True)]
-        style.mark_points(scores, points, map(marks_of, measured))
-        measured = [c for c in members if "prefix_share" in c.means]
-        positions = [amounts.index(c.cell.budget["slack"]) + beside for c in measured]
-        style.draw_estimates(shares, positions, [c.means["prefix_share"] for c in measured], look, label)
-    scores.axhline(0, color=style.GREY, linewidth=1)
-    found = "\n".join(map(finding, lines.values()))
-    scores.set(title=found, ylabel=f"score less that at slack {amounts[0]:g} (points)")
-    shares.set(title="What it does to the prompts", ylabel="prompt tokens in a stable prefix (%)", ylim=(0, 1))
-    shares.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f}")
-    for panel in (scores, shares):
-        panel.set(xlabel="slack (share of the window given up at once)", xlim=(-0.4, len(amounts) - 0.6))
-        panel.set_xticks(range(len(amounts)), [f"{amount:g}" for amount in amounts])
-    members = [c for line in lines.values() for c in line]
-    notes = [style.sample_note(c.episodes for c in members), *style.mark_notes(map(marks_of, members))]
-    style.legend_below(drawn, columns=2, note="; ".join(notes))
-    return drawn
-
-
 def _score_against(field: str, label: str, comparisons: Sequence[WindowComparison]) -> Figure:
     shown = [c for c in comparisons if is_widest_but(c, field)]
     if not shown:
@@ -144,17 +110,3 @@ def _draw_human(axes: Axes, members: Iterable[WindowComparison]) -> None:
     human = comparable[0].human_score if comparable and comparable[0] is not None else None
     if human is not None:
         axes.axhline(human, color=style.GREY, linestyle=(0, (1, 2)), linewidth=1.4, label="human (paper)")
-
-
-def _lines(comparisons: Sequence[WindowComparison]) -> dict[str, list[WindowComparison]]:
-    """The cells of each window by slack, with a name that describes the window."""
-    lines: dict[str, list[WindowComparison]] = {}
-    for members in grouped(comparisons, lambda comparison: family(comparison.cell, ("slack",))).values():
-        if len(members) > 1:
-            first = members[0]
-            window = window_name(min(members, key=lambda c: c.cell.budget["slack"]).cell)
-            name = ", ".join([first.cell.game, series_name(first, comparisons), window])
-            lines[name] = sorted(members, key=lambda c: c.cell.budget["slack"])
-    if not lines:
-        raise InvalidArgumentError("There is nothing to draw: the run has no two cells that differ in slack alone.")
-    return lines

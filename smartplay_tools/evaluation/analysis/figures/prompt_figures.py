@@ -113,4 +113,4 @@ def _parts(name: str, record: Record) -> list[list[int]]:
             f"The prompts of {name} cannot be drawn: they do not belong to tool calls under a window, or were counted "
             "with a tokenizer that does not come with this package."
         )
-    return [accounts.parts(view) for view in record.views]
+    return [*accounts.prompts()]

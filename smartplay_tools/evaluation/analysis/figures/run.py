@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING
 
 from smartplay_tools.evaluation.analysis.beside import EARLY
 from smartplay_tools.evaluation.analysis.figures.capability_dots import Scores, capability_dots
-from smartplay_tools.evaluation.analysis.figures.curves import (
-    effects_of_slack,
-    score_against_history,
-    score_against_prompt_tokens,
-)
+from smartplay_tools.evaluation.analysis.figures.curves import score_against_history, score_against_prompt_tokens
 from smartplay_tools.evaluation.analysis.figures.frontier import frontier
 from smartplay_tools.evaluation.analysis.figures.style import FORMATS, save_figure
 from smartplay_tools.evaluation.analysis.grouping import by_cell
@@ -53,9 +49,6 @@ def run_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         drawn["score-against-history"] = score_against_history(comparisons)
     if _varies(comparisons, "prompt_tokens"):
         drawn["score-against-prompt-tokens"] = score_against_prompt_tokens(comparisons)
-    by_slack = compare_windows(rows, along=("slack",)) if _varies(comparisons, "slack") else []
-    if _varies(by_slack, "slack"):  # and not only together with another limit
-        drawn["effects-of-slack"] = effects_of_slack(by_slack)
     drawn["frontier"] = frontier(comparisons)
     if any(c.on_cost_front and c.means["cost"].mean > 0 for c in comparisons):
         drawn["frontier-of-cost"] = frontier(comparisons, price="cost")

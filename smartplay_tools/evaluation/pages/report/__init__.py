@@ -2,7 +2,7 @@
 
     sources          the episodes, finished or not
     episodes         a transcript for the page: turns, the contents of each prompt, tokens
-    drawings         the states of the game, from playing the record again; walks and textures for two games
+    drawings         the states of the game, from playing the record again; textures for Crafter
     figures          the figures of runs, drawn for the page
     episode_reading  an episode's record checked, drawn and packed, by several processes if there are many
     page             all of it put into one file; the templates, the styles and the scripts lie beside it

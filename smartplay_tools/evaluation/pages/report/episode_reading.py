@@ -12,7 +12,7 @@ from typing import Any
 
 from smartplay_tools.episode.budgets import usual_tool_calls
 from smartplay_tools.episode.config import Rules
-from smartplay_tools.evaluation.pages.report.drawings import Drawings
+from smartplay_tools.evaluation.pages.report.drawings import draw, pictures
 from smartplay_tools.evaluation.pages.report.episodes import episode_data
 from smartplay_tools.evaluation.pages.report.sources import Source
 from smartplay_tools.evaluation.run_folder.folder import current_place
@@ -48,22 +48,22 @@ def read_episodes(
     `plugins` says whether games of installed packages are imported.
     """
     shown, damaged = list[ShownEpisode](), list[str]()
-    with importing_packages(plugins), Drawings() as drawings:
+    with importing_packages(plugins):
         for source in sources:
             try:
                 with damage_named(source.transcript):
-                    shown.append(_read(source, letter, drawings))
+                    shown.append(_read(source, letter))
             except DamageError as error:
                 damaged.append(str(error))
     return shown, damaged
 
 
-def _read(source: Source, letter: str, drawings: Drawings) -> ShownEpisode:
+def _read(source: Source, letter: str) -> ShownEpisode:
     record = Record.read(current_place(source.transcript))
     data = {
         **episode_data(source.key, record, source.facts),
-        "drawing": drawings.draw(record),
-        "pictures": drawings.pictures(record),
+        "drawing": draw(record),
+        "pictures": pictures(record),
         "run": letter,
     }
     row = _row(source.key, record.facts, data["result"], source.facts) if data["status"] == "finished" else None

@@ -152,10 +152,10 @@ def accounts(record: Record, turns: list[dict[str, Any]]) -> dict[str, Any]:
     counted = Accounts.of(record)
     if counted is None:
         return {"turns": turns, "departures": None}
-    for view in record.views:
+    for view, parts in zip(record.views, counted.prompts(), strict=True):
         if purpose_of(view) == "compaction":
             continue
-        if sum(parts := counted.parts(view)) != view["tokens"]:
+        if sum(parts) != view["tokens"]:
             return {"turns": turns, "departures": None}
         turns[view["turn"]]["request" if concerns_summary(view) else "view"]["parts"] = parts
     for turn, size in zip(turns, counted.sizes(), strict=False):

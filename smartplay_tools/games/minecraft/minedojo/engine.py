@@ -28,14 +28,8 @@ INTERPRETER = "SMARTPLAY_MINEDOJO_PYTHON"
 LOG = "SMARTPLAY_MINEDOJO_LOG"
 """The variable that names a file for the output of MineDojo and the client; without it their log is deleted."""
 
-START_SECONDS, CALL_SECONDS = "SMARTPLAY_MINEDOJO_START_SECONDS", "SMARTPLAY_MINEDOJO_CALL_SECONDS"
-"""The variables that change the time limits."""
-
-SECONDS: Mapping[str, float] = {START_SECONDS: 900.0, CALL_SECONDS: 300.0}
-"""Time limits in seconds for a start with a new world, which may include building the client, and an action."""
-
-A_DAY = 86_400.0
-"""The longest time limit, in seconds."""
+START_SECONDS, CALL_SECONDS = 1_800.0, 300.0
+"""Time limits of a start with a new world, which may include building the client, and of an action."""
 
 IMAGE = (160, 256)
 """Rows and columns of the picture that the original requests but does not use."""
@@ -73,13 +67,13 @@ class MineDojoEngine:
     def reset(self, seed: int, goal: Goal) -> Observation:
         """Make the world of that seed, in the running client or a new one."""
         self._seen = None
-        seconds = _seconds(START_SECONDS)
         if self._worker is None or not self._worker.alive:
             self._worker = start(_interpreter())
-            self.versions = _make(self._worker, seconds, task=_TASKS[goal.name], seed=seed)
+            made = {"task": _TASKS[goal.name], "settings": _settings(seed)}
+            self.versions = self._worker.call("make", seconds=START_SECONDS, **made)
         try:
             # Minecraft takes a seed of 0 as no seed.
-            answer = self._worker.call("reset", seconds=seconds, world_seed=str(seed or 2**32))
+            answer = self._worker.call("reset", seconds=START_SECONDS, world_seed=str(seed or 2**32))
         except EngineError as error:
             raise EngineError(f"{error} The game's client needs Java 8; {LOG}=FILE keeps what it says.") from error
         self._seen = _observation(answer)
@@ -89,7 +83,7 @@ class MineDojoEngine:
         """Turn for one tick, then walk."""
         assert self._worker is not None, "reset comes before act"
         actions = [_turned(degrees), *map(_walked, strides)]
-        answer = self._worker.call("act", seconds=_seconds(CALL_SECONDS), actions=actions, goal=sorted(goal.biomes))
+        answer = self._worker.call("act", seconds=CALL_SECONDS, actions=actions, goal=sorted(goal.biomes))
         self._seen = _observation(answer)
         return self._seen
 
@@ -118,40 +112,14 @@ def start(python: str) -> WorkerProcess:
     return WorkerProcess(command, log=Path(log).absolute() if log else None, MINEDOJO_DEBUG_LOG=verbose)
 
 
-def check_package(python: str) -> dict[str, str]:
-    """Import MineDojo in that interpreter and make a task, without starting a client; return the versions."""
-    seconds = _seconds(START_SECONDS)
-    process = start(python)
-    try:
-        return _make(process, seconds, task=0, seed=0)
-    finally:
-        process.close()
-
-
 def _interpreter() -> str:
     python = os.environ.get(INTERPRETER)
     if not python:
         raise InvalidArgumentError(
-            "The engine minedojo needs a separate environment: `smartplay-tools minedojo install --venv DIR` makes "
-            f"it, and {INTERPRETER} has to name its Python."
+            "The engine minedojo needs a separate environment, which three commands in docs/minecraft.md make, and "
+            f"{INTERPRETER} has to name its Python."
         )
     return python
-
-
-def _make(process: WorkerProcess, seconds: float, *, task: int, seed: int) -> dict[str, str]:
-    versions: dict[str, str] = process.call("make", seconds=seconds, task=task, settings=_settings(seed))
-    return versions
-
-
-def _seconds(variable: str) -> float:
-    text = os.environ.get(variable)
-    try:
-        seconds = SECONDS[variable] if text is None else float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds <= A_DAY:
-        raise InvalidArgumentError(f"{variable} must be a number of seconds, above 0 and at most a day, not {text!r}.")
-    return seconds
 
 
 def _settings(seed: int) -> dict[str, Any]:

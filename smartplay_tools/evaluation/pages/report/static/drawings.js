@@ -1,15 +1,14 @@
 "use strict";
 // The games as a person would like to see them. `draw` gets the state after a step and the steps before it.
 
-const DRAWINGS = { hanoi, bandit, rock_paper_scissors, messenger, crafter, minecraft, text };
+const DRAWINGS = { hanoi, bandit, rock_paper_scissors, messenger, crafter, text };
 
 // Returns the elements to show for a step; an empty list where there is nothing to draw.
 function draw(episode, step, textures) {
   const { drawing } = episode;
   const paint = DRAWINGS[drawing.kind];
   if (!paint) return observed(episode, step);
-  const last = drawing.kind === "minecraft" ? drawing.walk.length - 1 : drawing.states.length - 1;
-  return [paint(drawing, between(0, step, last), textures)].flat();
+  return [paint(drawing, between(0, step, drawing.states.length - 1), textures)].flat();
 }
 
 // What the player read at a step, for a game that is not drawn.
