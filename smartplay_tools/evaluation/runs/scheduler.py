@@ -20,7 +20,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import DAMAGED, Manifest, reason_of
+from smartplay_tools.evaluation.run_folder.folder import Manifest, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -105,9 +105,12 @@ class Scheduler:
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
-        for attempt in self._folder.failures():
-            if attempt["end_reason"] == DAMAGED:
-                log.warning("What an attempt has used counts as far as it can be read. %s", attempt["error"])
+        for path in self._folder.attempts():
+            try:
+                with damage_named(path):
+                    _ = Record.follow(path, self._prices).own_totals
+            except SmartPlayError as error:
+                log.warning("What an attempt has used counts as far as it can be read. %s", error)
         return run_snapshot(self._folder).spending.total
 
     @property
@@ -124,8 +127,9 @@ class Scheduler:
         self._capped = False
         attempts: Counter[str] = Counter()
         while True:
-            left = (episode for episode in episodes if episode.key not in self._rows)
-            self._queue = deque(episode for episode in left if attempts[episode.key] <= RETRIES)
+            left = [episode for episode in episodes if episode.key not in self._rows]
+            left = [episode for episode in left if attempts[episode.key] <= RETRIES]
+            self._queue = deque(self._tryouts_first(left))
             if not self._queue or self._is_over():
                 break
             before = attempts.total()
@@ -182,6 +186,16 @@ class Scheduler:
 
     def _is_over(self) -> bool:
         return self._capped or bool(self._unpriced) or self._stop.is_set()
+
+    def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
+        """Move one episode of every player that is tried first, and has not played an action yet, to the front."""
+        first: dict[str, PlannedEpisode] = {}
+        for episode in episodes:
+            player = self._who[episode.place]
+            if player in self._roster.tried and player not in self._acted:
+                first.setdefault(player, episode)
+        keys = {episode.key for episode in first.values()}
+        return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
