@@ -107,10 +107,10 @@ def read_rows(path: Path) -> list[Row]:
 
 def priced(rows: Iterable[Row], records: Mapping[str, Path], tariffs: Sequence[Tariff]) -> Iterator[Row]:
     """Yield rows with what only their records say: the cost of the episode under each rule of caches."""
-    charged = charge_records(records, tariffs, {})
+    charged = charge_records(records, tariffs)
     for row in rows:
         charge = charged[row["key"]]
-        yield {**row, "costs": [] if charge is None else [round(each.cost, 1) for each in charge.charges]}
+        yield {**row, "costs": [] if charge is None else [round(each.cost, 1) for each in charge]}
 
 
 def records_of(run: Run) -> dict[str, Path]:

@@ -103,7 +103,8 @@ def shown(record: Record, left: Departure, **budget: int | None) -> bool:
     counter = TokenCounter(record.config.tokenizer)
     tools = [ToolSpec(**tool) for tool in record.heads[0]["tools"]]
     other = ResolvedBudget(**{**record.budget, **budget})
-    window = ContextWindow.of(record.turns[: left.prompt], record.head_messages, tools, other, counter)
+    head = record.heads[0]["messages"]
+    window = ContextWindow.of(record.turns[: left.prompt], head, tools, other, counter)
     return left.turn in window.view().selection
 
 

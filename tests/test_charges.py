@@ -133,33 +133,6 @@ def test_a_rule_is_named_by_itself_or_by_a_model() -> None:
         rule_named("antropic-512", rules)
 
 
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ("[mine]\nread = -0.1", r"caches.toml: \[mine\] title: Field required."),
-        ("[mine]\ntitle = 'x'\nread_on = 2026-11-23\nsource = 'x'\nread = -0.1", r"\[mine\] read: .* greater than or"),
-        ("[mine]\ntitle = 'x'\nread_on = 2026-11-23\nsource = 'x'\nwrite = inf", r"\[mine\] write: .* finite number."),
-        ("[mine]\ntitle = 'x'\nread_on = 2026-11-23\nsource = 'x'\nfloor = 5", r"\[mine\] floor: Extra inputs"),
-        ("mine = 5", "mine is not a rule; write a table"),
-        ("mine", "is not TOML"),
-    ],
-)
-def test_a_file_with_a_rule_that_cannot_be_is_refused_in_one_sentence(tmp_path, text: str, error: str) -> None:
-    path = tmp_path / "caches.toml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(sp.InvalidArgumentError, match=error):
-        cache_rules(path)
-
-
-def test_a_file_adds_rules_and_replaces_those_of_the_same_name(tmp_path) -> None:
-    path = tmp_path / "caches.toml"
-    path.write_text("[vllm]\ntitle = 'ours'\nblock = 32\nread_on = 2026-11-23\nsource = 'our server'", encoding="utf-8")
-    assert cache_rules(path)["vllm"].block == 32
-    assert cache_rules()["vllm"].block == 16
-    with pytest.raises(sp.InvalidArgumentError, match="cannot be read"):
-        cache_rules(tmp_path / "none.toml")
-
-
 def test_a_record_without_prompts_or_usage_has_no_cost() -> None:
     events: list[Any] = []
     with sp.Episode("Hanoi3Disk-v0", seed=0, context="host", transcript=events) as episode:

@@ -381,5 +381,5 @@ def test_an_estimate_and_what_it_cost_count_pictures(tmp_path, form):
     assert estimated.low <= took <= estimated.high
     assert took > 2 * 30 * 4 * 81  # four pictures and more in most prompts
     records = {row["key"]: RunFolder(tmp_path / "run").transcript(row["key"]) for row in played.rows}
-    charged = charge_records(records, tariffs_of(["none"]), {})
-    assert sum(cost.charges[0].prompt for cost in charged.values()) == took
+    charged = charge_records(records, tariffs_of(["none"]))
+    assert sum(cost[0].prompt for cost in charged.values()) == took

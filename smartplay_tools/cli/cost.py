@@ -23,7 +23,6 @@ Caches = Annotated[
     list[str] | None,
     typer.Option("--cache", metavar="RULE", help="The rule of a cache, or PROVIDER:MODEL for a model's; repeatable."),
 ]
-CachesFile = Annotated[Path | None, typer.Option("--caches", help="A file with further rules of caches.")]
 
 
 def cost(
@@ -32,7 +31,6 @@ def cost(
         typer.Argument(metavar="DIR...", help="Folders of runs, or context records.", show_default=False),
     ],
     cache: Caches = None,
-    caches: CachesFile = None,
     marks: Annotated[
         str, typer.Option(help="Where prompts are marked, for rules that need it: stable, end, both or none.")
     ] = ",".join(PLACES),
@@ -49,23 +47,23 @@ def cost(
     """
     places = () if marks == "none" else tuple(options.names(marks))
     given = None if price is None else Price.parse(price)
-    tariffs = tariffs_of(cache or [], caches=caches, price=given, marks=cast("tuple[Place, ...]", places))
+    tariffs = tariffs_of(cache or [], price=given, marks=cast("tuple[Place, ...]", places))
     if files := thread_files(folders):
         print_thread_costs(files, tariffs, Format.JSON if as_json else form)
         return
-    cells = read_costs(folders, tariffs, caches)
+    cells = read_costs(folders, tariffs)
     rows = cost_rows(cells, tariffs)
     print_tables(Format.JSON if as_json else form, cost_tables(cells, tariffs), rows, rows)
 
 
-def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff], caches: Path | None) -> list[CellCost]:
+def read_costs(folders: Sequence[Path], tariffs: Sequence[Tariff]) -> list[CellCost]:
     """Return what the cells of runs cost; `InvalidArgumentError` if no cell's cost is known."""
 
     def of_run(folder: Path) -> list[CellCost]:
         run = RunFolder(folder)
         rows = run.rows()
         records = {row["key"]: run.transcript(row["key"]) for row in rows}
-        charged = charge_records(records, tariffs, run.manifest().prices, caches=caches)
+        charged = charge_records(records, tariffs)
         return cell_costs(rows, charged, run=str(folder) if len(folders) > 1 else "")
 
     cells = [cell for each in read_each(folders, of_run) for cell in each]

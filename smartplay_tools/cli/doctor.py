@@ -31,7 +31,7 @@ from smartplay_tools.cli import options
 from smartplay_tools.cli.show import print_json
 from smartplay_tools.context import tokens
 from smartplay_tools.errors import InvalidArgumentError, SmartPlayError
-from smartplay_tools.games.minecraft.engines import check_engines
+from smartplay_tools.games.minecraft.engines import ENGINES, try_engine
 from smartplay_tools.games.specs import GAMES
 from smartplay_tools.installation import PACKAGE, install_command
 from smartplay_tools.terminal import Console, Text, say
@@ -82,9 +82,19 @@ def check_core() -> list[PartCheck]:
     ]
 
 
-def check_all_engines() -> list[PartCheck]:
-    """Make a world on every engine."""
-    return [PartCheck("engine", check.engine, check.works, check.detail) for check in check_engines()]
+def check_engines() -> list[PartCheck]:
+    """Make a world on every engine; if one fails, the others are still tried."""
+    return [check_engine(name) for name in ENGINES]
+
+
+def check_engine(name: str) -> PartCheck:
+    """Make a world on an engine, of which any error is a result of the check."""
+    try:
+        return PartCheck("engine", name, True, try_engine(name))
+    except SmartPlayError as error:
+        return PartCheck("engine", name, False, str(error))
+    except Exception as error:
+        return PartCheck("engine", name, False, f"{type(error).__name__}: {error}")
 
 
 def check_extras() -> list[PartCheck]:
@@ -182,7 +192,7 @@ def _broken(modules: list[str]) -> str:
 
 CHECKS: Mapping[Kind, tuple[str, Callable[[], list[PartCheck]]]] = {
     "core": ("the core", check_core),
-    "engine": ("the engines", check_all_engines),
+    "engine": ("the engines", check_engines),
     "extra": ("the extras", check_extras),
 }
 """By kind of part, in the order of the report: its name in messages, and its check."""

@@ -8,8 +8,9 @@ import typer
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.episode_options import EpisodeOptions, with_episode_options
-from smartplay_tools.cli.results import print_next, run_tables
+from smartplay_tools.cli.results import print_next
 from smartplay_tools.cli.show import print_json, print_table, table_console
+from smartplay_tools.evaluation.analysis.run_tables import run_tables
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.analysis.tables import summary_json
 from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes, plan_suite

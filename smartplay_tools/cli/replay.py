@@ -56,9 +56,7 @@ def replay(
     Example: smartplay-tools replay run.jsonl
     """
     if files := thread_files([path]):
-        if differences := _replay_threads(path, files, as_json=as_json):
-            raise typer.Exit(differences)
-        return
+        raise typer.Exit(_replay_threads(path, files, as_json=as_json))
     games, strategies = game or [], strategy or []
     if games or strategies or tokenizer:
         cells = RunFolder(path).manifest().cells if path.is_dir() else [Record.head(path).config]
@@ -68,8 +66,7 @@ def replay(
         code = _replay_run(path, workers, games, strategies, as_json=as_json)
     else:
         code = _replay_file(path, strategies, as_json=as_json)
-    if code:
-        raise typer.Exit(code)
+    raise typer.Exit(code)
 
 
 def _replay_threads(path: Path, files: Sequence[Path], *, as_json: bool) -> int:

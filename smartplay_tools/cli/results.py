@@ -16,15 +16,12 @@ from smartplay_tools.cli.options import Format
 from smartplay_tools.cli.progress import spending_sentences
 from smartplay_tools.cli.show import print_table, table_console
 from smartplay_tools.cli.threads import print_threads, thread_files
-from smartplay_tools.evaluation.analysis.details import details, failures_table
 from smartplay_tools.evaluation.analysis.formats import Column, TextTable
-from smartplay_tools.evaluation.analysis.headline import TERMS, headline
-from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated, repeats_table
+from smartplay_tools.evaluation.analysis.headline import TERMS
+from smartplay_tools.evaluation.analysis.repeats import as_json as repeats_json, repeated
+from smartplay_tools.evaluation.analysis.run_tables import run_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
 from smartplay_tools.evaluation.analysis.tables import cell_rows, summary_json, write_csv
-from smartplay_tools.evaluation.analysis.window_tables import points_tables
-from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.run_folder.folder import RunFolder, read_each
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, run_snapshot
 from smartplay_tools.records.rows import Row, unplayed
@@ -91,25 +88,6 @@ def results(
     summaries = [_facts(run) for run in shown]
     data = summaries[0] if len(summaries) == 1 else summaries
     print_tables(form, tables, rows, data)
-
-
-def run_tables(
-    rows: Sequence[Row],
-    summary: RunSummary,
-    *,
-    everything: bool = False,
-) -> Iterator[TextTable]:
-    """Yield a run's headline and failures, or all tables of its summary; then its repeats, if any."""
-    if summary.cells:
-        yield headline(summary)
-    if everything:
-        yield from details(summary)
-        yield from remembering_tables(rows)
-        yield from points_tables(compare_windows(rows))
-    elif summary.failures:
-        yield failures_table(summary.failures)
-    if figures := repeated(rows):
-        yield repeats_table(figures)
 
 
 def print_next(console: Console, folders: Sequence[Path], *, everything: bool = False) -> None:

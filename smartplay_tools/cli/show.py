@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 FAILED = ("player_error", "game_error", "strategy_error")
 """How episodes end that have failed."""
 
+MISTAKES = ("illegal_actions", "malformed_calls", "refused_calls", "idle_replies", "cut_results")
+"""The counts of a result that are shown as mistakes."""
+
 NARROWEST = 10
 """The least width of columns of words."""
 
@@ -63,13 +66,8 @@ def print_result(console: Console, result: EpisodeResult, cost: float | None, qu
     from smartplay_tools.evaluation.analysis.remembering import work_in_words
 
     normalized = "" if result.normalized_score is None else f" ({result.normalized_score:.0%} of the human score)"
-    mistakes = {
-        "illegal actions": result.illegal_actions,
-        "malformed calls": result.malformed_calls,
-        "refused calls": result.refused_calls,
-        "idle replies": result.idle_replies,
-        "cut results": result.cut_results,
-    }
+    counts = {name.replace("_", " "): getattr(result, name) for name in MISTAKES}
+    mistakes = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
     tokens = result.tokens
     stable = f"{tokens.prefix / tokens.prompt:.0%}" if tokens.prompt else "none"
     table = Table(show_header=False, title=result.game, title_justify="left")
@@ -84,7 +82,7 @@ def print_result(console: Console, result: EpisodeResult, cost: float | None, qu
     also = {"budget": {"strategy": "strategy" in result.deviations}, "question_cost": question_cost}
     if did := work_in_words(result.model_dump() | also):
         table.add_row("compactor", did)
-    table.add_row("mistakes", ", ".join(f"{count} {name}" for name, count in mistakes.items() if count) or "none")
+    table.add_row("mistakes", mistakes or "none")
     for at, (name, values) in enumerate(result.deviations.items()):
         deviation = f"{name} {_value(values['played'])} (paper: {_value(values['paper'])})"
         table.add_row("" if at else "not as in the paper", deviation)

@@ -32,10 +32,6 @@ def _listed(name: str, text: str) -> Any:
 def sweep(
     games: Annotated[str, _listed("--games", "Ids of settings.")],
     players: Annotated[str, _listed("--players", "Names of players.")] = "rule",
-    single: Annotated[
-        bool,
-        typer.Option("--single", help="Print intervals that hold for each difference alone, not for all together."),
-    ] = False,
     form: FormatOption = Format.TEXT,
     *,
     run: runs.RunCommand,
@@ -55,7 +51,7 @@ def sweep(
         return
     swept = Sweep.of(done, cells)
     written = swept.write()
-    shown = [windows_table(swept.comparisons, single=single), *points_tables(swept.comparisons)]
+    shown = [windows_table(swept.comparisons), *points_tables(swept.comparisons)]
     tables = [*shown, *remembering_tables(swept.rows)]
     print_tables(form, tables, swept.summary, swept.summary)
     if form is Format.TEXT:

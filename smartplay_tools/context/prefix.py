@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import compress, count
 from operator import is_not
+from typing import Any
 
-from smartplay_tools.context.turns import Form
 
-
-def common_beginning(forms: Sequence[Form], before: Sequence[Form], *, is_equal: bool) -> int:
-    """Return how many messages at the beginning are the same forms, or with `is_equal` say the same."""
+def common_beginning(forms: Sequence[Any], before: Sequence[Any], *, is_equal: bool = False) -> int:
+    """Return how many objects at the beginning are the same, or with `is_equal` forms of messages that say the same."""
     if forms[: len(before)] == before:  # the window has not moved; lists compare in C, and a form equals itself alone
         return len(before)
     for place in compress(count(), map(is_not, forms, before)):

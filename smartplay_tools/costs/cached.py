@@ -11,11 +11,10 @@ from bisect import bisect_left
 from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from itertools import compress, count
 from math import inf
-from operator import is_not
 from typing import Any, Literal, NamedTuple, get_args
 
+from smartplay_tools.context.prefix import common_beginning
 from smartplay_tools.context.tokens import TokenCounter
 from smartplay_tools.context.turns import Form
 from smartplay_tools.providers.caches import CacheRule
@@ -236,19 +235,11 @@ def marks_of(player_options: Mapping[str, Any]) -> Sequence[Place]:
     return PLACES
 
 
-def units_in_common(first: Sequence[Unit], second: Sequence[Unit]) -> int:
-    """Return how many units at the beginning are the same."""
-    length = min(len(first), len(second))
-    if first[:length] == second[:length]:
-        return length
-    return next(compress(count(), map(is_not, first, second)))
-
-
 def same_and_stable(units: Sequence[Unit], before: Sequence[Unit]) -> tuple[int, int]:
     """Return how many units are the same as in the request before, and how many end with its last unchanged message."""
-    same = units_in_common(units, before)
+    same = common_beginning(units, before)
     # Messages after the tools are stable even if the tools change.
-    stable = same or 1 + units_in_common(units[1:], before[1:])
+    stable = same or 1 + common_beginning(units[1:], before[1:])
     return same, stable if stable > 1 else 0
 
 

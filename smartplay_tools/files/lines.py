@@ -18,7 +18,6 @@ import os
 import threading
 import weakref
 from collections import OrderedDict
-from collections.abc import Iterable
 from contextlib import suppress
 from io import FileIO
 from itertools import islice
@@ -31,18 +30,10 @@ from pydantic_core import from_json
 def parse_json(text: str | bytes) -> Any:
     """Return the value of JSON as `json.loads` does, and raise what it raises, in less time."""
     try:
-        return from_json(text, cache_strings="keys")
+        return from_json(text)
     except (TypeError, ValueError):
         # It is not JSON, or it is what only `json` reads: half of a surrogate pair, or more than 200 levels.
         return json.loads(text)
-
-
-def parse_lines(lines: Iterable[bytes]) -> list[Any] | None:
-    """Return the values of lines of JSON; None if one is not JSON, or is what only `parse_json` reads."""
-    try:
-        return [from_json(line, cache_strings="all") for line in lines]
-    except ValueError:
-        return None
 
 
 def complete_lines(written: bytes) -> list[bytes]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate, permutations
 from typing import Any
 
 from numpy.random import Generator
 
 from smartplay_tools.games.base import TextGame, read_text, with_action_list
-from smartplay_tools.types.arguments import canonical_text
 from smartplay_tools.types.sums import added
 
 # --- Rules -----------------------------------------------------------------------------------------------------------
@@ -27,16 +25,6 @@ class Table:
     probabilities: tuple[float, ...]
     scores: tuple[int, ...]
 
-    @cached_property
-    def edges(self) -> list[float]:
-        """The sums of the probabilities of each hand but the last and those before it: a draw falls between two."""
-        return list(accumulate(self.probabilities))[:-1]
-
-    @cached_property
-    def encoded(self) -> bytes:
-        """The table as canonical JSON: a game's state, but for its random stream and its counts."""
-        return canonical_text([self.probabilities, self.scores]).encode()
-
     def expected_reward(self, hand: int) -> float:
         """The mean reward of a round in which `hand` is played."""
         return added(p * reward(self, hand, other) for other, p in enumerate(self.probabilities))
@@ -51,7 +39,8 @@ def shuffle(table: Table, chance: Generator) -> Table:
 
 def opponent_hand(table: Table, chance: Generator) -> int:
     """Draw the opponent's hand."""
-    return bisect_right(table.edges, chance.random())
+    edges = list(accumulate(table.probabilities))[:-1]
+    return bisect_right(edges, chance.random())
 
 
 def reward(table: Table, hand: int, other: int) -> int:
@@ -135,5 +124,5 @@ class RockPaperScissors(TextGame):
         self.score += action == self._best
         return describe(action, other, score), score, False, False
 
-    def _state(self) -> bytes:
-        return self._table.encoded
+    def _state(self) -> Any:
+        return [self._table.probabilities, self._table.scores]

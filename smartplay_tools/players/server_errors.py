@@ -57,8 +57,6 @@ class ServerError:
     """The tokens of the context that is full."""
     wait: float | None = None
     """The seconds after which the server wants to be asked again, if its words or its fields say so."""
-    param: str | None = None
-    """The field that the server names as the reason."""
 
     def as_reply(self, usage: Usage | None = None) -> Reply:
         """Return a mistake of the model as the reply that it was, with its words; it is counted in `broken_calls`."""
@@ -104,7 +102,7 @@ def server_error(error: Exception | Mapping[str, Any]) -> ServerError:
         said = _Said(error)
     found = [(row, groups) for row in rows() if (groups := said.matches(row)) is not None]
     if not found:
-        return ServerError("moment" if said.status is None or said.status >= 500 else "prompt", **said.common)
+        return ServerError("moment" if said.status is None or said.status >= 500 else "prompt", words=said.words)
     whose, about = found[0][0].whose, found[0][0].about
     details = [said.details(*match) for match in found if (match[0].whose, match[0].about) == (whose, about)]
     known = {name: text for each in reversed(details) for name, text in each.items() if text}
@@ -115,7 +113,7 @@ def server_error(error: Exception | Mapping[str, Any]) -> ServerError:
         reply=known.get("reply", ""),
         tokens=int(tokens) if tokens else None,
         wait=_seconds(known.get("wait", "")),
-        **said.common,
+        words=said.words,
     )
 
 
@@ -154,12 +152,6 @@ class _Said:
             is_row = (is_coded or found is not None) and (has_status or not row.status)
         groups = {} if found is None else found.groupdict(default="")
         return groups if is_row else None
-
-    @property
-    def common(self) -> dict[str, Any]:
-        """What every error has."""
-        param = self.fields.get("param")
-        return {"words": self.words, "param": param if isinstance(param, str) else None}
 
     def details(self, row: Row, groups: Mapping[str, str]) -> Mapping[str, str]:
         """What a row that matches finds in the error."""

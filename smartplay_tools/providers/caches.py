@@ -1,22 +1,20 @@
 """The rules of prompt caches as data: what a provider stores, from which length on, and what reading and writing cost.
 
-They are in the files of providers, each with the day and the page it was read on, because they change. A file of your
-own adds rules, each a table of its own name, and replaces those of the same name.
+They are in the files of providers, each with the day and the page it was read on, because they change. A rule of your
+own is a `CacheRule`.
 """
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from datetime import date
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from smartplay_tools.errors import InvalidArgumentError, UnknownNameError
+from smartplay_tools.errors import UnknownNameError
 from smartplay_tools.providers.prices import Price, provider_of, scaled
 from smartplay_tools.providers.tables import merged
 
@@ -67,19 +65,10 @@ class CacheRule(BaseModel):
         return _priced(price, self.read, 1 if self.write is None else self.write, self.output)
 
 
-def cache_rules(path: Path | None = None) -> dict[str, CacheRule]:
-    """Return the rules by name: those of the package, replaced by those of the same name in a file, and its others."""
-    if path is None:
-        return dict(_own_rules())
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        return {**_own_rules(), **_read(tomllib.loads(text))}
-    except OSError as error:
-        raise InvalidArgumentError(f"{path} cannot be read: {error.strerror}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidArgumentError(f"{path} is not TOML: {error}.") from None
-    except InvalidArgumentError as error:
-        raise InvalidArgumentError(f"{path}: {error}") from None
+@cache
+def cache_rules() -> Mapping[str, CacheRule]:
+    """Return the rules by name."""
+    return {name: CacheRule(**{**table, "name": name}) for name, table in merged("caches").items()}
 
 
 def rule_named(name: str, rules: Mapping[str, CacheRule]) -> CacheRule:
@@ -107,21 +96,3 @@ def _priced(price: Price | None, read: float, write: float, output: float) -> Pr
 def _rule_for(model: str, rules: Mapping[str, CacheRule]) -> CacheRule | None:
     matching = (rule for rule in rules.values() if any(fnmatchcase(model, pattern) for pattern in rule.models))
     return next(matching, None)
-
-
-@cache
-def _own_rules() -> Mapping[str, CacheRule]:
-    return _read(merged("caches"))
-
-
-def _read(tables: Mapping[str, Any]) -> dict[str, CacheRule]:
-    rules = {}
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            raise InvalidArgumentError(f"{name} is not a rule; write a table, [{name}], with the fields of one.")
-        try:
-            rules[name] = CacheRule(**{**table, "name": name})
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InvalidArgumentError(f"[{name}] {first['loc'][0]}: {first['msg']}.") from None
-    return rules

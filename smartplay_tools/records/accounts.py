@@ -120,7 +120,7 @@ class Accounts:
                 tokens[_TEXTS if self._form is None else _SUMMARY] += window.text(piece).tokens(self._counter)
             else:
                 tokens = _plus(tokens, self._row(piece))
-        for number in {*chosen.masked, *(() if chosen.pinned is None else (chosen.pinned,))}:
+        for number in chosen.masked if chosen.pinned is None else {*chosen.masked, chosen.pinned}:
             row = window.row(number, number + 1)
             parts = map(self._parts_of, repeat(window), row, chosen.seen(self._turns[number]))
             tokens = _minus(reduce(_plus, parts, tokens), self._row(row))
@@ -136,7 +136,7 @@ class Accounts:
 
     def _sum_up(self, window: ContextWindow) -> None:
         """Sum up the parts of the messages of the conversation, as they are now, from the first that has changed."""
-        same = common_beginning(window.now, self._summed, is_equal=False)
+        same = common_beginning(window.now, self._summed)
         del self._summed[same:], self._sums[same + 1 :]
         for number, form in enumerate(window.now[same:], start=same):
             self._summed.append(form)
@@ -223,8 +223,7 @@ class Accounts:
 
     def _needs(self, turn: Turn, oldest: int, view: ViewEvent) -> int:
         """The tokens that a turn would take in a prompt."""
-        trimmed_before, elided = view.get("words", 0), view.get("pictures", 0)
-        return self._sum(turn.seen(oldest, trimmed_before=trimmed_before, elided=elided))
+        return self._sum(turn.seen(oldest, trimmed_before=view.get("words", 0), elided=view.get("pictures", 0)))
 
     def _summary(self, view: ViewEvent) -> int:
         """The tokens of the summary that a prompt showed."""

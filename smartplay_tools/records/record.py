@@ -29,10 +29,8 @@ from smartplay_tools.transcript.events import (
     CallEvent,
     ChoiceEvent,
     Event,
-    ExceptionEvent,
     HeadEvent,
     MessageEvent,
-    PictureEvent,
     QuestionEvent,
     ResumeEvent,
     SentEvent,
@@ -427,12 +425,8 @@ class Record:
     """The tool calls as they were played, with their answers."""
     sent = _EventsOf[SentEvent]("sent")
     """The prompts of a host that owned the context, as they were counted."""
-    pictures = _EventsOf[PictureEvent]("picture")
-    """The pictures of the game that the player was shown."""
     resumes = _EventsOf[ResumeEvent]("resume")
     """The times that the episode was continued from this record."""
-    exceptions = _EventsOf[ExceptionEvent]("exception")
-    """The exceptions outside of the episode that ended the attempt."""
 
     @cached_property
     def head_of(self) -> dict[int, HeadEvent]:
@@ -450,11 +444,6 @@ class Record:
     def is_paper(self) -> bool:
         """Whether the episode was played in the paper's protocol, where every question is its own conversation."""
         return self.config.protocol == "paper"
-
-    @property
-    def head_messages(self) -> list[Message]:
-        """The first messages of every prompt."""
-        return self._first_head["messages"]
 
     @property
     def tools(self) -> list[dict[str, Any]]:

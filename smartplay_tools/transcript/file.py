@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
-from smartplay_tools.files.lines import AppendedFile, complete_lines, parse_json, parse_lines
+from smartplay_tools.files.lines import AppendedFile, complete_lines, parse_json
 from smartplay_tools.files.times import TimesWriter
 from smartplay_tools.transcript.events import FORMAT, Event, event_fault
 from smartplay_tools.transcript.hashing import chained_lines, event_line
@@ -160,10 +160,7 @@ def _read(path: str | Path) -> tuple[list[Event], bytes]:
     except OSError as error:
         raise TranscriptError(f"{path} cannot be read: {error.strerror}.") from None
     lines = complete_lines(written) or written.splitlines(keepends=True)  # one line alone is damaged
-    events = parse_lines(lines)
-    if events is None or not all(map(is_event, events)):
-        events = [_parsed(line, path, number) for number, line in enumerate(lines, start=1)]
-    return events, written
+    return [_parsed(line, path, number) for number, line in enumerate(lines, start=1)], written
 
 
 def check_format(start: Event, path: object = "The record") -> None:

@@ -70,19 +70,6 @@ def test_one_run_is_compared_with_its_first_player_or_the_one_that_is_named():
         compare(run, reference="none")
 
 
-def test_over_all_games_every_game_counts_the_same():
-    """Four pairs of one game and two of another: the mean of the games' means."""
-
-    def run(shift):
-        other = [r | {"game": RPS, "normalized_score": r["normalized_score"]} for r in episodes([9, 18])]
-        return episodes([9 + shift, 18 + shift, 9, 18]) + other
-
-    comparison = compare({"a": run(0), "b": run(9)})
-    (overall,) = comparison.overall
-    assert overall.difference.mean == pytest.approx((9 / 45 / 2 + 0) / 2)
-    assert (overall.wins, overall.ties, overall.losses) == (2, 4, 0)
-
-
 def test_other_versions_are_named():
     comparison = compare({"a": episodes([1, 2]), "b": episodes([1, 2], versions={"smartplay-tools": "2.0"})})
     assert comparison.versions == {"smartplay-tools": {"a": "1.0", "b": "2.0"}}

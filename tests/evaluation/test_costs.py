@@ -10,10 +10,9 @@ import pytest
 
 import smartplay_tools as sp
 from smartplay_tools.episode.cells import cell_config
-from smartplay_tools.evaluation.analysis.money import cell_costs, rules_table
+from smartplay_tools.evaluation.analysis.money import cell_costs
 from smartplay_tools.evaluation.analysis.summary import summarize
 from smartplay_tools.evaluation.costs.charges import Charge
-from smartplay_tools.evaluation.costs.tariffs import Charged, tariffs_of
 from smartplay_tools.evaluation.run_folder.folder import RunFolder
 from smartplay_tools.evaluation.runs.estimate import estimate_cell
 from smartplay_tools.providers.prices import Price
@@ -63,7 +62,6 @@ def test_where_prompts_are_marked_is_a_part_of_the_question(swept: str) -> None:
     ("words", "error"),
     [
         (["--cache", "vlm"], "There is no rule of a cache 'vlm'; did you mean vllm?"),
-        (["--caches", "none.toml"], "none.toml cannot be read"),
         (["--price", "-1,2"], "is not a price"),
         (["--marks", "middle"], "A mark is at one of stable, end, not middle."),
     ],
@@ -84,27 +82,10 @@ def test_a_run_without_prompts_has_no_cost(tmp_path: Any) -> None:
 CHARGE = Charge(50, 80_000, 0, 0, 2_000, 0.4, 0.0)
 
 
-def test_the_bill_stands_beside_its_model(swept: str) -> None:
-    run, tariffs = RunFolder(swept), tariffs_of(["none"])
-    row = run.rows()[0]
-    provider = sp.Usage(prompt=80_000, reply=2_000).model_dump()
-    billed = {**row, "cost": 0.5, "tokens": {**row["tokens"], "provider": provider}}
-    cells = cell_costs([billed], {row["key"]: Charged([CHARGE], CHARGE)})
-    assert (cells[0].bill, cells[0].billed) == (0.5, 0.4)
-    assert "0.40 under the model's rule (-0.1)" in rules_table(cells, tariffs).rows[2][0]
-
-
-def test_a_cost_by_our_count_is_not_a_bill(swept: str) -> None:
-    row = RunFolder(swept).rows()[0]
-    priced = {**row, "cost": 0.5, "tokens": {**row["tokens"], "provider": sp.Usage(requests=50).model_dump()}}
-    cells = cell_costs([priced], {row["key"]: Charged([CHARGE], CHARGE)})
-    assert (cells[0].bill, cells[0].billed) == (None, None)
-
-
 def test_the_score_beside_a_cost_is_that_of_every_other_table(swept: str) -> None:
     row = RunFolder(swept).rows()[0] | {"carry": "notes", "chain": 2}
     rows = [row | {"key": f"{trial:016x}", "trial": trial, "score": score} for trial, score in enumerate([10, 20, 30])]
-    (cell,) = cell_costs(rows, {row["key"]: Charged([CHARGE], None) for row in rows})
+    (cell,) = cell_costs(rows, {row["key"]: [CHARGE] for row in rows})
     assert cell.score == summarize(rows).cells[0].score.mean == 22.5
 
 

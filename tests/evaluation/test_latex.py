@@ -28,7 +28,7 @@ TABLES = {
         "what an episode and a point of score cost",
         "which window is cheapest",
     ],
-    "compare sweep --format latex": ["compared", "over all games"],
+    "compare sweep --format latex": ["compared"],
     "results sweep --all --format latex": [
         "scores",
         "capabilities, the paper's weights",

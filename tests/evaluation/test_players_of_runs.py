@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import json
-from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ from smartplay_tools.evaluation.runs.plan import make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.evaluation.runs.runner import run_plan
-from smartplay_tools.providers.caches import cache_rules
 from smartplay_tools.registry import read_file
 from tests.evaluation.command import run
 from tests.evaluation.players import Waiting
@@ -100,14 +98,7 @@ def test_ordinary_options_are_no_credentials():
     assert json.loads(json.dumps(cell.player_options)) == ordinary
 
 
-def test_a_byte_order_mark_is_skipped_in_every_file_that_a_user_writes(tmp_path):
+def test_a_byte_order_mark_is_skipped_in_a_file_that_a_user_writes(tmp_path):
     """Windows' editors put one in front of text in UTF-8."""
-
-    def marked(name: str, text: str) -> Path:
-        (tmp_path / name).write_bytes(codecs.BOM_UTF8 + text.encode())
-        return tmp_path / name
-
-    own = resources.files("smartplay_tools.providers").joinpath("data/vllm.toml").read_text(encoding="utf-8")
-    assert cache_rules(marked("caches.toml", "[vllm]" + own.partition("[caches.vllm]")[2])) == cache_rules()
-    nim = marked("nim.py", Path("tests/data/nim.py").read_text())
-    assert read_file(f"{nim}:SPEC", is_one=lambda held: True).value.id == "Nim-v0"
+    (tmp_path / "nim.py").write_bytes(codecs.BOM_UTF8 + Path("tests/data/nim.py").read_bytes())
+    assert read_file(f"{tmp_path / 'nim.py'}:SPEC", is_one=lambda held: True).value.id == "Nim-v0"

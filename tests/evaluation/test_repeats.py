@@ -11,7 +11,6 @@ import smartplay_tools as sp
 from smartplay_tools.evaluation.analysis import pairs
 from smartplay_tools.evaluation.analysis.repeats import (
     as_json,
-    flips,
     icc,
     noise_floor,
     pass_all,
@@ -70,7 +69,7 @@ def test_worlds_are_the_sample_of_a_capability_score_too(run):
 
 def test_a_player_that_plays_a_world_always_alike(run):
     random, rule = repeated(run.rows)
-    assert (rule.within, rule.noise_floor, rule.flips) == (0, 0, 0)
+    assert (rule.within, rule.noise_floor) == (0, 0)
     assert random.within > 0
     assert random.noise_floor > 0
 
@@ -81,7 +80,6 @@ def test_figures_of_a_worked_example():
     assert within == pytest.approx((0.25 + 0.25 + 0) / 3)
     assert between == pytest.approx(np.var([0.75, 0.25, 1], ddof=1) - within / 4)
     assert icc(scores) == pytest.approx(between / (between + within))
-    assert flips(np.array([3, 1, 4]), 4) == pytest.approx((0.5 + 0.5 + 0) / 3)
     assert [pass_at(3, 4, 1), pass_at(3, 4, 2), pass_all(3, 4, 1), pass_all(3, 4, 2)] == [0.75, 1, 0.75, 0.5]
 
 

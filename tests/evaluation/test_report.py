@@ -332,10 +332,19 @@ def test_a_game_of_somebody_else_s_is_drawn_in_characters(tmp_path, monkeypatch)
     assert drawing["changes"][-1]["text"] == "|-|\n|-|\n|-|\n<o>"
 
 
-def test_a_game_without_a_drawing_is_shown_as_the_player_read_it(tmp_path):
-    drawing = page_of(record(tmp_path / "walk.jsonl", "MinedojoCreative0-v0", "random", tool_calls=3)).episode("walk")
-    assert drawing["drawing"]["kind"] is None
-    assert drawing["drawing"]["source"].startswith("This game is not drawn")
+class Undrawn(Hanoi):
+    """A game with nothing to draw."""
+
+    def drawing(self) -> dict[str, Any]:
+        return {}
+
+
+@pytest.mark.parametrize("game", ["MinedojoCreative0-v0", "Undrawn-v0"])
+def test_a_game_without_a_drawing_is_shown_as_the_player_read_it(tmp_path, monkeypatch, game):
+    known_for_now(monkeypatch, replace(get_spec(HANOI), id="Undrawn-v0", entry_point=f"{__name__}:Undrawn"))
+    drawing = page_of(record(tmp_path / "undrawn.jsonl", game, "random", tool_calls=3)).episode("undrawn")["drawing"]
+    assert drawing["kind"] is None
+    assert drawing["source"].startswith("This game is not drawn")
 
 
 # The command.

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import smartplay_tools as sp
-from smartplay_tools.games.minecraft.engines import ENGINES, check_engines
+from smartplay_tools.cli.doctor import check_engines
+from smartplay_tools.games.minecraft.engines import ENGINES
 from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, PAPER_GOALS, TICKS, Stride, strides, turn
 
 BIOMES = """
@@ -149,7 +150,7 @@ def test_unknown_values_are_refused_in_one_sentence(option, message):
 @pytest.mark.slow
 def test_the_doctor_plays_on_every_engine():
     checks = check_engines()
-    assert [check.engine for check in checks] == list(ENGINES)
+    assert [check.name for check in checks] == list(ENGINES)
     # Engines outside of this package may be missing; what the doctor says then is the engine's own remedy.
     assert all(check.detail.startswith("a new world in") for check in checks if check.works)
-    assert next(check.works for check in checks if check.engine == "voxel")
+    assert next(check.works for check in checks if check.name == "voxel")

@@ -168,7 +168,6 @@ def test_an_interrupt_ends_a_worker_that_would_answer_later(tmp_path):
 
 KILLED = """
 import subprocess, sys, time
-from smartplay_tools.games.minecraft.engines import check_engines
 from smartplay_tools.games.minecraft.minedojo import worker
 from smartplay_tools.games.minecraft.minedojo.engine import start
 process = start(sys.executable)

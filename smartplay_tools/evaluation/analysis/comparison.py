@@ -14,7 +14,7 @@ Wins, ties and losses count pairs by score. Differences have 95 % intervals, eac
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
@@ -27,17 +27,15 @@ from smartplay_tools.evaluation.analysis.pairs import (
     MEASURES,
     are_identical,
     difference_samples,
-    differences,
-    normalized_score,
     pairs,
     samples,
     score,
 )
 from smartplay_tools.evaluation.analysis.windows import width
 from smartplay_tools.records.rows import Row
-from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, weighted_estimates, with_ends
+from smartplay_tools.statistics.intervals import MeanEstimate, named_estimates, with_ends
 
-__all__ = ["Comparison", "Overall", "Pairing", "Side", "compare"]
+__all__ = ["Comparison", "Pairing", "Side", "compare"]
 
 
 @dataclass(frozen=True)
@@ -81,21 +79,6 @@ class Pairing:
 
 
 @dataclass(frozen=True)
-class Overall:
-    """The comparison of one side with its reference over all games."""
-
-    side: Side
-    reference: Side
-    games: tuple[str, ...]
-    """The games that have pairs with a normalised score."""
-    difference: MeanEstimate | None
-    """Of normalised scores: the mean over `games` of the mean over pairs. None if there is no such game."""
-    wins: int
-    ties: int
-    losses: int
-
-
-@dataclass(frozen=True)
 class Comparison:
     """The result of comparing several runs."""
 
@@ -104,7 +87,6 @@ class Comparison:
     """Game, side and means of every reference."""
     pairings: tuple[Pairing, ...]
     """Game by game, in the order of the runs."""
-    overall: tuple[Overall, ...]
     versions: Mapping[str, Mapping[str, str]]
     """Differing versions of programs: name -> run -> version, or several versions separated by commas."""
     uncompared: int = 0
@@ -146,7 +128,6 @@ def compare(
         runs=tuple(runs),
         references=tuple((game, side, named_estimates(samples(sides[side][game]))) for game, side in used),
         pairings=pairings,
-        overall=tuple(_overall(sides, pairings)),
         versions=_versions(runs),
         uncompared=_uncompared(sides, matches),
     )
@@ -231,32 +212,16 @@ def _pairing(sides: Sides, match: tuple[str, Side, Side], margin: Margin | None)
 def _uncompared(sides: Sides, matches: Sequence[tuple[str, Side, Side]]) -> int:
     """How many episodes are in no match. A cell can be of several sides, since conditions may overlap."""
     compared = {(game, side) for game, *both in matches for side in both}
-    every: set[tuple[str, str, str]] = set()
-    used: set[tuple[str, str, str]] = set()
-    for side, games in sides.items():
-        for game, rows in games.items():
-            keys = {(side.run, game, row["key"]) for row in rows}
-            every |= keys
-            used |= keys if (game, side) in compared else set()
-    return len(every - used)
+    keys = {
+        (game, side): {(side.run, game, row["key"]) for row in rows}
+        for side, games in sides.items()
+        for game, rows in games.items()
+    }
+    return len(set().union(*keys.values()) - set().union(*(keys[place] for place in compared)))
 
 
 def _sign(difference: float) -> int:
     return (difference > 0) - (difference < 0)
-
-
-def _overall(sides: Sides, pairings: Sequence[Pairing]) -> Iterator[Overall]:
-    for side, reference in dict.fromkeys((each.side, each.reference) for each in pairings):
-        own = [each for each in pairings if (each.side, each.reference) == (side, reference)]
-        by_game = {
-            each.game: differences(sides[side][each.game], sides[reference][each.game], normalized_score)
-            for each in own
-        }
-        by_game = {game: values for game, values in by_game.items() if values}
-        weights = [[1 / len(by_game)] * len(by_game)] if by_game else []
-        difference = next(iter(weighted_estimates(list(by_game.values()), weights)), None)
-        sums = {name: sum(getattr(each, name) for each in own) for name in ("wins", "ties", "losses")}
-        yield Overall(side, reference, tuple(by_game), difference, **sums)
 
 
 def _versions(runs: Mapping[str, Sequence[Row]]) -> dict[str, dict[str, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from smartplay_tools.evaluation.analysis.beside import (
@@ -15,8 +15,8 @@ from smartplay_tools.evaluation.analysis.beside import (
     shows_points,
     shows_steps,
 )
-from smartplay_tools.evaluation.analysis.comparison import Comparison, Overall, Pairing, Side
-from smartplay_tools.evaluation.analysis.formats import Column, ShownColumn, TextTable, columns, figures_table
+from smartplay_tools.evaluation.analysis.comparison import Comparison, Pairing, Side
+from smartplay_tools.evaluation.analysis.formats import Column, ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.analysis.names import apart
 from smartplay_tools.evaluation.analysis.numbers import (
     IDENTICAL,
@@ -67,7 +67,7 @@ def _lines(comparison: Comparison) -> Iterator[_Line]:
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
-    """Return the table with a section for each game and, if there are several games, the table over all games."""
+    """Return the table with a section for each game and, where points are not what scores count, that of points."""
     names, lines, judged = side_names(comparison), list(_lines(comparison)), comparison.is_judged
     games = {game: [(_name(line, names), line) for line in own] for game, own in grouped(lines, _game).items()}
     beside = {(line.game, line.side): line.beside for line in lines}
@@ -92,9 +92,6 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     if shows_points(beside.values()):
         notes = [NOTES[0], POINTS, *early]
         tables.append(figures_table(_title("points", comparison, names), "", games, lambda _: PAID, notes))
-    if len(games) > 1:
-        ended = {side for (_, side), own in beside.items() if own.ends}
-        tables.append(_overall_table(comparison, names, ended, early))
     return tables
 
 
@@ -127,7 +124,7 @@ def _title(measure: str, comparison: Comparison, names: Mapping[Side, str]) -> s
     return f"compared: {measure} less those of {references.pop() if len(references) == 1 else 'their references'}"
 
 
-def _outcome(each: Pairing | Overall) -> str:
+def _outcome(each: Pairing) -> str:
     return f"{each.wins}/{each.ties}/{each.losses}"
 
 
@@ -143,25 +140,6 @@ def _verdict(line: _Line) -> str:
 
 def _tokens(line: _Line) -> str:
     return short(line.means["tokens"].mean)
-
-
-def _overall_table(
-    comparison: Comparison, names: Mapping[Side, str], ended: Set[Side], early: Sequence[str]
-) -> TextTable:
-    """`ended` are the sides with episodes that ended early in any game."""
-    rows = [
-        (
-            f"{names[each.side]}{EARLY * bool(ended & {each.side, each.reference})} against {names[each.reference]}",
-            f"{len(each.games)}",
-            with_interval(each.difference, 1, factor=100, sign="+"),
-            _outcome(each),
-        )
-        for each in comparison.overall
-    ]
-    headings = columns("", "games", "% human, +-", "W/T/L")
-    note = "% human, +-: difference of normalised scores, the mean over the games that have one"
-    title = f"over all games, {_title('human scores', comparison, names)}"
-    return TextTable(title, headings, tuple(rows), (note, *early))
 
 
 def side_names(comparison: Comparison) -> dict[Side, str]:

@@ -67,8 +67,8 @@ def columns(words: str, *others: str | Column) -> tuple[Column, ...]:
 
 
 def sections(groups: Iterable[tuple[str, Iterable[tuple[str, ...]]]]) -> tuple[tuple[str, ...], ...]:
-    """Return the rows of groups, each group below its heading."""
-    return tuple(row for heading, rows in groups for row in [(heading,), *rows])
+    """Return the rows of groups, each group below its heading, if it has one."""
+    return tuple(row for heading, rows in groups for row in [*([(heading,)] if heading else []), *rows])
 
 
 ShownColumn = tuple[str | Column, Callable[[T], str]]
@@ -82,18 +82,18 @@ def figures_table(
     figures: Callable[[Sequence[T]], Sequence[ShownColumn[T]]],
     notes: Iterable[str] = (),
 ) -> TextTable:
-    """Return a table of named things in groups, each below its heading.
+    """Return a table of named things in groups, each below its heading; a group without one has "" for it.
 
     `what` heads the names. `figures` has the columns; it is called with the things of each group, since what these
     show may decide how numbers are written.
     """
 
-    def lines(named: Sequence[tuple[str, T]]) -> Iterator[tuple[str, ...]]:
+    def lines(heading: str, named: Sequence[tuple[str, T]]) -> Iterator[tuple[str, ...]]:
         shown = figures([thing for _, thing in named])
         for name, thing in named:
-            yield f"  {name}", *(show(thing) for _, show in shown)
+            yield f"  {name}" if heading else name, *(show(thing) for _, show in shown)
 
-    rows = sections((heading, lines(named)) for heading, named in groups.items())
+    rows = sections((heading, lines(heading, named)) for heading, named in groups.items())
     return TextTable(title, columns(what, *(heading for heading, _ in figures([]))), rows, tuple(notes))
 
 

@@ -1,7 +1,6 @@
 """What cells cost under the rules of caches: an episode, a point of score, and which window is cheapest where.
 
-The figures are models, made from records (`costs.charges`). Beside them stands the bill, where a provider reported
-its own count of tokens and its price is known.
+The figures are models, made from records (`costs.charges`).
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars, percen
 from smartplay_tools.evaluation.analysis.pairs import sample, score
 from smartplay_tools.evaluation.analysis.windows import family
 from smartplay_tools.evaluation.costs.charges import Charge
-from smartplay_tools.evaluation.costs.tariffs import Charged, Tariff
-from smartplay_tools.records.rows import Row, has_reported_tokens, is_managed
+from smartplay_tools.evaluation.costs.tariffs import Tariff
+from smartplay_tools.records.rows import Row, is_managed
 from smartplay_tools.types.groups import grouped
 from smartplay_tools.types.quantities import short
 
@@ -53,10 +52,6 @@ class CellCost:
     """The shares of prompt tokens that are read and written, for each tariff."""
     early: tuple[float, ...]
     """The mean score while money is spent, up to the cost of the dearest episode of the player at the game."""
-    bill: float | None
-    """US dollars, from the provider's own count of tokens; None if it reported none, or has no known price."""
-    billed: float | None
-    """US dollars of the same episodes under the rule of their model; None if none is known."""
 
     @property
     def marked(self) -> str:
@@ -64,7 +59,7 @@ class CellCost:
         return self.window + EARLY * bool(self.ends)
 
 
-def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, run: str = "") -> list[CellCost]:
+def cell_costs(rows: Iterable[Row], charged: Mapping[str, Sequence[Charge] | None], *, run: str = "") -> list[CellCost]:
     """Return what every cell of a run costs; `charged` has its episodes by key, `run` is the run's name, if needed."""
     played = [
         (cell, members, [(row, charge) for row, charge in pairs if charge is not None and not is_managed(row)])
@@ -75,16 +70,14 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
     dearest: dict[bytes, list[float]] = {}
     for cell, _, pairs in played:
         for _, each in pairs:
-            most = dearest.setdefault(family(cell), [0.0] * len(each.charges))
-            dearest[family(cell)] = [max(pair) for pair in zip(most, (c.cost for c in each.charges), strict=True)]
+            most = dearest.setdefault(family(cell), [0.0] * len(each))
+            dearest[family(cell)] = [max(pair) for pair in zip(most, (c.cost for c in each), strict=True)]
     costs = []
     cells = [cell for cell, _, _ in played]
     named = zip(played, family_titles(cells), window_names(cells), strict=True)
     for (cell, members, pairs), title, name in named:
-        by_tariff = list(zip(*(each.charges for _, each in pairs), strict=True))
+        by_tariff = list(zip(*(each for _, each in pairs), strict=True))
         scores = [score(row) for row, _ in pairs]
-        bills = [(row["cost"], each.own) for row, each in pairs if row["cost"] and has_reported_tokens(row)]
-        own = [each.cost for _, each in bills if each is not None]
         costs.append(
             CellCost(
                 cell=cell,
@@ -102,8 +95,6 @@ def cell_costs(rows: Iterable[Row], charged: Mapping[str, Charged | None], *, ru
                     fmean(_early(charge, score, most) for charge, score in zip(charges, scores, strict=True))
                     for charges, most in zip(by_tariff, dearest[family(cell)], strict=True)
                 ),
-                bill=fmean(bill for bill, _ in bills) if bills else None,
-                billed=fmean(own) if own and len(own) == len(bills) else None,
             )
         )
     return costs
@@ -128,9 +119,6 @@ def rules_table(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> TextTab
             point = _amount(cost / cell.score, tariff) if cell.score > 0 else NOTHING
             shares = percent(read), percent(written)
             rows.append((f"  {tariff.label}", _amount(cost, tariff), point, f"{early:.4g}", *shares))
-        if cell.bill is not None:
-            bill, modelled, difference = _bill(cell)
-            rows.append((f"  bill; {modelled} under the model's rule ({difference})", bill, *[NOTHING] * 4))
     headings = columns("rule", "an episode", "a point", "area", "read", "written")
     notes = [UNIT, MODEL, AREA, "read, written: of the tokens of prompts"]
     return TextTable("what an episode and a point of score cost", headings, tuple(rows), (*notes, *_left_out(cells)))
@@ -179,8 +167,6 @@ def cost_rows(cells: Sequence[CellCost], tariffs: Sequence[Tariff]) -> list[dict
             "read_share": read,
             "written_share": written,
             "cost_per_point": cost / cell.score if cell.score > 0 else None,
-            "bill": cell.bill,
-            "modelled_bill": cell.billed,
         }
         for cell in cells
         for cost, early, (read, written), tariff in zip(cell.costs, cell.early, cell.shares, tariffs, strict=True)
@@ -199,19 +185,12 @@ def _amount(cost: float, tariff: Tariff) -> str:
 def _left_out(cells: Sequence[CellCost]) -> list[str]:
     """What a reader has to know of these episodes: which are left out, and which ended early."""
     uncounted = sum(cell.uncounted for cell in cells)
-    return [*_without(uncounted), *early_notes(map(_beside, cells))]
+    told = f"{uncounted} episodes have no usage or not what the model saw on record and are left out"
+    return [*([told] if uncounted else []), *early_notes(map(_beside, cells))]
 
 
 def _beside(cell: CellCost) -> Beside:
     return Beside(cell.cell.game, cell.score, cell.score, cell.steps, cell.ends)
-
-
-def _without(uncounted: int) -> list[str]:
-    return (
-        [f"{uncounted} episodes have no usage or not what the model saw on record and are left out"]
-        if uncounted
-        else []
-    )
 
 
 def _early(charge: Charge, score: float, money: float) -> float:
@@ -222,8 +201,3 @@ def _early(charge: Charge, score: float, money: float) -> float:
 def _shares(charges: Sequence[Charge]) -> tuple[float, float]:
     prompt = sum(charge.prompt for charge in charges) or 1
     return sum(charge.hit for charge in charges) / prompt, sum(charge.written for charge in charges) / prompt
-
-
-def _bill(cell: CellCost) -> tuple[str, str, str]:
-    difference = None if cell.bill is None or cell.billed is None else cell.billed - cell.bill
-    return dollars(cell.bill), dollars(cell.billed), NOTHING if difference is None else f"{difference:+.2g}"

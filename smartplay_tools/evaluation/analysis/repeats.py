@@ -51,8 +51,6 @@ class Repeats:
     """The share of the variance that is between worlds; None without any."""
     noise_floor: float
     """The difference that two runs of this player on these worlds show by chance (95 %)."""
-    flips: float | None
-    """How often two repeats of a world differ in success."""
     passes: tuple[tuple[int, Share, Share], ...]
     """k, pass@k (one of k succeeds) and pass^k (all k succeed)."""
 
@@ -86,7 +84,6 @@ def _repeats(cell: PlayedCell, label: str, rows: Sequence[Row]) -> Repeats | Non
         between,
         None if math.isnan(share) else by_worlds(scores, icc),
         noise_floor(within, len(played), repeats),
-        None if counts is None else flips(counts, repeats),
         () if counts is None else tuple(_passes(counts, repeats)),
     )
 
@@ -108,11 +105,6 @@ def noise_floor(within: float, worlds: int, repeats: int) -> float:
     """Return the paired difference that two runs of one player stay below in 95 of 100 cases."""
     df = worlds * (repeats - 1)
     return t_quantile((1 - CONFIDENCE) / 2, df) * math.sqrt(2 * within / (worlds * repeats))
-
-
-def flips(successes: Values, repeats: int) -> float:
-    """Return the chance that two repeats of a world disagree."""
-    return float(np.mean(2 * successes * (repeats - successes) / (repeats * (repeats - 1))))
 
 
 def pass_at(successes: int, repeats: int, k: int) -> float:
@@ -160,7 +152,7 @@ def by_worlds(values: Values, figure: Callable[[Values], Values]) -> Share:
 NOTES = (
     "sd: of scores, within a world (the player's own) and between worlds; ICC: the share between worlds",
     "floor: a difference of two runs below it is what the player has with itself",
-    "flip: two repeats of a world disagree; pass@k: one of k repeats succeeds; pass^k: all of them",
+    "pass@k: one of k repeats succeeds; pass^k: all of them",
 )
 
 
@@ -187,7 +179,6 @@ FIGURES: Sequence[ShownColumn[Repeats]] = (
     ("between", lambda each: f"{math.sqrt(each.between):.3g}"),
     ("ICC", lambda each: NOTHING if each.icc is None else f"{each.icc[0]:.2f}"),
     ("floor", lambda each: f"{each.noise_floor:.2g}"),
-    ("flip", lambda each: NOTHING if each.flips is None else f"{each.flips:.2f}"),
     ("pass@k", lambda each: " ".join(f"{share[0]:.2f}" for _, share, _ in each.passes) or NOTHING),
     ("pass^k", lambda each: " ".join(f"{share[0]:.2f}" for _, _, share in each.passes) or NOTHING),
 )
@@ -196,6 +187,6 @@ FIGURES: Sequence[ShownColumn[Repeats]] = (
 def as_json(each: Repeats) -> dict[str, Any]:
     """Return the figures of a cell as plain data."""
     shares = {f"{name}{k}": share for k, at, every in each.passes for name, share in (("pass@", at), ("pass^", every))}
-    names = ("worlds", "repeats", "left_out", "within", "between", "icc", "noise_floor", "flips")
+    names = ("worlds", "repeats", "left_out", "within", "between", "icc", "noise_floor")
     facts = {name: getattr(each, name) for name in names}
     return {"game": each.cell.game, "player": each.cell.player, "condition": each.label, **facts, **shares}

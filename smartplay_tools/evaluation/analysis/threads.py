@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from smartplay_tools.evaluation.analysis.formats import TextTable, columns
+from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, columns, figures_table
 from smartplay_tools.evaluation.analysis.headline import MANAGED
 from smartplay_tools.evaluation.analysis.numbers import NOTHING, dollars, percent
 from smartplay_tools.evaluation.costs.charges import charge
@@ -13,6 +13,9 @@ from smartplay_tools.evaluation.costs.tariffs import Tariff
 from smartplay_tools.manager.record import RecordedThread
 from smartplay_tools.records.threads import thread_requests, thread_row
 from smartplay_tools.types.quantities import short
+
+Thread = Mapping[str, Any]
+"""The row of a thread."""
 
 NOTES = ("refused: prompts that did not fit; dropped: prompts without some of the messages",)
 COUNT_NOTES = (
@@ -27,46 +30,41 @@ COST_NOTES = (
 )
 
 
-def threads_tables(rows: Sequence[Mapping[str, Any]]) -> tuple[TextTable, TextTable]:
+def _count(name: str) -> Callable[[Thread], str]:
+    return lambda row: NOTHING if row[name] is None else f"{row[name]:,}"
+
+
+PROMPTS: Sequence[ShownColumn[Thread]] = (
+    ("prompts", _count("prompts")),
+    ("tokens", lambda row: short(row["tokens"])),
+    ("largest", _count("largest")),
+    ("cap", _count("cap")),
+    ("prefix", lambda row: percent(row["prefix_tokens"] / row["tokens"] if row["tokens"] else None)),
+    ("refused", _count("refusals")),
+    ("dropped", _count("dropped")),
+)
+COUNTS: Sequence[ShownColumn[Thread]] = (
+    *((name, _count(name)) for name in ("masked", "cut", "repaired")),
+    ("over", lambda row: f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING),
+    ("theirs", lambda row: NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}"),
+    ("above", _count("most_above")),
+)
+
+
+def threads_tables(rows: Sequence[Thread]) -> tuple[TextTable, TextTable]:
     """Return what each thread's prompts were, and what became of messages, with the provider's count beside ours."""
-    prompts = [
-        (
-            row["thread"],
-            f"{row['prompts']:,}",
-            short(row["tokens"]),
-            *(_figure(row[name]) for name in ("largest", "cap")),
-            percent(row["prefix_tokens"] / row["tokens"] if row["tokens"] else None),
-            *(_figure(row[name]) for name in ("refusals", "dropped")),
-        )
-        for row in rows
-    ]
-    counts = [
-        (
-            row["thread"] + (MANAGED if row["managed"] else ""),
-            *(_figure(row[name]) for name in ("masked", "cut", "repaired")),
-            f"{row['over']} of {row['counted']}" if row["counted"] else NOTHING,
-            NOTHING if row["ratio"] is None else f"{row['ratio']:.3f}",
-            _figure(row["most_above"]),
-        )
-        for row in rows
-    ]
-    names = columns("thread", "prompts", "tokens", "largest", "cap", "prefix", "refused", "dropped")
-    more = columns("thread", "masked", "cut", "repaired", "over", "theirs", "above")
-    return (
-        TextTable("threads", names, tuple(prompts), NOTES),
-        TextTable("messages, and the provider's count", more, tuple(counts), COUNT_NOTES),
-    )
+    second = "messages, and the provider's count"
+    return _table("threads", rows, PROMPTS, NOTES), _table(second, rows, COUNTS, COUNT_NOTES)
 
 
-def threads_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+def threads_table(rows: Sequence[Thread]) -> TextTable:
     """Return both in one table, for a page."""
-    first, second = threads_tables(rows)
-    cells = (one + other[1:] for one, other in zip(first.rows, second.rows, strict=True))
-    return TextTable("threads", first.columns + second.columns[1:], tuple(cells), first.notes + second.notes)
+    return _table("threads", rows, (*PROMPTS, *COUNTS), (*NOTES, *COUNT_NOTES))
 
 
-def _figure(count: int | None) -> str:
-    return NOTHING if count is None else f"{count:,}"
+def _table(title: str, rows: Sequence[Thread], shown: Sequence[ShownColumn[Thread]], notes: Sequence[str]) -> TextTable:
+    named = [(row["thread"] + MANAGED * bool(row["managed"]), row) for row in rows]
+    return figures_table(title, "thread", {"": named}, lambda _: shown, notes)
 
 
 def thread_costs(threads: Sequence[RecordedThread], tariffs: Sequence[Tariff]) -> Iterator[dict[str, Any]]:

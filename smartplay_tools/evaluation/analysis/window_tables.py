@@ -31,7 +31,6 @@ NOTES = (
 )
 FULL_NOTE = "full context: nothing left the window in any episode, as far as it was played"
 TOGETHER = "the intervals of the {compared} differences hold together in 95 of 100 sweeps (max-T)"
-SINGLE = "the intervals of the {compared} differences hold each by itself: of twenty, one is expected to miss"
 CONTROLS = "controls, which do not read their prompts, are not among the differences that hold together"
 COST_NOTE = "$: on the front of score against cost; USD: of an episode"
 CUT_NOTE = (
@@ -42,12 +41,8 @@ CUT_NOTE = (
 STEPS: ShownColumn[WindowComparison] = ("steps", lambda c: f"{c.means['steps'].mean:,.1f}")
 
 
-def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = False) -> TextTable:
-    """Return the table of a sweep, with a heading for each family of cells.
-
-    The intervals of differences hold together, or with `single` each by itself.
-    """
-    differences = [c.differences.get("score") if single else c.together for c in comparisons]
+def windows_table(comparisons: Sequence[WindowComparison]) -> TextTable:
+    """Return the table of a sweep, with a heading for each family of cells; its intervals hold together."""
     controls = [is_control(c.cell.player) for c in comparisons if c.together]
     priced = any("cost" in c.means and c.means["cost"].mean for c in comparisons)
     has_best = any("way_to_best" in c.means for c in comparisons)
@@ -60,7 +55,7 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             ("n", lambda c: count(c.episodes, c.means["score"])),
             *([STEPS] if has_steps else []),
             ("score", lambda c: with_interval(c.means["score"], decimals)),
-            ("+-", lambda c: _difference(c, decimals, single=single)),
+            ("+-", lambda c: _difference(c, decimals)),
             ("tokens", lambda c: short(c.means["tokens"].mean)),
             ("stable", lambda c: percent(c.means["prefix_share"].mean) if "prefix_share" in c.means else NOTHING),
             *([("to best", lambda c: with_interval(c.means.get("way_to_best"), 2))] if has_best else []),
@@ -68,13 +63,12 @@ def windows_table(comparisons: Sequence[WindowComparison], *, single: bool = Fal
             ("", lambda c: _marks(c, priced=priced)),
         )
 
-    held = (SINGLE if single else TOGETHER).format(compared=controls.count(False))
     notes = [
-        *([held] if controls.count(False) > 1 else []),
+        *([TOGETHER.format(compared=controls.count(False))] if controls.count(False) > 1 else []),
         *([CONTROLS] if any(controls) else []),
         *NOTES,
         *([FULL_NOTE] if any(c.is_reference and c.is_whole for c in comparisons) else []),
-        *interval_notes([*(c.means["score"] for c in comparisons), *differences]),
+        *interval_notes([*(c.means["score"] for c in comparisons), *(c.together for c in comparisons)]),
         *([IDENTICAL] if any(c.is_identical for c in comparisons) else []),
         *([COST_NOTE] if priced else []),
         *([WAY] if has_best else []),
@@ -131,13 +125,12 @@ def marks_of(comparison: WindowComparison) -> str:
     return CUT * is_cut(comparison) + EARLY * bool(comparison.ends)
 
 
-def _difference(comparison: WindowComparison, decimals: int, *, single: bool) -> str:
+def _difference(comparison: WindowComparison, decimals: int) -> str:
     if comparison.is_reference:
         return "full context" if comparison.is_whole else "reference"
     if comparison.is_identical:
         return "identical"
-    difference = comparison.differences.get("score") if single else comparison.together
-    return "no pairs" if difference is None else with_interval(difference, decimals, sign="+")
+    return with_interval(comparison.together, decimals, sign="+") if comparison.together else "no pairs"
 
 
 def _marks(comparison: WindowComparison, *, priced: bool) -> str:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
-from smartplay_tools.costs.cached import PLACES, Place, marks_of
+from smartplay_tools.costs.cached import PLACES, Place
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.costs.charges import Charge, charge
-from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named, rule_of
+from smartplay_tools.providers.caches import CacheRule, cache_rules, rule_named
 from smartplay_tools.providers.prices import Price, find_price
 from smartplay_tools.records.damage import damage_named, warn_damaged
 from smartplay_tools.records.record import Record
@@ -27,61 +26,40 @@ class Tariff:
     marks: Sequence[Place] = PLACES
 
 
-class Charged(NamedTuple):
-    """What an episode costs under tariffs."""
-
-    charges: Sequence[Charge]
-    own: Charge | None
-    """Under the rule and price of its player's model, if both are known."""
-
-
 def tariffs_of(
     names: Sequence[str],
     *,
-    caches: Path | None = None,
     price: Price | None = None,
     marks: Sequence[Place] = PLACES,
 ) -> list[Tariff]:
     """Return the tariffs that a user names: rules, or models as `PROVIDER:MODEL` with their price in the tables.
 
-    Without names they are all rules. `caches` is a file with further rules; `price` is one for all tariffs.
+    Without names they are all rules. `price` is one for all tariffs.
     """
-    rules = cache_rules(caches)
+    rules = cache_rules()
     return [
         Tariff(name, rule_named(name, rules), price or (None if name in rules else find_price(name, {})), marks)
         for name in names or rules
     ]
 
 
-def charge_records(
-    records: Mapping[str, Path], tariffs: Sequence[Tariff], prices: Mapping[str, Price], *, caches: Path | None = None
-) -> dict[str, Charged | None]:
-    """Return the cost of each record by its key; None for a record without prompts, or one that is damaged.
+def charge_records(records: Mapping[str, Path], tariffs: Sequence[Tariff]) -> dict[str, Sequence[Charge] | None]:
+    """Return the cost of each record by its key, one for each tariff; None for a record without prompts, or damaged.
 
     One whose tokenizer does not ship with this package, and was not named in this process, is left out in the same way.
-
-    `prices` are those of the run by player.
     """
-    rules = cache_rules(caches)
-    charged: dict[str, Charged | None] = dict.fromkeys(records)
+    charged: dict[str, Sequence[Charge] | None] = dict.fromkeys(records)
     for key, path in records.items():
         try:
             with damage_named(path):
-                charged[key] = _charged_record(Record.read(path), tariffs, prices, rules)
+                charged[key] = _charged_record(Record.read(path), tariffs)
         except InvalidArgumentError as error:  # it is damaged, or nobody has named its tokenizer
             warn_damaged(error)
     return charged
 
 
-def _charged_record(
-    record: Record, tariffs: Sequence[Tariff], prices: Mapping[str, Price], rules: Mapping[str, CacheRule]
-) -> Charged | None:
+def _charged_record(record: Record, tariffs: Sequence[Tariff]) -> Sequence[Charge] | None:
     if not record.heads or (record.messages and not any("prompt" in event for event in record.usages)):
         return None
     log = requests_of(record)
-    charges = [charge(log, each.rule, marks=each.marks, price=each.price) for each in tariffs]
-    if (price := prices.get(record.player)) is None:
-        return Charged(charges, None)
-    options = record.config.player_options
-    rule = rule_of(record.player, options, rules)
-    return Charged(charges, None if rule is None else charge(log, rule, marks=marks_of(options), price=price))
+    return [charge(log, each.rule, marks=each.marks, price=each.price) for each in tariffs]

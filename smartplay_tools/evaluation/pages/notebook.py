@@ -35,15 +35,12 @@ def rows_to_pandas(rows: Sequence[Row]) -> pandas.DataFrame:
 
 def run_as_html(rows: Sequence[Row], failures: Sequence[Row], planned: int) -> str:
     """Return the progress of a run, its headline and its failures as markup."""
-    from smartplay_tools.evaluation.analysis.details import failures_table
     from smartplay_tools.evaluation.analysis.formats import to_html
-    from smartplay_tools.evaluation.analysis.headline import headline
+    from smartplay_tools.evaluation.analysis.run_tables import run_tables
     from smartplay_tools.evaluation.analysis.summary import summarize
 
-    summary = summarize(rows, failures)
-    tables = [headline(summary)] if summary.cells else []
-    tables += [failures_table(summary.failures)] if summary.failures else []
-    return f"<p>{len(rows)} of {planned} episodes finished</p>\n{to_html(tables)}"
+    tables = to_html([*run_tables(rows, summarize(rows, failures))])
+    return f"<p>{len(rows)} of {planned} episodes finished</p>\n{tables}"
 
 
 def replay_widget(

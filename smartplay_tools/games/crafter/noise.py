@@ -20,6 +20,9 @@ Flags = NDArray[np.bool_]
 
 STRETCH = -1.0 / 6
 SQUISH = 1.0 / 3
+MOST_CORNERS = 14
+CONTRIBUTING = 8
+"""The most corners that may contribute to a point, and the most that do."""
 SCALE = 103
 """The sum of all contributions is divided by this."""
 
@@ -74,8 +77,9 @@ _OWN = {
     OPPOSITE: ((1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)),
     MIDDLE: ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1)),
 }
-# Two more corners outside contribute. They follow from the two own corners that are nearest to the point; an own
-# corner is named by the axes along which it lies away from the base: 1 for x, 2 for y, 4 for z, and sums of them.
+# Two more corners outside contribute. In a tetrahedron they follow from its two corners nearest to the point; an
+# own corner is named by the axes along which it lies away from the base: 1 for x, 2 for y, 4 for z, and sums of them.
+# In the octahedron they are those of eight that are near enough.
 _AXIS = {1: (1, 0, 0), 2: (0, 1, 0), 4: (0, 0, 1)}
 _TWICE = {1: (2, 0, 0), 2: (0, 2, 0), 4: (0, 0, 2)}
 _WITHOUT = {6: (-1, 1, 1), 5: (1, -1, 1), 3: (1, 1, -1)}
@@ -84,25 +88,17 @@ _BASE_WITHOUT = {3: (1, 1, 0), 5: (1, 0, 1), 6: (0, 1, 1)}
 _OPPOSITE_WITH = {3: ((2, 1, 0), (1, 2, 0)), 5: ((2, 0, 1), (1, 0, 2)), 6: ((0, 2, 1), (0, 1, 2))}
 
 
-def _extra_corners() -> dict[tuple[int, int, int], tuple[Offset, Offset]]:
-    """The two outside corners by case, (region, side, axes) as in `_cases`."""
-    extra: dict[tuple[int, int, int], tuple[Offset, Offset]] = {}
+def _extra_corners() -> dict[tuple[int, int, int], tuple[Offset, ...]]:
+    """The outside corners by case, (region, side, axes) as in `_cases`."""
+    extra: dict[tuple[int, int, int], tuple[Offset, ...]] = {}
+    extra[MIDDLE, 0, 0] = (1, 1, 1), (0, 0, 0), *_WITHOUT.values(), *_TWICE.values()
     for axis in (1, 2, 4):
         extra[BASE, 0, axis] = _BASE_WITH[axis]
         extra[OPPOSITE, 7, axis] = _AXIS[axis], _TWICE[axis]
-        extra[MIDDLE, 7, axis] = (1, 1, 1), _TWICE[axis]
     for pair in (3, 5, 6):
         extra[BASE, 7, pair] = _BASE_WITHOUT[pair], _WITHOUT[pair]
         extra[OPPOSITE, 0, pair] = _OPPOSITE_WITH[pair]
-        extra[MIDDLE, 0, pair] = (0, 0, 0), _WITHOUT[pair]
-        for axis in (1, 2, 4):
-            extra[MIDDLE, pair, axis] = _WITHOUT[pair], _TWICE[axis]
     return extra
-
-
-def _join(first: Floats, second: Floats, third: Floats, *, first_yields: Flags) -> tuple[Flags, Flags]:
-    """Where a third score replaces the first, and where the second; `first_yields` says which is to be replaced."""
-    return first_yields & (first < third), ~first_yields & (second < third)
 
 
 def _tetrahedron_case(own: Floats, others: list[Floats], names: tuple[int, int, int]) -> tuple[Integers, Integers]:
@@ -113,7 +109,8 @@ def _tetrahedron_case(own: Floats, others: list[Floats], names: tuple[int, int, 
     other three.
     """
     first, second, third = others
-    into_first, into_second = _join(first, second, third, first_yields=first < second)
+    first_yields = first < second
+    into_first, into_second = first_yields & (first < third), ~first_yields & (second < third)
     a, b = np.where(into_first, names[2], names[0]), np.where(into_second, names[2], names[1])
     first, second = np.where(into_first, third, first), np.where(into_second, third, second)
     own_is_near = (own > first) | (own > second)
@@ -121,46 +118,23 @@ def _tetrahedron_case(own: Floats, others: list[Floats], names: tuple[int, int, 
     return np.where(own_is_near, 0, 7), np.where(own_is_near, np.where(second > first, b, a), both)
 
 
-def _octahedron_case(sums: list[Floats]) -> tuple[Integers, Integers]:
-    """The case of points in the octahedron, as (side, axes).
-
-    Side: 0 if both nearest corners are on the base's side, 7 if both are on the far side, else the far one. Axes: what
-    the two have in common, or the one on the base's side.
-
-    The octahedron has three pairs of opposite corners. The sum of two coordinates shows which of a pair is nearer.
-    """
-    first, second, third = (np.where(s > 1, s - 1, 1 - s) for s in sums)
-    a, b, c = (np.where(s > 1, far, near) for s, far, near in zip(sums, (3, 5, 6), (4, 2, 1), strict=True))
-    into_first, into_second = _join(first, second, third, first_yields=first <= second)
-    a, b = np.where(into_first, c, a), np.where(into_second, c, b)
-    a_is_far, b_is_far = (np.isin(name, (3, 5, 6)) for name in (a, b))
-    one_side, far_one = a_is_far == b_is_far, np.where(a_is_far, a, b)
-    side = np.where(one_side, np.where(a_is_far, 7, 0), far_one)
-    axes = np.where(one_side, np.where(a_is_far, a & b, a | b), np.where(a_is_far, b, a))
-    return side, axes
-
-
 def _cases(inside: list[Floats]) -> Integers:
     """The case of every point, from its coordinates inside its cell: region * 64 + side * 8 + axes."""
     x, y, z = inside
     total = x + y + z
-    region = np.where(total <= 1, BASE, np.where(total >= 2, OPPOSITE, MIDDLE))
-    by_region = {
-        BASE: _tetrahedron_case(1 - total, [x, y, z], (1, 2, 4)),
+    cases = np.full(total.shape, MIDDLE * 64)
+    for region, here, (side, axes) in (
+        (BASE, total <= 1, _tetrahedron_case(1 - total, [x, y, z], (1, 2, 4))),
         # At the opposite corner, the comparisons are those of the base with reversed signs.
-        OPPOSITE: _tetrahedron_case(total - 3, [-x, -y, -z], (6, 5, 3)),
-        MIDDLE: _octahedron_case([x + y, x + z, y + z]),
-    }
-    cases = np.zeros(total.shape, np.int64)
-    for name, (side, axes) in by_region.items():
-        here = region == name
-        cases[here] = (name * 64 + side * 8 + axes)[here]
+        (OPPOSITE, total >= 2, _tetrahedron_case(total - 3, [-x, -y, -z], (6, 5, 3))),
+    ):
+        cases[here] = (region * 64 + side * 8 + axes)[here]
     return cases
 
 
 def _corner_table() -> tuple[Integers, Flags]:
-    """Offsets and presence of up to eight corners, by case."""
-    offsets, present = np.zeros((192, 8, 3), np.int64), np.zeros((192, 8), np.bool_)
+    """Offsets and presence of the corners that may contribute, by case."""
+    offsets, present = np.zeros((192, MOST_CORNERS, 3), np.int64), np.zeros((192, MOST_CORNERS), np.bool_)
     for (region, side, axes), extra in _extra_corners().items():
         case = region * 64 + side * 8 + axes
         corners = [*_OWN[region], *extra]
@@ -178,6 +152,9 @@ class Points:
     def __init__(self, x: Floats, y: Floats, z: Floats) -> None:
         lattice, distance = self._reach(x, y, z)
         closeness = 2 - distance[0] * distance[0] - distance[1] * distance[1] - distance[2] * distance[2]
+        first = (closeness <= 0).argsort(axis=1, kind="stable")[:, :CONTRIBUTING]
+        lattice = np.take_along_axis(lattice, first, axis=1)
+        closeness, *distance = (np.take_along_axis(each, first, axis=1) for each in (closeness, *distance))
         squared = np.where(closeness > 0, closeness, 0) ** 2
         cells, corner = np.unique(lattice, return_inverse=True)
         self._cells = cells >> 16, cells >> 8 & 255, cells & 255

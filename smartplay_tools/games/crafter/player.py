@@ -71,9 +71,6 @@ class CrafterPlayer:
 
     # Actions.
 
-    def _rest(self) -> None:
-        pass
-
     def _move(self, direction: int) -> None:
         world, target = self.world, self.at + direction
         self.facing = direction
@@ -235,7 +232,7 @@ def _action(name: str) -> Any:
         return lambda player: player._place(rest)
     if verb == "make":
         return lambda player: player._make(rest)
-    return {"noop": CrafterPlayer._rest, "do": CrafterPlayer._do, "sleep": CrafterPlayer._sleep}[name]
+    return {"noop": lambda player: None, "do": CrafterPlayer._do, "sleep": CrafterPlayer._sleep}[name]
 
 
 _ACT = tuple(_action(name) for name in facts.ACTIONS)

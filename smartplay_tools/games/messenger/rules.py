@@ -169,27 +169,14 @@ def choices(movement: Movement, place: Place | None, avatar: Place) -> tuple[Pla
     return tuple(direction for direction in DIRECTIONS if direction not in nearer)
 
 
-_CHOICES = {
-    (movement, east, south): choices(movement, (0, 0), (east, south))
-    for movement in MOVEMENTS
-    for east, south in itertools.product((-1, 0, 1), repeat=2)
-}
-"""`choices` by the signs of the offset to the avatar, since it depends on nothing else."""
-
-
 def step(state: State, action: int, chance: Generator) -> StepOutcome:
     """Play one tick of level 2 or 3."""
     if is_over(state):
         return StepOutcome(state, 0.0, True)
     assert state.avatar is not None
-    avatar_x, avatar_y = state.avatar
     steps = []
     for movement, place in zip(state.movements, state.places, strict=True):
-        if place is None:
-            steps.append(STAY)
-            continue
-        x, y = place
-        open_to = _CHOICES[movement, (avatar_x > x) - (avatar_x < x), (avatar_y > y) - (avatar_y < y)]
+        open_to = choices(movement, place, state.avatar)
         steps.append(open_to[0] if len(open_to) == 1 else pick(open_to, chance))
     return settle(state, action, steps)
 

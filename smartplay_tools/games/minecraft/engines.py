@@ -1,8 +1,7 @@
 """Engines: the interface between the Minecraft game and the program that simulates its world.
 
 An engine owns a world and a player in it. It turns and moves the player, tick by tick, and returns what is around the
-player. It is given the goal only so that a walk stops on the tick that reaches it. `check_engines` says which engines
-work on this machine, by creating a world on each of them.
+player. It is given the goal only so that a walk stops on the tick that reaches it.
 """
 
 from __future__ import annotations
@@ -10,10 +9,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
-from smartplay_tools.errors import InvalidArgumentError, SmartPlayError, check_choice
+from smartplay_tools.errors import InvalidArgumentError, check_choice
 from smartplay_tools.games.minecraft.observation import Observation, TextMode
 from smartplay_tools.games.minecraft.rules import CORRECTED_GOALS, Goal, Stride
 from smartplay_tools.registry import Registry
@@ -84,32 +82,13 @@ def load_engine(name: str) -> type[Engine]:
     return engine
 
 
-@dataclass(frozen=True)
-class Check:
-    """The result of the check of an engine."""
-
-    engine: str
-    works: bool
-    detail: str
-    """The time that a new world took and the program that made it, or the error and the remedy."""
-
-
-def check_engines() -> list[Check]:
-    """Make a world on every engine; if one fails, the others are still tried."""
-    return [_check(name) for name in ENGINES]
-
-
-def _check(name: str) -> Check:
+def try_engine(name: str) -> str:
+    """Make a world on an engine; return the time that it took and the programs that made it."""
     start = time.perf_counter()
+    engine = load_engine(name)(text="corrected")
     try:
-        engine = load_engine(name)(text="corrected")
-        try:
-            engine.reset(0, CORRECTED_GOALS[0])
-            programs = "".join(f" ({program} {version})" for program, version in engine.versions.items())
-        finally:
-            engine.close()
-    except SmartPlayError as error:
-        return Check(name, False, str(error))
-    except Exception as error:  # any error of an engine is a result of the check
-        return Check(name, False, f"{type(error).__name__}: {error}")
-    return Check(name, True, f"a new world in {time.perf_counter() - start:.2f} s{programs}")
+        engine.reset(0, CORRECTED_GOALS[0])
+        programs = "".join(f" ({program} {version})" for program, version in engine.versions.items())
+    finally:
+        engine.close()
+    return f"a new world in {time.perf_counter() - start:.2f} s{programs}"

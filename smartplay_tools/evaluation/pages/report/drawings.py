@@ -34,6 +34,10 @@ REPLAYED = (
     "Drawn from the game itself: the recorded actions were played again when this page was made, and every state "
     "hash in the record was reproduced. "
 )
+NOT_DRAWN = {
+    "kind": None,
+    "source": "This game is not drawn: it shows what the player read. `TextGame.drawing` would draw it.",
+}
 SAW = {
     "text": "The player saw the text only.",
     "picture": "The player saw only the pictures that stand in the turns.",
@@ -112,12 +116,11 @@ def _pictures(record: Record, game: TextGame) -> dict[str, str]:
 
 def _drawing(record: Record, game: TextGame) -> dict[str, Any]:
     if type(game).drawing is TextGame.drawing:  # and its engine may need a server
-        return {
-            "kind": None,
-            "source": "This game is not drawn: it shows what the player read. `TextGame.drawing` would draw it.",
-        }
+        return NOT_DRAWN
     game.reset(seed=record.config.seed)
     states = [game.drawing()]
+    if not states[0]:
+        return NOT_DRAWN
     actions, rewards = [], []
     for call, action in _played(record, game):
         if action is not None:

@@ -20,13 +20,11 @@ from smartplay_tools.context.prompts.wording import known
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.analysis.comparison import compare
 from smartplay_tools.evaluation.analysis.comparison_tables import comparison_tables
-from smartplay_tools.evaluation.analysis.details import details
 from smartplay_tools.evaluation.analysis.formats import TextTable
 from smartplay_tools.evaluation.analysis.headline import headline
-from smartplay_tools.evaluation.analysis.remembering import remembering_tables
-from smartplay_tools.evaluation.analysis.repeats import repeated, repeats_table
+from smartplay_tools.evaluation.analysis.run_tables import further_tables
 from smartplay_tools.evaluation.analysis.summary import RunSummary, summarize
-from smartplay_tools.evaluation.analysis.window_tables import points_tables, windows_table
+from smartplay_tools.evaluation.analysis.window_tables import windows_table
 from smartplay_tools.evaluation.analysis.windows import compare_windows
 from smartplay_tools.evaluation.pages import environment as template_environment
 from smartplay_tools.evaluation.pages.report.drawings import sheet
@@ -270,11 +268,7 @@ def _tables(page: _RunPage) -> Iterator[TextTable]:
     comparisons = compare_windows(page.rows)
     if any(not comparison.is_reference for comparison in comparisons):
         yield windows_table(comparisons)
-    yield from details(page.summary)
-    yield from remembering_tables(page.rows)
-    yield from points_tables(comparisons)
-    if repeats := repeated(page.rows):
-        yield repeats_table(repeats)
+    yield from further_tables(page.rows, page.summary)
 
 
 def _static(name: str) -> str:

@@ -7,6 +7,7 @@ became of every unit of the conversation: a reply with its results, or one other
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def _turns(thread: RecordedThread) -> Iterator[dict[str, Any]]:
             "parts": [counts.get(name, 0) for name in PARTS],
             "reported": prompt.reported,
             "shown": ranges_of(prompt.sent_parts),
-            "states": _runs(_states(prompt, units)),
+            "states": [(state, len([*own])) for state, own in groupby(_states(prompt, units))],
             "head": head,
             "same": same,
             "added": numbers[same:],
@@ -127,17 +128,6 @@ def _states(prompt: RecordedPrompt, units: Sequence[Sequence[int]]) -> list[str]
         else:
             states.append(next((state for numbers, state in changed if not numbers.isdisjoint(unit)), "seen"))
     return states
-
-
-def _runs(states: Sequence[str]) -> list[list[Any]]:
-    """Equal neighbours, as state and number."""
-    found: list[list[Any]] = []
-    for state in states:
-        if found and found[-1][0] == state:
-            found[-1][1] += 1
-        else:
-            found.append([state, 1])
-    return found
 
 
 def _words(form: MessageForm, message: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -35,11 +35,6 @@ _UNWANTED = ("PYTHONPATH", "PYTHONHOME", "PYTHONSTARTUP", "VIRTUAL_ENV")
 """Variables that would make another interpreter import the modules of this one."""
 
 
-def foreign_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that may be passed to another interpreter."""
-    return {name: value for name, value in environment.items() if name not in _UNWANTED}
-
-
 class WorkerProcess:
     """A child process that answers lines of JSON. It has its own directory, which is removed when it ends.
 
@@ -51,6 +46,7 @@ class WorkerProcess:
         """Start the command with additional variables; its log is appended to the file `log`, or deleted at the end."""
         folder = Path(tempfile.mkdtemp(prefix="smartplay-minedojo-"))
         mark = secrets.token_hex(16)
+        outside = {name: value for name, value in os.environ.items() if name not in _UNWANTED}
         inside = {FAMILY: mark, "TMPDIR": str(folder), **environment}
         self._log = log or folder / "worker.log"
         try:
@@ -61,7 +57,7 @@ class WorkerProcess:
                     stdout=subprocess.PIPE,
                     stderr=log_file,
                     cwd=folder,
-                    env=foreign_environment(os.environ) | inside,
+                    env=outside | inside,
                     bufsize=0,
                     start_new_session=True,  # Ctrl-C goes to this process, which then cleans up
                 )

@@ -15,7 +15,7 @@ from smartplay_tools.players.prompt_reading import Reading, call
 from smartplay_tools.players.rules.crafter import player
 from smartplay_tools.players.rules.crafter.home import Home, dwell, find_site, has_water
 from smartplay_tools.players.rules.crafter.player import SOLID, WISHES
-from smartplay_tools.players.rules.crafter.sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map, read_frame
+from smartplay_tools.players.rules.crafter.sight import ANY, BIT, OUTSIDE, WALKABLE, Cell, Map
 from smartplay_tools.players.rules.crafter.situation import Situation
 from smartplay_tools.players.rules.memory import fits, line, recall
 from smartplay_tools.types.messages import Message
@@ -128,16 +128,12 @@ def _remember(reading: Reading) -> tuple[Situation, CrafterNotes]:
     memory = recall(reading)
     seen = [exchange for exchange in memory.since.seen if exchange.text in memory.since.observations]
     if memory.facts is None or not seen:
-        now = player.window(reading)
+        now = player.window(reading, Map())
         return now, CrafterNotes(now.map, 0, now.frame.asleep, None)
     notes = notes_of(memory.facts)
-    asleep = notes.asleep
-    for exchange in seen:
-        frame = read_frame(exchange.text)
-        notes.map.add(exchange.action, asleep, frame)
-        asleep = frame.asleep
+    now = player.window(memory.since, notes.map, asleep=notes.asleep)
     # The clock of a line counts the action that it was written with.
-    return Situation(notes.map, frame, seen[-1].action), replace(notes, clock=notes.clock + len(seen) - 1)
+    return now, replace(notes, clock=notes.clock + len(seen) - 1)
 
 
 def _home(now: Situation, notes: CrafterNotes) -> Home | None:

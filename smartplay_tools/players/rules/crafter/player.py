@@ -29,20 +29,17 @@ def decide(reading: Reading) -> Message:
     """Observe if nothing is visible, or else act on the map made from the visible observations."""
     if not reading.observations:
         return call("observe")
-    return call("act", action=act(window(reading)))
+    return call("act", action=act(window(reading, Map())))
 
 
-def window(reading: Reading) -> Situation:
-    """The situation according to the visible observations."""
-    own_map, before, last = Map(), None, None
+def window(reading: Reading, own_map: Map, *, asleep: bool = False) -> Situation:
+    """The situation after the visible observations, of which there is one at least; they are added to the map."""
     for seen in reading.seen:
-        if seen.text not in reading.observations:
-            continue
-        frame = read_frame(seen.text)
-        own_map.add(seen.action, before is not None and before.asleep, frame)
-        before, last = frame, seen.action
-    assert before is not None
-    return Situation(own_map, before, last)
+        if seen.text in reading.observations:
+            frame, last = read_frame(seen.text), seen.action
+            own_map.add(last, asleep, frame)
+            asleep = frame.asleep
+    return Situation(own_map, frame, last)
 
 
 # --- The rules, most urgent first ------------------------------------------------------------------------------------
