@@ -20,7 +20,6 @@ import tracemalloc
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event
 from typing import Any, ClassVar
 
 from rich.console import Console
@@ -49,7 +48,7 @@ class Simulated(Executor):
     """The lines of the record; the first of them has the seed."""
 
     def __init__(self) -> None:
-        self.stop: StopFlag = Event()
+        self.stop = StopFlag()
         self.limits: RunLimits | None = None
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
@@ -75,7 +74,7 @@ def driven(folder: Path, episodes: int) -> float:
     with writer.writing():
         manifest = plan.manifest(shard=None, prices={})
         writer.write_manifest(manifest)
-        scheduler = Scheduler(writer, Roster(plan, players, {}, set()), manifest, RunOptions(), ())
+        scheduler = Scheduler(writer, Roster(plan, players, {}, set()), manifest, RunOptions(), (), StopFlag())
         with following(writer, lambda snapshot: None):
             scheduler.play(Simulated(), plan.episodes)
         rows = scheduler.finish()

@@ -9,7 +9,6 @@ import typer
 
 from smartplay_tools.cli import options, runs
 from smartplay_tools.cli.show import compact_table, print_json
-from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.players import PlayerConfig
 from smartplay_tools.evaluation.runs.probe import Probe, probe
 from smartplay_tools.terminal import Console, Text, say
@@ -28,8 +27,6 @@ def check(
     Example: smartplay-tools check --players openai:gpt-5-mini
     """
     names = list(dict.fromkeys(options.names(players)))
-    if not names:
-        raise InvalidArgumentError("Name players (--players openai:MODEL).")
     configs = runs.player_configs(names, base_url, player_option)
     answers = [(config, probe(config)) for config in configs]
     probes = [answer for _, answer in answers if answer is not None]

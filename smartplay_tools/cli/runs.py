@@ -17,7 +17,6 @@ from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.runs.plan import Plan, player_of
 from smartplay_tools.evaluation.runs.players import PlayerConfig, check_prices, player_named
 from smartplay_tools.evaluation.runs.run_options import RunOptions
-from smartplay_tools.evaluation.runs.run_progress import not_shown
 from smartplay_tools.evaluation.runs.runner import Run, run_plan
 from smartplay_tools.players import is_interactive, is_model
 from smartplay_tools.providers.prices import Price
@@ -41,6 +40,8 @@ def player_configs(names: Sequence[str], urls: Sequence[str] | None, pairs: Sequ
     An option is of one player as NAME.KEY=VALUE, else of all. A server is of one player as NAME=URL, else of every
     model (such as `openai:MODEL`).
     """
+    if not names:
+        raise InvalidArgumentError("Name at least one player, as in --players openai:MODEL.")
     players = list(map(player_named, names))
     common: dict[str, Any] = {}
     own: dict[str, dict[str, Any]] = {}
@@ -93,8 +94,6 @@ class RunCommand:
 
     def players(self, names: Sequence[str]) -> list[PlayerConfig]:
         """Return the players of the run (`player_configs`), of which there has to be one."""
-        if not names:
-            raise InvalidArgumentError("Name at least one player.")
         return player_configs(names, self.base_url, self.player_option)
 
     def play(self, plan: Plan, players: Sequence[PlayerConfig]) -> Run | None:
@@ -106,7 +105,7 @@ class RunCommand:
             return None
         # A person plays on the terminal on which the progress would be shown.
         quiet = self.quiet or self.as_json or any(is_interactive(player_of(cell)) for cell in plan.cells)
-        display = not_shown if quiet else partial(showing, Console(stderr=True))
+        display = None if quiet else partial(showing, Console(stderr=True))
         return run_plan(plan, self.out, players, how, display=display)
 
 

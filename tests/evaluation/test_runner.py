@@ -207,10 +207,11 @@ def test_a_worker_that_dies_takes_no_other_episode_with_it(tmp_path):
     arguments = {"executor": "processes", "workers": 2, "player_options": {"victim": victim}}
     run = sp.evaluate([BANDIT], {"killer": Killer}, out=tmp_path, trials=4, **arguments)
     assert [row["trial"] for row in run.rows] == [0, 2, 3]
-    assert {failure["seed"] for failure in run.failures} == {victim}
-    assert {failure["error"] for failure in run.failures} == {"The worker process died while it played this episode."}
+    failed = [failure for failure in run.failures if failure["end_reason"] != "interrupted"]
+    assert {failure["seed"] for failure in failed} == {victim}
+    assert {failure["error"] for failure in failed} == {"The worker process died while it played this episode."}
     lost = run.spending.other_attempts.unknown_calls
-    assert len(run.failures) == lost >= 3, "one call in each attempt, of which no other episode had any"
+    assert 4 <= lost <= 8, "four attempts, in each of which the other worker's call was lost, too, if there was one"
     assert f"{lost} calls were under way when the run or a worker stopped" in spending_sentences(run.spending)[0]
     assert multiprocessing.active_children() == []
 

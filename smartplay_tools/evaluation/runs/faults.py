@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from smartplay_tools.conversation.agent_session import Conversation
 from smartplay_tools.records.rows import MORE_TOKENS, without_calls
 from smartplay_tools.types import Reply
 from smartplay_tools.types.arguments import value_in
-from smartplay_tools.types.messages import calls_of, reasoning_of, text_of
+from smartplay_tools.types.messages import FunctionCall, calls_of, reasoning_of, text_of
 
 
 def fault_of(reply: Reply, conversation: Conversation, cap: int) -> str | None:
     """Return what was wrong with the reply of the latest turn; None if at least one of its calls was played."""
-    if not calls_of(reply.message):
-        return _without_calls(reply, cap)
-    return _of_calls(reply, conversation, cap)
-
-
-def _without_calls(reply: Reply, cap: int) -> str:
+    calls, turn = calls_of(reply.message), conversation.latest_turn
+    assert turn is not None
+    results = {item.position: text_of(item.message) for item in turn.items if item.position is not None}
+    error = conversation.episode.words("error", reason="")
+    if calls and not all(text.startswith(error) for text in results.values()):
+        return None
     text, reasoning = text_of(reply.message), reasoning_of(reply.message)
     if reply.usage is not None and reply.usage.cut:
         thought = ", in its reasoning" if reasoning or "<think>" in text else ""
-        return f"was cut at its length of {cap} tokens before it called a tool{thought}; {MORE_TOKENS}."
+        where = "within a call" if calls else f"before it called a tool{thought}"
+        return f"was cut at its length of {cap} tokens {where}; {MORE_TOKENS}."
+    if calls:
+        names = [tool.name for tool in conversation.episode.tools]
+        return _of_call(calls[0]["function"], names, results.get(0, "").removeprefix(error))
     if reasoning and not text.strip():
         return (
             f"has reasoned ({len(reasoning)} characters of reasoning_content) and then said nothing: raise "
@@ -29,18 +35,8 @@ def _without_calls(reply: Reply, cap: int) -> str:
     return f"{without_calls(text)}."
 
 
-def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
-    turn = conversation.latest_turn
-    assert turn is not None
-    results = {item.position: text_of(item.message) for item in turn.items if item.position is not None}
-    error = conversation.episode.words("error", reason="")
-    if not all(text.startswith(error) for text in results.values()):
-        return None
-    names = [tool.name for tool in conversation.episode.tools]
-    function = calls_of(reply.message)[0]["function"]
+def _of_call(function: FunctionCall, names: Sequence[str], reason: str) -> str:
     name, arguments = function["name"], function["arguments"]
-    if reply.usage is not None and reply.usage.cut:
-        return f"was cut at its length of {cap} tokens within a call; {MORE_TOKENS}."
     if name not in names:
         like = next((own for own in names if name.endswith(own)), None)
         prefix = (
@@ -49,10 +45,6 @@ def _of_calls(reply: Reply, conversation: Conversation, cap: int) -> str | None:
             else "; look at its server's parser, or use another model"
         )
         return f"has called `{name}`, which is not a tool ({', '.join(names)}){prefix}."
-    return _of_arguments(name, arguments, results.get(0, "").removeprefix(error))
-
-
-def _of_arguments(name: str, arguments: str, reason: str) -> str:
     shown = arguments if len(arguments) <= 80 else f"{arguments[:77]}..."
     if value_in(arguments) is arguments:
         return (

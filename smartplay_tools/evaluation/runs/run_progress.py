@@ -7,13 +7,14 @@ The first SIGTERM or Ctrl-C stops a run between two turns; the second has its us
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from types import FrameType
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 from smartplay_tools.errors import TranscriptError
 from smartplay_tools.evaluation.run_folder.follower import RunFollower, RunSnapshot
@@ -66,32 +67,32 @@ CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK
 """Windows has SIGBREAK, Ctrl-Break, by which one program asks another to end; SIGTERM cannot be caught there."""
 
 
-class StopFlag(Protocol):
-    """A flag that the run has to stop: a `threading.Event`, or one that is shared with other processes."""
+class StopFlag:
+    """A flag that the run has to stop, in memory that its worker processes share.
+
+    It has no lock, so a signal handler may set it at any time.
+    """
+
+    def __init__(self) -> None:
+        self._flag = multiprocessing.get_context("spawn").RawValue("b", 0)
 
     def is_set(self) -> bool:
         """Whether to stop."""
-        ...
+        return bool(self._flag.value)
 
     def set(self) -> None:
         """Make the attempts stop between two turns."""
-        ...
+        self._flag.value = 1
 
 
 class Signals:
-    """The signal that was received, and the stop flag to set; `with` handles those that stop a run."""
+    """The signal that was received, which sets the stop flag; `with` handles those that stop a run."""
 
-    def __init__(self) -> None:
+    def __init__(self, stop: StopFlag) -> None:
         self.received: str | None = None
         """The name of the signal that stopped the run; None while there was none."""
-        self._stop: StopFlag | None = None
-        self._usual: dict[int, Any] = {}
-
-    def tell(self, stop: StopFlag) -> None:
-        """Set this flag when a signal arrives, or at once if one already has."""
         self._stop = stop
-        if self.received is not None:
-            stop.set()
+        self._usual: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         # Signal handlers can be installed only in the main thread.
@@ -111,5 +112,4 @@ class Signals:
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = signal.Signals(number).name
         self._release()
-        if self._stop is not None:
-            self._stop.set()
+        self._stop.set()

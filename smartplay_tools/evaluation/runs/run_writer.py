@@ -35,22 +35,6 @@ LOCK = ".lock"
 """The name of the file that is locked."""
 
 
-@contextmanager
-def only_writer(folder: Path) -> Iterator[None]:
-    """Hold the lock of an existing folder; raise `InvalidArgumentError` if another process has it."""
-    lock = FileLock(folder / LOCK)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise InvalidArgumentError(
-            f"Another process is writing the run in {folder}; wait for it or name another folder."
-        ) from None
-    try:
-        yield
-    finally:
-        lock.release()
-
-
 class RunWriter(RunFolder):
     """A run's folder, for the process that writes it and holds its lock (`writing`)."""
 
@@ -65,7 +49,11 @@ class RunWriter(RunFolder):
             try:
                 for name in ("episodes", "attempts", "running"):
                     (self.path / name).mkdir(parents=True, exist_ok=True)
-                held.enter_context(only_writer(self.path))
+                held.enter_context(FileLock(self.path / LOCK, blocking=False))
+            except Timeout:
+                raise InvalidArgumentError(
+                    f"Another process is writing the run in {self.path}; wait for it or name another folder."
+                ) from None
             except OSError as error:
                 raise InvalidArgumentError(
                     f"{self.path} cannot be written ({error.strerror}); name another folder for the run."

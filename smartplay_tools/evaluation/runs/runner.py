@@ -25,7 +25,7 @@ from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
-from smartplay_tools.evaluation.runs.run_progress import Display, Signals, following, not_shown
+from smartplay_tools.evaluation.runs.run_progress import Display, Signals, StopFlag, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.evaluation.runs.scheduler import Scheduler
 from smartplay_tools.evaluation.suites import get_suite, suite_games
@@ -177,20 +177,19 @@ def run_plan(
     with (
         _what_is_kept(folder, part),
         folder.writing(),
-        Signals() as signals,
+        Signals(stop := StopFlag()) as signals,
         (display or not_shown)() as show,
     ):
         before = folder.manifest() if (folder.path / "manifest.json").exists() else None
         manifest = _manifest(folder, before, plan, options)
         folder.write_manifest(manifest)
         repriced = () if before is None or before.prices == manifest.prices else manifest.prices.keys()
-        scheduler = Scheduler(folder, roster, manifest, options, repriced)
+        scheduler = Scheduler(folder, roster, manifest, options, repriced, stop)
         with following(folder, show):
             try:
                 for name, episodes in roster.episodes.items():
-                    chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent)
+                    chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent, stop)
                     try:
-                        signals.tell(chosen.stop)
                         apart_from_event_loop(scheduler.play, chosen, episodes)
                     finally:
                         with warned_if_not_closed(f"The executor {name}"):

@@ -20,7 +20,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from smartplay_tools.errors import SmartPlayError
-from smartplay_tools.evaluation.run_folder.folder import DAMAGED, Manifest, reason_of
+from smartplay_tools.evaluation.run_folder.folder import Manifest, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
 from smartplay_tools.evaluation.runs.estimate import Expectations
@@ -28,6 +28,7 @@ from smartplay_tools.evaluation.runs.executors import EndedAttempt, Executor
 from smartplay_tools.evaluation.runs.plan import PlannedEpisode, game_file, player_key, player_of, strategy_file
 from smartplay_tools.evaluation.runs.roster import Roster
 from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
 from smartplay_tools.providers.prices import check_known
@@ -59,11 +60,17 @@ class Scheduler:
     """The episodes of a plan (or a shard of one) that are still to be played, for a folder whose lock is held."""
 
     def __init__(
-        self, folder: RunWriter, roster: Roster, manifest: Manifest, how: RunOptions, repriced: Collection[str]
+        self,
+        folder: RunWriter,
+        roster: Roster,
+        manifest: Manifest,
+        how: RunOptions,
+        repriced: Collection[str],
+        stop: StopFlag,
     ) -> None:
         """`repriced` are the names of players whose price has changed since the run was played before."""
         self._folder, self._roster, self._prices, self._caps = folder, roster, manifest.prices, how.caps
-        self._predecessors = manifest.predecessors
+        self._predecessors, self._stop = manifest.predecessors, stop
         self._plan = plan = roster.part
         self._on_progress = how.on_progress or (lambda progress: None)
         self._failed = 0
@@ -79,7 +86,6 @@ class Scheduler:
         self._unpriced: set[str] = set()
         self._reasons: set[tuple[str, str, str]] = set()
         self._capped = False
-        self._executor: Executor | None = None
         self.cap_reached = False
         """Whether a cap of the run has prevented episodes from beginning or ending."""
         self.refused: str | None = None
@@ -99,9 +105,12 @@ class Scheduler:
         self._on_progress(RunProgress(len(self._rows), len(plan.episodes), 0))
 
     def _spent_before(self) -> Spent:
-        for attempt in self._folder.failures():
-            if attempt["end_reason"] == DAMAGED:
-                log.warning("What an attempt has used counts as far as it can be read. %s", attempt["error"])
+        for path in self._folder.attempts():
+            try:
+                with damage_named(path):
+                    _ = Record.follow(path, self._prices).own_totals
+            except SmartPlayError as error:
+                log.warning("What an attempt has used counts as far as it can be read. %s", error)
         return run_snapshot(self._folder).spending.total
 
     @property
@@ -115,11 +124,12 @@ class Scheduler:
         When an episode has reached a cap of the run, no further one begins. If a provider has counted tokens
         without a known price under a cap on cost, an `InvalidArgumentError` is raised.
         """
-        self._capped, self._executor = False, executor
+        self._capped = False
         attempts: Counter[str] = Counter()
         while True:
-            left = (episode for episode in episodes if episode.key not in self._rows)
-            self._queue = deque(episode for episode in left if attempts[episode.key] <= RETRIES)
+            left = [episode for episode in episodes if episode.key not in self._rows]
+            left = [episode for episode in left if attempts[episode.key] <= RETRIES]
+            self._queue = deque(self._tryouts_first(left))
             if not self._queue or self._is_over():
                 break
             before = attempts.total()
@@ -175,8 +185,17 @@ class Scheduler:
         return rows
 
     def _is_over(self) -> bool:
-        assert self._executor is not None
-        return self._capped or bool(self._unpriced) or self.refused is not None or self._executor.stop.is_set()
+        return self._capped or bool(self._unpriced) or self._stop.is_set()
+
+    def _tryouts_first(self, episodes: Sequence[PlannedEpisode]) -> list[PlannedEpisode]:
+        """Move one episode of every player that is tried first, and has not played an action yet, to the front."""
+        first: dict[str, PlannedEpisode] = {}
+        for episode in episodes:
+            player = self._who[episode.place]
+            if player in self._roster.tried and player not in self._acted:
+                first.setdefault(player, episode)
+        keys = {episode.key for episode in first.values()}
+        return [*first.values(), *(episode for episode in episodes if episode.key not in keys)]
 
     def _has_acted(self, player: str) -> bool:
         """Whether a player has played an action in this run, according to the records that are being written."""
@@ -255,7 +274,6 @@ class Scheduler:
         return record
 
     def _settle(self, outcome: EndedAttempt) -> None:
-        assert self._executor is not None
         task, episode = outcome.task, outcome.task.planned
         record = self._archive(task)
         if outcome.times is not None:
@@ -285,7 +303,7 @@ class Scheduler:
                 self._unpriced.add(row["player"])
         elif record.outcome == "paused":
             self._capped = True
-        elif record.outcome == "failed" or (not record.exists and not self._executor.stop.is_set()):
+        elif record.outcome == "failed" or (not record.exists and not self._stop.is_set()):
             self._failed += 1
             self._tell(episode, "%s failed: %s", error)
             self._judge(episode, error, record)
@@ -301,7 +319,6 @@ class Scheduler:
 
     def _judge(self, episode: PlannedEpisode, error: str, record: Record) -> None:
         """End the run if a server refuses a player; give up a player that never answers, or always fails."""
-        assert self._executor is not None
         player = self._who[episode.place]
         kind, _, message = error.partition(": ")
         if kind == ModelRefusedError.__name__:
@@ -309,7 +326,7 @@ class Scheduler:
             replies = self._answered[player] + sum(record.own_totals.replies for record in self._records_of(player))
             if not replies or self._count_failure(episode, f"{kind} after {replies} replies") >= SAME_FAILURES:
                 self.refused = f"{player_of(episode.cell)} is refused by its server. {message}"
-                self._executor.stop.set()
+                self._stop.set()
         elif kind in (ModelCallError.__name__, ModelPromptError.__name__) and not self._answered[player]:
             self._silent.add(player)
         elif player not in self._acted or record.end_reason != "game_error":  # others of its games may not break

@@ -115,8 +115,7 @@ def grid(
     cannot be enforced, such as summaries at slack 0, are left out and named.
     """
     games, axes = suite_games(None, games), _axes(vary or {})
-    fixed_rules = {name: [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES if name not in axes}
-    varied = {name: axes.pop(name) if name in axes else fixed_rules[name] for name in RULE_AXES}
+    varied = {name: axes.pop(name, ()) or [rules.pop(name, getattr(Rules(), name))] for name in RULE_AXES}
     fixed = dict(budget or Budget())
     budgets = [Budget(**fixed | dict(zip(axes, values, strict=True))) for values in product(*axes.values())]
     protocol = rules.get("protocol", "tools")

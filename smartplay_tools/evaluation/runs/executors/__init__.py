@@ -14,7 +14,6 @@ The inline executor: one attempt after another, in this process.
 from __future__ import annotations
 
 import os
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -37,6 +36,7 @@ Take = Callable[[], Task | None]
 """Returns the next task, or None if there is none now: either none is left, or the others wait for an attempt that
 is running."""
 
+
 Again = Callable[[Task], Task]
 """Keeps the record of a task whose worker was lost, and returns the task that continues it."""
 
@@ -47,9 +47,9 @@ class Executor(ABC):
     stop: StopFlag
     limits: RunLimits | None
 
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float], stop: StopFlag) -> None:
         """Make an executor whose attempts, `workers` at a time, are made in this process."""
-        self._workers, self.stop = workers, threading.Event()
+        self._workers, self.stop = workers, stop
         self.limits = SharedLimits(caps, spent) if caps else None
 
     @abstractmethod
@@ -69,7 +69,7 @@ EXECUTORS = Registry(
         "ray": "smartplay_tools.evaluation.runs.executors.ray:RayExecutor",
     },
 )
-"""name -> class, which is called with `workers, caps, spent`."""
+"""name -> class, which is called with `workers, caps, spent, stop`."""
 
 WAITING_AT_ONCE = 64
 """The default of concurrent episodes: about as many as providers accept, and few enough for any machine."""

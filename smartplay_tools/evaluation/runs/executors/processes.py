@@ -1,56 +1,67 @@
 """The process executor: attempts in worker processes, for players that compute.
 
-If a worker is killed, for example for its use of memory, only its attempt has failed. The episode continues from its
-record in the next round.
+If a worker is killed, for example for its use of memory, only its task is lost. It continues from its record when there
+is nothing else to play, alone; if its worker is killed again, the attempt has failed.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from smartplay_tools.errors import InvalidArgumentError, TranscriptError
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.evaluation.processes import Lost, ProcessPool
 from smartplay_tools.evaluation.runs.attempt import Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import Caps, SharedLimits
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
+from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
 
 
 class ProcessExecutor(Executor):
     """Plays in `workers` processes."""
 
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float], stop: StopFlag) -> None:
         _check_main_module()
-        super().__init__(workers, caps, spent)
-        self.stop = _SharedFlag()
+        super().__init__(workers, caps, spent, stop)
         self.limits = SharedLimits(caps, spent, processes=True) if caps else None
 
     def run(self, take: Take, again: Again) -> Iterator[EndedAttempt]:
-        """Play the tasks, `workers` at a time."""
-        with ProcessPool(partial(play_attempt, limits=self.limits, stop=self.stop), self._workers) as pool:
-            for task, times in pool.run(take):
-                if not isinstance(times, Lost):
-                    yield EndedAttempt(task, times)
-                    continue
-                if not self.stop.is_set():
-                    _check_begun(pool)
-                    with suppress(TranscriptError):  # a record that cannot be read is set aside
-                        append_exception(task.record, "The worker process died while it played this episode.")
-                yield EndedAttempt(task, None)
+        """Play the tasks, `workers` at a time; those whose worker died come last, one at a time."""
+        play = partial(play_attempt, limits=self.limits, stop=self.stop)
+        lost: list[Task] = []
+        with ProcessPool(play, self._workers) as pool:
+            while True:
+                for task, times in pool.run(lambda: take() if pool.has_begun or not lost else None):
+                    if not isinstance(times, Lost):
+                        yield EndedAttempt(task, times)
+                    elif has_result(task.record):
+                        yield EndedAttempt(task, None)
+                    else:
+                        lost.append(task)
+                if lost and not pool.has_begun and not self.stop.is_set():
+                    raise InvalidArgumentError(
+                        "No worker process could begin; its error is above. Workers import the program's main module:"
+                        ' start the run below `if __name__ == "__main__":`, or pass executor="async" or'
+                        ' executor="inline".'
+                    )
+                if not lost:
+                    return
+                while lost:
+                    yield self._play_alone(pool, lost.pop(0), again)
 
-
-def _check_begun(pool: ProcessPool[Task, Times]) -> None:
-    """Refuse a program whose workers die before they have begun."""
-    if not pool.has_begun:
-        raise InvalidArgumentError(
-            "No worker process could begin; its error is above. Workers import the program's main module: start the "
-            'run below `if __name__ == "__main__":`, or pass executor="async" or executor="inline".'
-        )
+    def _play_alone(self, pool: ProcessPool[Task, Times], task: Task, again: Again) -> EndedAttempt:
+        if self.stop.is_set():
+            return EndedAttempt(task, None)
+        tasks = [again(task)]
+        ((task, times),) = pool.run(lambda: tasks.pop() if tasks else None)
+        if not isinstance(times, Lost):
+            return EndedAttempt(task, times)
+        append_exception(task.record, "The worker process died while it played this episode.")
+        return EndedAttempt(task, None)
 
 
 def _check_main_module() -> None:
@@ -62,16 +73,3 @@ def _check_main_module() -> None:
             f"Worker processes import the program's main module, and {path} is not a file: put the program into one, or"
             ' pass executor="async" or executor="inline".'
         )
-
-
-class _SharedFlag:
-    """A flag in shared memory. It has no lock, so a signal handler may set it at any time."""
-
-    def __init__(self) -> None:
-        self._flag = multiprocessing.get_context("spawn").RawValue("b", 0)
-
-    def set(self) -> None:
-        self._flag.value = 1
-
-    def is_set(self) -> bool:
-        return bool(self._flag.value)

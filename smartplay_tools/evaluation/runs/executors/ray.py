@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import tempfile
-import threading
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
@@ -27,6 +26,7 @@ from smartplay_tools.evaluation.processes import POLL_SECONDS
 from smartplay_tools.evaluation.runs.attempt import StoppedError, Task, Times, play_attempt
 from smartplay_tools.evaluation.runs.executors import Again, EndedAttempt, Executor, Take
 from smartplay_tools.evaluation.runs.limits import Caps, RunLimits, SharedLimits
+from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.records.record import has_result
 from smartplay_tools.transcript.file import append_exception
 
@@ -49,8 +49,8 @@ class _RayAttempt:
 class RayExecutor(Executor):
     """Plays `workers` episodes at a time, each on a processor of the cluster."""
 
-    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float]) -> None:
-        super().__init__(workers, caps, spent)
+    def __init__(self, workers: int, caps: Caps, spent: tuple[int, float], stop: StopFlag) -> None:
+        super().__init__(workers, caps, spent, stop)
         self._own = not ray.is_initialized()
         if self._own:
             _connect(workers)
@@ -223,7 +223,7 @@ def _play(
         if earlier is not None and previous is not None:
             earlier.write_bytes(previous)
         elsewhere = dataclasses.replace(task, record=record, previous=earlier)
-        times = play_attempt(elsewhere, limits, threading.Event(), on_record=send)
+        times = play_attempt(elsewhere, limits, StopFlag(), on_record=send)
         send()
         return times
 
