@@ -68,13 +68,13 @@ class Report:
     _usage: Json = field(default_factory=dict)
     _has_begun: bool = False
 
-    def empty(self, model: Any) -> Json:
+    def empty(self, model: Any, stop: str) -> Json:
         """Return the whole answer of a request after whose compaction nothing was asked."""
         if self.form == "responses":
             answer = RESPONSES.write({"role": "assistant", "content": ""}, str(model), Usage())
             return self.whole({**answer, "output": [], "usage": None})
         answer = MESSAGES_FORMAT.write({"role": "assistant", "content": ""}, Usage(), {"model": model})
-        return self.whole({**answer, "content": [], "stop_reason": "compaction"})
+        return self.whole({**answer, "content": [], "stop_reason": stop})
 
     def compacted_response(self, words: Sequence[Json]) -> Json:
         """Return the answer of `/responses/compact`: the words of users, and the item."""

@@ -11,6 +11,7 @@ and what we chose.
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import math
 import uuid
@@ -35,19 +36,22 @@ from smartplay_tools.players.wire import RequestError
 from smartplay_tools.types.arguments import object_in
 
 FIELD = "context_management"
-EDITS_BETA, THRESHOLD_BETA = "context-management-2025-06-27", "compact-2026-01-12"
+EDITS_BETA, THRESHOLD_BETA, DEMAND_BETA = "context-management-2025-06-27", "compact-2026-01-12", "compact-2026-09-04"
 
 MARK = "smartplay-tools:"
-"""How the content of our items begins."""
+"""How the content of our items, and the signature of our blocks, begins."""
 
 LONGEST = 4_096
 """The most tokens of a summary in Responses, where a request may have no cap."""
 
+LONGEST_INSTRUCTIONS = 16_384
+"""Characters of the instructions of `compaction`, as its definition says."""
+
 NOT_ASKED = ("stream", "stream_options", "background", "stop_sequences", "output_format", FIELD, "compaction")
 """Fields of a request that a question for a summary does not have."""
 
-Kind = Literal["threshold", "pause", "trigger", "compact"]
-"""Above a threshold, without or with a pause; or at once, by an item of Responses, or by its path."""
+Kind = Literal["threshold", "pause", "summarize", "trigger", "compact"]
+"""Above a threshold, without or with a pause; or at once, by Messages, by an item of Responses, or by its path."""
 
 
 class _Summary(dict[str, Any]):
@@ -77,8 +81,7 @@ def is_managed(body: Json, surface: Surface) -> bool:
     """Whether a request asks for a compaction, or holds what one has left."""
     messages = surface.conversation(body) or []
     has_trigger = bool(messages) and _type(messages[-1]) == "compaction_trigger"
-    is_on_demand = surface.form == "anthropic" and body.get("compaction") is not None
-    return body.get(FIELD) is not None or is_on_demand or has_trigger or any(_compactions(messages))
+    return body.get(FIELD) is not None or has_trigger or any(_compactions(messages))
 
 
 async def managed(body: Json, surface: Surface, betas: str, manager: ContextManager, ask: Ask) -> Managed:
@@ -90,17 +93,11 @@ async def managed(body: Json, surface: Surface, betas: str, manager: ContextMana
 
     def read() -> tuple[Json, list[Json] | None, Wish | None]:
         given, edits = opened(body, surface, betas), None
-        if surface.form == "responses":
-            wish, rest = _asked_of_responses(given, surface)
-        else:
+        if surface.form == "anthropic" and surface.conversation(given) is not None:
             given, edits = _cleared(given, surface, betas, manager)
-            wish, rest = _asked_of_messages(given, surface, betas)
-        if wish is None or any(_compactions(surface.conversation(given) or ())):
-            return given, edits, None
+        rest, wish = wish_of(given, surface, betas)
         return rest, edits, wish
 
-    if surface.form == "chat" or surface.conversation(body) is None:
-        return Managed(body)
     asked, edits, wish = await asyncio.to_thread(read)
     done = None if wish is None else await compacted(wish, asked, manager, ask)
     if done is not None and done.report is not None:
@@ -172,13 +169,15 @@ class Wish:
             content = json.dumps({"kept": self.kept(body), "summary": summary}, ensure_ascii=False)
             own = {"id": f"cmp_{uuid.uuid4().hex}", "type": "compaction", "encrypted_content": MARK + content}
             return None if summary is None else own
-        return {"type": "compaction", "content": summary}  # null without a summary
+        if self.kind == "summarize":
+            return None if summary is None else {**_block(summary), "signature": _signature(summary)}
+        return _block(summary)  # without a summary its content is null
 
 
 def opened(body: Json, surface: Surface, betas: str) -> Json:
     """Return a request with the newest compaction that can be read here as words, without what stood before it."""
     messages = surface.conversation(body)
-    if messages is None:
+    if messages is None or surface.form == "chat":
         return body
     made = _opened_items(messages) if surface.form == "responses" else _opened_blocks(messages, _names(betas))
     return body if made is messages else {**body, surface.messages: made}
@@ -199,13 +198,21 @@ def _opened_items(items: list[Any]) -> list[Any]:
 
 
 def _opened_blocks(messages: list[Any], betas: Sequence[str]) -> list[Any]:
-    ours = [each for each in _compactions(messages) if each[2].get("content") is None or _is_read(each[2])]
+    found = [*_compactions(messages)]
+    ours = [(at, index, block) for at, index, block in found if block.get("content") is None or _is_read(block)]
     if not ours:
         return messages
     first = ours[0]
-    if THRESHOLD_BETA not in betas:
+    if DEMAND_BETA not in betas and (THRESHOLD_BETA not in betas or any(each[2].get("signature") for each in ours)):
         raise refused(f"messages.{first[0]}.content.{first[1]}: Input tag 'compaction' is not expected here.")
     full = [each for each in ours if each[2].get("content") is not None]
+    if any(block.get("signature") for _, _, block in full):
+        if len([each for each in found if each[2].get("content") is not None]) > 1:
+            raise refused("Send only the newest `compaction` block.", code="compaction_block_ambiguous")
+        if full[0][:2] != (0, 0):
+            raise refused("The `compaction` block has to come first.", code="compaction_block_misplaced")
+        if full[0][2]["signature"] != _signature(full[0][2]["content"]):
+            raise refused("`content` differs from what was signed.", code="compaction_content_mismatch")
     at, index, newest = full[-1] if full else (0, -1, {})
     made: list[Any] = [{"role": "user", "content": SUMMARY + newest["content"]}] if full else []
     for number in range(at, len(messages)):
@@ -215,6 +222,20 @@ def _opened_blocks(messages: list[Any], betas: Sequence[str]) -> list[Any]:
             message = message if left == blocks else {**message, "content": left} if left else None
         made += [] if message is None else [message]
     return made
+
+
+def wish_of(body: Json, surface: Surface, betas: str) -> tuple[Json, Wish | None]:
+    """Return a request without the compaction that it asks for, and this; what a provider would refuse raises."""
+    messages = surface.conversation(body)
+    if messages is None or surface.form == "chat":
+        return body, None
+    if surface.form == "responses":
+        asked, rest = _asked_of_responses(body, surface)
+    else:
+        asked, rest = _asked_of_messages(body, surface, betas)
+    if asked is None or any(_compactions(messages)):
+        return body, None
+    return rest, asked
 
 
 def _asked_of_responses(body: Json, surface: Surface) -> tuple[Wish | None, Json]:
@@ -245,7 +266,9 @@ def _asked_of_responses(body: Json, surface: Surface) -> tuple[Wish | None, Json
 
 
 def _asked_of_messages(body: Json, surface: Surface, betas: str) -> tuple[Wish | None, Json]:
-    rest = {name: value for name, value in body.items() if name != FIELD}
+    rest = {name: value for name, value in body.items() if name not in (FIELD, "compaction")}
+    if body.get("compaction") is not None:
+        return Wish(surface, _on_demand(body, surface, _names(betas)), "summarize"), rest
     edits = [edit for edit in (body.get(FIELD) or {}).get("edits") or () if edit.get("type") == Compact.name]
     if not edits:
         return None, body
@@ -265,6 +288,39 @@ def _asked_of_messages(body: Json, surface: Surface, betas: str) -> tuple[Wish |
         return Wish(surface, Compact(**options), "pause" if pauses else "threshold"), rest
     except InvalidArgumentError as error:
         raise refused(f"{FIELD}.edits.0: {error}") from None
+
+
+def _on_demand(body: Json, surface: Surface, betas: Sequence[str]) -> Compact:
+    """The rule of a request that asks for a summary now."""
+    wanted = body["compaction"]
+    if DEMAND_BETA not in betas:
+        raise refused(f"compaction: requires anthropic-beta: {DEMAND_BETA}.")
+    if not isinstance(wanted, Mapping) or wanted.get("type") != "summarize":
+        raise refused("compaction: Input should be an object of the type 'summarize'.")
+    if unknown := set(wanted) - {"type", "instructions"}:
+        raise refused(f"compaction.{sorted(unknown)[0]}: Extra inputs are not permitted.")
+    instructions, config, choice = wanted.get("instructions"), body.get("output_config"), body.get("tool_choice")
+    if instructions is not None and not isinstance(instructions, str):
+        raise refused("compaction.instructions: Input should be a valid string.")
+    if len(instructions or "") > LONGEST_INSTRUCTIONS:
+        raise refused(f"compaction.instructions: at most {LONGEST_INSTRUCTIONS} characters.")
+    others = {
+        FIELD: body.get(FIELD),
+        "stop_sequences": body.get("stop_sequences"),
+        "output_config.format": isinstance(config, Mapping) and config.get("format"),
+        "output_format": body.get("output_format"),
+        "tool_choice": isinstance(choice, Mapping) and choice.get("type") in ("any", "tool"),
+    }
+    for name, value in others.items():
+        if value:
+            raise refused(f"{name}: cannot be combined with `compaction`.")
+    messages = [each for each in surface.conversation(body) or () if isinstance(each, Mapping)]
+    if not any(each.get("content") for each in messages if each.get("role") in ("user", "assistant")):
+        raise refused("`messages` holds nothing to summarize.", code="compaction_nothing_to_summarize")
+    last = messages[-1]
+    if last.get("role") == "assistant" and any(_type(each) == "tool_use" for each in _parts(last)):
+        raise refused("Send the results of the last tool calls first.", code="compaction_incomplete_turn")
+    return Compact(1, instructions if instructions and instructions.strip() else None)
 
 
 async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -> Managed | None:
@@ -301,13 +357,17 @@ async def compacted(wish: Wish, body: Json, manager: ContextManager, ask: Ask) -
     summary, stop = read_summary(surface.form, answer)
     if summary is not None and not wish.is_now and cap is not None and await asyncio.to_thread(size, summary) > cap:
         summary = None
-    if summary is None and wish.is_now:
+    if summary is None and wish.kind in ("trigger", "compact"):
         raise RequestError(500, f"The model gave no summary; its answer ended with {stop!r}.", code="no_summary")
-    is_alone = wish.kind != "threshold"
-    report = Report(surface.form, None, wish.shown(body, summary), answer.get("usage"), is_alone=is_alone)
+    ends = None
+    if wish.is_now:
+        ends = "compaction" if summary is not None else stop or "end_turn"
+    elif wish.kind == "pause":
+        ends = "compaction"
+    report = Report(surface.form, None, wish.shown(body, summary), answer.get("usage"), is_alone=ends is not None)
     if wish.kind == "compact":
         return Managed(body, report, report.compacted_response([item for item in kept if item["role"] == "user"]))
-    whole = report.empty(body.get("model")) if is_alone else None
+    whole = None if ends is None else report.empty(body.get("model"), ends)
     return Managed(body if summary is None else {**body, field: standing(summary)}, report, whole)
 
 
@@ -335,13 +395,22 @@ def _compactions(messages: Sequence[Any]) -> Iterator[tuple[int, int, Mapping[st
 
 
 def _is_read(block: Mapping[str, Any]) -> bool:
-    """Whether a block has all that it says in words; one that is sealed is a provider's."""
-    return isinstance(block.get("content"), str) and not (block.get("signature") or block.get("encrypted_content"))
+    """Whether a block has all it says in words, or was signed here; other signatures are a provider's."""
+    seals = [str(block[name]) for name in ("signature", "encrypted_content") if block.get(name)]
+    return isinstance(block.get("content"), str) and all(seal.startswith(MARK) for seal in seals)
 
 
 def _is_failed(block: Any) -> bool:
     """Whether a block is the null one of a compaction that failed, which stands for nothing."""
     return _type(block) == "compaction" and block.get("content") is None
+
+
+def _block(summary: str | None) -> Json:
+    return {"type": "compaction", "content": summary}
+
+
+def _signature(summary: str) -> str:
+    return MARK + hashlib.sha256(summary.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _type(part: Any) -> str:

@@ -12,6 +12,7 @@ import anthropic
 import httpx2
 import openai
 import pytest
+from anthropic import types
 from smartplay_gateway import ContextEndpoint, LocalEndpoint
 
 import smartplay_tools as sp
@@ -160,6 +161,46 @@ class TestMessages:
         compact(endpoint, [*uses(4), {"role": "assistant", "content": answer.to_dict()["content"]}], trigger=9_999)
         assert "compaction" not in json.dumps(upstream.body["messages"])
 
+    @pytest.mark.parametrize("stream", [False, True])
+    def test_on_demand_the_block_is_signed_and_alone(self, endpoint: ContextEndpoint, upstream: Upstream, stream: bool):
+        script(upstream, SUMMARISED)
+        create = messages_client(endpoint).beta.messages.create
+        given: Any = {"model": "m", "max_tokens": 90, "betas": [DEMAND], "compaction": {"type": "summarize"}}
+        answer: Any = create(**given, messages=uses(2), stream=stream)
+        if stream:
+            got = [*answer]
+            assert [each.type for each in got] == [
+                "message_start",
+                "content_block_start",
+                "content_block_stop",
+                "message_delta",
+                "message_stop",
+            ]
+            assert got[3].delta.stop_reason == "compaction"
+            block = got[1].content_block.to_dict()
+        else:
+            assert (answer.stop_reason, answer.usage.input_tokens) == ("compaction", 0)
+            assert [each.type for each in answer.usage.iterations] == ["compaction"]
+            (block,) = answer.to_dict()["content"]
+        assert block["content"] == "Page 3 is next."
+
+        def go_on(blocks: Any, betas: Any = (DEMAND,), before: Any = ()) -> None:
+            messages: Any = [*before, {"role": "assistant", "content": blocks}, {"role": "user", "content": "Go on."}]
+            script(upstream, MESSAGE)
+            messages_client(endpoint).beta.messages.create(model="m", max_tokens=9, betas=[*betas], messages=messages)
+
+        go_on([block])
+        standing = {"role": "user", "content": f"{SUMMARY}Page 3 is next."}
+        assert upstream.body["messages"] == [standing, {"role": "user", "content": "Go on."}]
+        for wrong, error in (
+            ({"before": uses(1)}, types.CompactionBlockMisplacedError),
+            ({"blocks": [block, block]}, types.CompactionBlockAmbiguousError),
+            ({"blocks": [{**block, "content": "Other."}]}, types.CompactionContentMismatchError),
+            ({"betas": [THRESHOLD]}, anthropic.BadRequestError),
+        ):
+            with pytest.raises(error):
+                go_on(**{"blocks": [block], **wrong})
+
     def test_a_count_reads_what_is_sent_back(self, endpoint: ContextEndpoint, upstream: Upstream):
         block = {"type": "compaction", "content": "Page 3 is next."}
         new = {"role": "user", "content": "Go on."}
@@ -170,6 +211,23 @@ class TestMessages:
         assert httpx2.post(address, json=body).status_code == 400
 
     @pytest.mark.parametrize(
+        ("summary", "stop"),
+        [
+            ({**SUMMARISED, "stop_reason": "max_tokens"}, "max_tokens"),
+            ({**SUMMARISED, "content": []}, "end_turn"),
+        ],
+    )
+    def test_on_demand_a_missing_summary_is_an_answer_without_content(
+        self, endpoint: ContextEndpoint, upstream: Upstream, summary: Any, stop: str
+    ):
+        script(upstream, summary)
+        answer = messages_client(endpoint).beta.messages.create(
+            model="m", max_tokens=9, betas=[DEMAND], messages=uses(2), compaction={"type": "summarize"}
+        )
+        assert (answer.content, answer.stop_reason) == ([], stop)
+        assert answer.usage.iterations[0].input_tokens == 700
+
+    @pytest.mark.parametrize(
         ("more", "words"),
         [
             ({"betas": []}, "requires anthropic-beta: compact-2026-01-12"),
@@ -178,6 +236,10 @@ class TestMessages:
             ({"edit": {"keep": 3}}, "edits.0.keep: Extra inputs are not permitted"),
             ({"edit": {"pause_after_compaction": 3}}, "should be a valid boolean"),
             ({"edit": {"instructions": 3}}, "are a text"),
+            ({"compaction": {"type": "summarize"}, "betas": [DEMAND]}, "cannot be combined"),
+            ({"compaction": {"type": "summarize"}}, "requires anthropic-beta: compact-2026-09-04"),
+            ({"compaction": {"type": "all"}, "betas": [DEMAND]}, "of the type 'summarize'"),
+            ({"compaction": {"type": "summarize", "keep": 3}, "betas": [DEMAND]}, "compaction.keep: Extra inputs"),
         ],
     )
     def test_what_the_provider_refuses_is_its_own_error(
@@ -188,11 +250,23 @@ class TestMessages:
         assert caught.value.body["error"]["type"] == "invalid_request_error"
         assert not upstream.requests
 
-    def test_a_compaction_on_demand_is_the_provider_s(self, endpoint: ContextEndpoint, upstream: Upstream):
-        asked: Any = {"compaction": {"type": "summarize"}, "betas": [DEMAND]}
-        messages_client(endpoint).beta.messages.create(model="m", max_tokens=9, messages=uses(2), **asked)
-        assert upstream.body["compaction"] == {"type": "summarize"}
-        assert upstream.body["messages"] == uses(2)
+    @pytest.mark.parametrize(
+        ("messages", "more", "error"),
+        [
+            (uses(2)[:-1], {}, types.CompactionIncompleteTurnError),
+            ([{"role": "user", "content": ""}], {}, types.CompactionNothingToSummarizeError),
+            (uses(1), {"stop_sequences": ["x"]}, anthropic.BadRequestError),
+            (uses(1), {"tool_choice": {"type": "any"}}, anthropic.BadRequestError),
+        ],
+    )
+    def test_what_cannot_be_summarised_on_demand(
+        self, endpoint: ContextEndpoint, upstream: Upstream, messages: Any, more: Any, error: type[Exception]
+    ):
+        with pytest.raises(error):
+            messages_client(endpoint).beta.messages.create(
+                model="m", max_tokens=9, betas=[DEMAND], messages=messages, compaction={"type": "summarize"}, **more
+            )
+        assert not upstream.requests
 
     def test_a_provider_s_own_block_is_left_to_the_provider(self, endpoint: ContextEndpoint, upstream: Upstream):
         block = {"type": "compaction", "content": "Short.", "signature": "EuYB"}

@@ -168,13 +168,16 @@ def _ours(call_id: str) -> str:
 
 
 def block_events(index: int, block: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the events of a block; a compaction comes in one piece."""
+    """Yield the events of a block. A compaction comes in one piece; one that is signed begins with it."""
     field, kind, name = DELTAS[block["type"]]
     whole: Any = block[field]
-    is_whole = kind == "compaction_delta"
-    begun = {**block, field: None if is_whole else type(whole)()}
+    if kind == "compaction_delta":
+        begun, pieces = (block, []) if "signature" in block else ({**block, field: None}, [whole])
+    else:
+        begun = {**block, field: type(whole)()}
+        pieces = [*halves(whole if isinstance(whole, str) else json.dumps(whole))]
     yield _event("content_block_start", index=index, content_block=begun)
-    for piece in [whole] if is_whole else halves(whole if isinstance(whole, str) else json.dumps(whole)):
+    for piece in pieces:
         yield _event("content_block_delta", index=index, delta={"type": kind, name: piece})
     yield _event("content_block_stop", index=index)
 
