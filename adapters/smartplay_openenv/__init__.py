@@ -12,9 +12,10 @@ from smartplay_tools.errors import extra_named
 with extra_named("smartplay_openenv", "openenv"):
     import openenv as _openenv  # noqa: F401
 
-from smartplay_openenv.environment import ResetObservation, SmartPlayEnvironment, SmartPlayState, new_app
+from smartplay_openenv.environment import SPLITS, ResetObservation, SmartPlayEnvironment, SmartPlayState, new_app
 
 __all__ = [
+    "SPLITS",
     "ResetObservation",
     "SmartPlayEnvironment",
     "SmartPlayState",

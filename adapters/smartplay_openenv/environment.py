@@ -1,4 +1,4 @@
-"""SmartPlayEnvironment: an episode behind OpenEnv's server.
+"""SmartPlayEnvironment: an episode behind OpenEnv's server, and its tasks, which are seeds.
 
 The host manages the context, so `observe` shows the history. The reward of a step is what it adds to the episode's
 reward, so that the rewards of an episode sum up to it.
@@ -6,9 +6,10 @@ reward, so that the rewards of an episode sum up to it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 from fastapi import FastAPI
@@ -26,13 +27,29 @@ from openenv.core.env_server.mcp_types import (
 from openenv.core.env_server.types import EnvironmentMetadata, Observation, State
 
 from smartplay_tools import Budget, Episode, InvalidArgumentError
+from smartplay_tools.games import get_spec
 from smartplay_tools.games.seeds import trial_seed
 from smartplay_tools.training import EpisodeFactory, RewardName
 from smartplay_tools.types.messages import text_of
 from smartplay_tools.web import Bounded
 
-RUN_SEED = 1
-"""Resets without a seed play the worlds of `smartplay-tools eval --seed 1`, one after another."""
+
+class Split(NamedTuple):
+    """Tasks whose seeds are those of `smartplay-tools eval --seed RUN_SEED`: task i is trial i.
+
+    A game that has splits, as MESSENGER, plays the one of the same name: another seed of its test split
+    would have the same names in the same roles.
+    """
+
+    run_seed: int
+    tasks: int
+
+
+SPLITS: Mapping[str, Split] = {"train": Split(run_seed=1, tasks=1_000_000), "test": Split(run_seed=0, tasks=100)}
+"""The splits by name. The test tasks are the worlds that an evaluation plays by default."""
+
+PREVIEW = 100
+"""The most tasks of a split that are listed; each has its number."""
 
 
 class SmartPlayState(State):
@@ -59,7 +76,7 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         budget: what an episode may spend; here `history`, `result_tokens` and `tool_calls` are enforced.
         reward: "normalized", 1 is the human's score; "score"; or "return", the sum of the game's rewards.
         records: a folder for the record of every episode, under its seed and episode id.
-        options: `Episode`'s other arguments.
+        options: `Episode`'s other arguments. A `split` of the game's own that is given here is the one of all tasks.
     """
 
     SUPPORTS_CONCURRENT_SESSIONS = True
@@ -74,7 +91,8 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
         **options: Any,
     ) -> None:
         super().__init__()
-        self._factory = EpisodeFactory(game, budget=budget, reward=reward, records=records, context="host", **options)
+        new = partial(EpisodeFactory, game, budget=budget, reward=reward, records=records, context="host")
+        self._factory = new(**options)
         with self._factory.sample() as sample:
             sample.refuse_pictures("OpenEnv")
         self._game = self._factory.game
@@ -82,23 +100,33 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
             Tool(name=tool.name, description=tool.description, input_schema=dict(tool.parameters))
             for tool in self._factory.tools
         ]
+        has_splits = "split" in get_spec(game).load().options and "split" not in options
+        self._of_split = {name: new(split=name, **options) if has_splits else self._factory for name in SPLITS}
         self.episode: Episode | None = None
         """The episode of the latest reset."""
         self._episode_id: str | None = None
         self._rewarded = 0.0
-        self._trial = 0
-        """How many resets had no seed."""
 
-    def reset(self, seed: int | None = None, episode_id: str | None = None, **options: Any) -> Observation:
-        """Begin an episode of a seed; without one, of the next world (see `RUN_SEED`)."""
+    def reset(
+        self,
+        seed: int | None = None,
+        episode_id: str | None = None,
+        split: str | None = None,
+        index: int | None = None,
+        **options: Any,
+    ) -> Observation:
+        """Begin an episode: of a seed, or of a task of a split. Without either, it is task 0 of "train"."""
         if options:
-            raise InvalidArgumentError(f"reset takes seed and episode_id, and not {', '.join(sorted(options))}.")
+            raise InvalidArgumentError(f"reset takes seed, or split and index, and not {', '.join(sorted(options))}.")
+        factory = self._factory
         if seed is None:
-            seed = trial_seed(RUN_SEED, self._game, self._trial)
-            self._trial += 1
+            split = split or "train"
+            seed, factory = self.get_task(split, index or 0)["seed"], self._of_split[split]
+        elif split is not None or index is not None:
+            raise InvalidArgumentError("reset takes seed, or split and index, and not both.")
         self.close()
         self._episode_id, self._rewarded = episode_id or str(uuid4()), 0.0
-        self.episode = self._factory.episode(seed, self._episode_id)
+        self.episode = factory.episode(seed, self._episode_id)
         return ResetObservation(text="\n\n".join(text_of(message) for message in self.episode.head))
 
     def step(self, action: Any, timeout_s: float | None = None, **options: Any) -> Observation:
@@ -143,6 +171,33 @@ class SmartPlayEnvironment(Environment[Any, Observation, SmartPlayState]):
             documentation_url="https://arxiv.org/abs/2310.01557",
         )
 
+    def list_splits(self) -> list[str]:
+        """Return the names of the splits."""
+        return list(SPLITS)
+
+    def num_tasks(self, split: str) -> int:
+        """Return the number of a split's tasks."""
+        return _split(split).tasks
+
+    def get_task(self, split: str, index: int) -> dict[str, Any]:
+        """Return a task: its id, index and seed. An index that is out of range is an `IndexError`, as OpenEnv asks."""
+        chosen = _split(split)
+        if not 0 <= index < chosen.tasks:
+            raise IndexError(f"{split} has the tasks 0 to {chosen.tasks - 1}, not {index}.")
+        return {
+            "id": f"{self._game}-{split}-{index}",
+            "index": index,
+            "seed": trial_seed(chosen.run_seed, self._game, index),
+        }
+
+    def get_task_range(self, split: str, start: int | None = None, stop: int | None = None) -> list[dict[str, Any]]:
+        """Return the tasks of a slice."""
+        return [self.get_task(split, index) for index in range(*slice(start, stop).indices(_split(split).tasks))]
+
+    def list_tasks(self, split: str) -> list[dict[str, Any]]:
+        """Return a preview of a split's tasks: its first 100."""
+        return self.get_task_range(split, 0, PREVIEW)
+
     def close(self) -> None:
         """End the episode, if the game has not ended it."""
         if self.episode is not None:
@@ -172,3 +227,9 @@ def new_app(game: str, *, sessions: int = 64, **options: Any) -> FastAPI:
     )
     app.add_middleware(Bounded)
     return app
+
+
+def _split(name: str) -> Split:
+    if name not in SPLITS:
+        raise InvalidArgumentError(f"The splits are {', '.join(SPLITS)}, and not {name!r}.")
+    return SPLITS[name]

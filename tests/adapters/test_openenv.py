@@ -17,7 +17,7 @@ import httpx
 from openenv.core.env_server.mcp_types import CallToolAction
 from openenv.core.mcp_client import MCPToolClient
 from openenv.validation.parsers.openenv_yaml import OpenEnvYamlParser
-from smartplay_openenv import SmartPlayEnvironment, new_app
+from smartplay_openenv import SPLITS, SmartPlayEnvironment, new_app
 
 import smartplay_tools as sp
 from smartplay_tools.games import get_spec
@@ -102,11 +102,40 @@ def test_the_state_is_for_the_trainer():
     assert (state.episode_id, state.seed, state.score, state.end_reason) == ("a", 7, 1, None)
 
 
-def test_a_reset_without_a_seed_plays_the_next_world_of_a_run():
+def test_tasks_are_seeds_and_those_of_an_evaluation_are_the_test(url):
+    assert [split["name"] for split in httpx.get(f"{url}/smartplay/splits", trust_env=False, verify=False).json()] == [
+        *SPLITS
+    ]
     environment = SmartPlayEnvironment(GAME)
-    for trial in range(2):
-        environment.reset()
-        assert environment.state.seed == trial_seed(1, GAME, trial)
+    environment.reset(split="test", index=3)
+    assert environment.state.seed == trial_seed(0, GAME, 3) == environment.get_task("test", 3)["seed"]
+    assert len(environment.list_tasks("train")) == 100 < environment.num_tasks("train")
+    with pytest.raises(IndexError, match="0 to 99"):
+        environment.get_task("test", 100)
+    with pytest.raises(sp.InvalidArgumentError, match="train, test"):
+        environment.reset(split="dev")
+
+
+def test_the_train_split_has_the_games_own():
+    """Another seed of MESSENGER's test split has the same names in the same roles."""
+    environment = SmartPlayEnvironment("MessengerL1-v0")
+    for split in SPLITS:
+        environment.reset(split=split, index=0)
+        assert environment.episode.config.options.get("split", "test") == split
+    environment.reset()
+    assert environment.episode.config.options == {"split": "train"}
+    chosen = SmartPlayEnvironment("MessengerL1-v0", split="val")
+    chosen.reset(split="train")
+    assert chosen.episode.config.options == {"split": "val"}
+
+
+@pytest.mark.parametrize("game", list(sp.GAMES))
+def test_no_world_is_in_two_splits(game):
+    starts = {name: trial_seed(split.run_seed, game, 0) for name, split in SPLITS.items()}
+    worlds = [range(start, start + SPLITS[name].tasks) for name, start in starts.items()]
+    assert all(world.stop <= 2**31 for world in worlds)
+    first, second = sorted(worlds, key=lambda world: world.start)
+    assert first.stop <= second.start
 
 
 def test_half_a_character_in_an_action_is_answered(url):
@@ -163,4 +192,6 @@ def test_the_folder_for_the_hub_is_valid_and_serves(monkeypatch):
 
 def test_the_hubs_package_declares_what_the_environment_has():
     declared = OpenEnvYamlParser().parse(HUB).capabilities
+    assert declared.task_api
     assert declared.declared_tools == list(TOOL_NAMES)
+    assert declared.declared_task_count == {split: chosen.tasks for split, chosen in SPLITS.items()}
