@@ -4,13 +4,14 @@
     agent = Agent("reader", model=ContextManagerModel(model, manager), tools=tools)
 
 `ContextManagerModel` takes the model's place, where tools of MCP servers, handoffs and the output schema are in view
-and count. What it sends is not stored: sessions and results have every item.
+and count. What it sends is not stored: sessions and results have every item. `window_filter` is the same as a filter of
+the model's input, which sees none of these and is told the tools.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +19,7 @@ from smartplay_tools.errors import extra_named
 
 with extra_named("smartplay_openai.fitting", "agents"):
     from agents import FunctionTool, Model, ModelResponse, MultiProvider, Tool
+    from agents.run import CallModelData, ModelInputData
     from openai.types.responses import ResponseCompletedEvent
 
 from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, ToolSpec
@@ -90,7 +92,26 @@ class ContextManagerModel(Model):
             self.manager.reported(prompt, tokens, managed=managed)
 
 
-def offered(tools: Sequence[Tool], handoffs: Sequence[Any]) -> list[Any]:
+def window_filter(
+    manager: ContextManager, *, tools: Sequence[Tool] = (), output_schema: Any = None
+) -> Callable[[CallModelData[Any]], Awaitable[ModelInputData]]:
+    """Return a filter for `RunConfig.call_model_input_filter`, which is told the tools and the schema that count."""
+
+    async def fitted(data: CallModelData[Any]) -> ModelInputData:
+        given = data.model_data
+        prompt = await manager.afit(
+            given.input,
+            tools=offered(tools),
+            system=given.instructions,
+            output_schema=output_schema,
+            form="responses",
+        )
+        return ModelInputData(prompt.messages, given.instructions)
+
+    return fitted
+
+
+def offered(tools: Sequence[Tool], handoffs: Sequence[Any] = ()) -> list[Any]:
     """Return tools and handoffs as they are counted: a tool that a provider runs is named by its type."""
     specs: list[Any] = [
         ToolSpec(tool.name, tool.description, tool.params_json_schema)

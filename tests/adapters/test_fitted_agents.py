@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from agents import (
     Agent,
+    RunConfig,
     Runner,
     SQLiteSession,
     WebSearchTool,
@@ -17,7 +18,7 @@ from agents import (
 )
 from agents.testing import ScriptedModel, assistant_message, function_call
 from pydantic import BaseModel
-from smartplay_openai.fitting import ContextManagerModel
+from smartplay_openai.fitting import ContextManagerModel, window_filter
 
 import smartplay_tools as sp
 from tests.adapters.book import CAP, PAGES, SYSTEM, TASK, pages_of
@@ -90,6 +91,16 @@ async def test_a_session_keeps_everything():
     results = [item for item in await session.get_items() if item.get("type") == "function_call_output"]
     assert len(results) == PAGES + 2 * (PAGES // 7)
     assert not any("tokens cut]" in str(item["output"]) for item in results)
+
+
+async def test_the_filter_does_the_same_where_it_is_told_the_tools():
+    model, manager = Reader(), sp.ContextManager(CAP)
+    agent = Agent("reader", instructions=SYSTEM, model=model, tools=[read])
+    config = RunConfig(call_model_input_filter=window_filter(manager, tools=[read]))
+    await Runner.run(agent, TASK, max_turns=200, run_config=config)
+    wrapped = Reader()
+    await run(wrapped, sp.ContextManager(CAP))
+    assert wrapped.sent == model.sent
 
 
 async def test_handoffs_and_the_output_schema_count():
