@@ -553,6 +553,19 @@ def test_an_option_of_the_player_names_the_other_player_of_a_run(tmp_path):
         sp.evaluate([RPS], ["random"], out=tmp_path / "2", **{**given, "player_options": {"compactor_player": 3}})
 
 
+def test_a_cap_on_cost_holds_at_the_price_of_the_player_that_is_asked(tmp_path):
+    budget = sp.Budget(history=None, strategy=named(summing), tool_calls=40, reply_tokens=50)
+    options, prices = {"compactor_player": {"name": "rule-notes", "words": True}}, {"random": Price.per_million(1, 1)}
+    prices["rule-notes"] = Price.per_million(1000, 1000)
+    given: Any = {"trials": 1, "budgets": [budget], "player_options": options, "executor": "inline", "prices": prices}
+    free = sp.evaluate([RPS], ["random"], out=tmp_path / "free", **given)
+    cost = Record.read(free.transcript(free.rows[0]["key"]), prices).totals.cost
+    capped = sp.evaluate([RPS], ["random"], out=tmp_path / "capped", run_cost=0.7 * cost, **given)
+    assert capped.status.paused == 1
+    [attempt] = capped.folder.attempts()
+    assert 0.2 * cost < Record.read(attempt, prices).totals.cost <= 0.7 * cost
+
+
 def test_a_question_that_fails_is_billed_at_the_price_of_the_player_that_was_asked():
     """Its provider may have charged for it, and a call may be under way when the process dies."""
     options = {"compactor_player": "rule-notes"}

@@ -64,6 +64,8 @@ class Task:
     previous: Path | None = None
     """The record of an earlier attempt, from which the episode is continued if possible."""
     price: Price | None = None
+    question_price: Price | None = None
+    """The price of the player that answers a compactor's questions."""
     carried: Carried | None = None
     """What the episode takes over from the trial before it in its chain."""
     game_file: Path | None = None
@@ -229,15 +231,16 @@ class _Attempt:
     def watch(self, conversation: BaseConversation, stack: ExitStack | AsyncExitStack) -> dict[str, Any]:
         """Return the callbacks for `play`; the episode is closed with the stack."""
         episode = self.episode = stack.enter_context(conversation.episode)
-        price = self.task.price
-        account = None if self.limits is None else stack.enter_context(Account(self.limits, episode, price))
+        prices = self.task.price, self.task.question_price
+        account = None if self.limits is None else stack.enter_context(Account(self.limits, episode, *prices))
 
         def before_a_call(conversation: BaseConversation, prompt: Prompt) -> None:
             if self.stop.is_set():
                 raise StoppedError
             if account is not None:
                 assert conversation.view is not None
-                account.reserve(conversation.view.tokens, prompt.max_tokens or 0)
+                is_question = conversation.view.purpose == "compaction"
+                account.reserve(conversation.view.tokens, prompt.max_tokens or 0, is_question=is_question)
             if self.on_record is not None:
                 self.on_record()
 

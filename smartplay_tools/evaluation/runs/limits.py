@@ -90,14 +90,20 @@ class SharedLimits:
 class Account:
     """The reservations and use of one episode: `reserve` before a call, `settle` after it and at the end."""
 
-    def __init__(self, limits: RunLimits, episode: Episode, price: Price | None) -> None:
-        self._limits, self._episode, self._price = limits, episode, price
+    def __init__(
+        self, limits: RunLimits, episode: Episode, price: Price | None, question_price: Price | None = None
+    ) -> None:
+        """`price` is that of the player, `question_price` that of whom a compactor asks."""
+        self._limits, self._episode = limits, episode
+        self._price = self._own_price = price
+        self._question_price = question_price
         self._reserved: tuple[int, float] = (0, 0.0)
         self._settled = episode.stats.tokens
 
-    def reserve(self, prompt: int, longest: int) -> None:
+    def reserve(self, prompt: int, longest: int, *, is_question: bool = False) -> None:
         """Reserve the tokens of a prompt and of its longest reply, or pause the episode."""
         self.settle()  # the reply to a prompt for a summary ends no turn
+        self._price = self._question_price if is_question else self._own_price
         # If a provider has counted more tokens than we did, it is expected to do so in the next call, too.
         provider = self._settled.provider
         drift = 1.0 if provider is None else max(1.0, provider.prompt / max(1, self._settled.prompt))

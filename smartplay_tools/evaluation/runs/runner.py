@@ -21,7 +21,7 @@ from smartplay_tools.errors import EngineError, InvalidArgumentError, warned_if_
 from smartplay_tools.evaluation.run_folder.folder import Manifest, RunFolder
 from smartplay_tools.evaluation.run_folder.follower import RunSnapshot, Spending, run_snapshot
 from smartplay_tools.evaluation.runs.executors import EXECUTORS, default_workers
-from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, player_of
+from smartplay_tools.evaluation.runs.plan import Plan, make_cells, plan_episodes, plan_suite, priced_names
 from smartplay_tools.evaluation.runs.players import Players, read_players
 from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
@@ -240,7 +240,7 @@ def _manifest(folder: RunFolder, before: Manifest | None, plan: Plan, options: R
         run_file=None if before is None else before.run_file,
     )
     if options.run_cost is not None:
-        check_known({player_of(cell) for cell in plan.cells if is_model(player_of(cell))} - manifest.prices.keys())
+        check_known({name for name in priced_names(plan.cells) if is_model(name)} - manifest.prices.keys())
     return manifest
 
 

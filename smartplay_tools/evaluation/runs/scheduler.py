@@ -31,6 +31,7 @@ from smartplay_tools.evaluation.runs.run_options import RunOptions, RunProgress
 from smartplay_tools.evaluation.runs.run_progress import StopFlag
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
 from smartplay_tools.players.attempts import ModelCallError, ModelPromptError, ModelRefusedError
+from smartplay_tools.players.player_registry import second_name
 from smartplay_tools.providers.prices import check_known
 from smartplay_tools.records.damage import damage_named
 from smartplay_tools.records.record import Record
@@ -241,6 +242,7 @@ class Scheduler:
             record,
             previous,
             price=self._prices.get(player_of(cell)),
+            question_price=self._prices.get(second_name(cell.player_options) or player_of(cell)),
             carried=carried,
             game_file=game_file(cell),
             strategy_file=strategy_file(cell),
