@@ -11,10 +11,13 @@ from smartplay_tools.cli.show import print_json, print_table, table_console
 from smartplay_tools.evaluation.analysis.formats import ShownColumn, TextTable, figures_table
 from smartplay_tools.evaluation.runs.estimate import Estimate, Range, estimate
 from smartplay_tools.evaluation.runs.limits import Caps
-from smartplay_tools.evaluation.runs.plan import Plan, player_of, prices_in_tables
+from smartplay_tools.evaluation.runs.plan import Plan, cell_name, player_of, prices_in_tables
 from smartplay_tools.evaluation.runs.run_options import RunOptions
 from smartplay_tools.terminal import say
 from smartplay_tools.types.quantities import short
+
+CUT_SHARE = 0.05
+"""The share of cut tool results that is worth a warning."""
 
 
 def print_estimate(plan: Plan, options: RunOptions, *, reply_tokens: int | None, as_json: bool) -> None:
@@ -75,6 +78,12 @@ def _sentences(estimates: Sequence[Estimate], caps: Caps) -> list[str]:
     sentences += _against_cap("--run-tokens", caps.tokens, total.prompt_tokens + total.reply_tokens, _short)
     if total.cost is not None:
         sentences += _against_cap("--run-cost", caps.cost, total.cost, "${:,.2f}".format)
+    for each in estimates:
+        if each.cut_share > CUT_SHARE:
+            sentences.append(
+                f"{cell_name(each.cell)}: {each.cut_share:.0%} of the tool results are cut to fit; "
+                "raise --prompt-tokens."
+            )
     return sentences
 
 

@@ -83,7 +83,16 @@ def test_a_run_from_before_stalled_turns_says_how_to_go_on(tmp_path):
     assert len(evaluate(sp.Budget(stalled_turns=None)).rows) == 1
 
 
-def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_goes_on(tmp_path):
+def test_a_run_that_was_begun_by_a_run_file_says_where_its_text_is(tmp_path):
+    plan = {"out": tmp_path, "trials": 1, "executor": "inline"}
+    sp.evaluate([HANOI], ["rule"], **plan)
+    begun = RunFolder(tmp_path).manifest().model_copy(update={"run_file": "games = []"})
+    (tmp_path / "manifest.json").write_text(json.dumps(begun.to_json()))
+    with pytest.raises(sp.InvalidArgumentError, match=r"begun by a run file, whose text is in manifest\.json"):
+        sp.evaluate([HANOI], ["random"], **plan)
+
+
+def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_goes_on(tmp_path, caplog):
     """Its manifest has the margin of `--until decided`, and two of its three planned trials were not needed."""
     plan = {"games": [HANOI], "players": ["rule"], "out": tmp_path, "executor": "inline"}
     sp.evaluate(**plan, trials=1)
@@ -93,6 +102,7 @@ def test_a_run_of_an_earlier_version_that_ended_once_it_was_decided_is_read_and_
     for command in ("replay", "results"):
         shown_by(command, tmp_path)
     assert sp.evaluate(**plan, trials=3).complete
+    assert "it has all episodes that are asked for" in caplog.text
     assert RunFolder(tmp_path).manifest().until is None
 
 

@@ -96,6 +96,8 @@ class Estimate:
     cost: Range | None
     """US dollars: from the cache hits of the samples, to no hits and everything written to the provider's cache. None
     if the price of the player's model is not known."""
+    cut_share: float = 0.0
+    """The share of tool results that were cut to `result_tokens` in the samples."""
     reply_length: tuple[int, int] | None = None
     """The assumed tokens of a reply; None if the player itself has played."""
 
@@ -122,6 +124,8 @@ class _Sample:
     rates: tuple[float, float]
     """What a token of a prompt and one of a reply cost by the rule of a budget in money."""
     is_over: bool
+    cut: int
+    results: int
 
 
 def estimate(plan: Plan, prices: Mapping[str, Price], *, reply_tokens: int | None = None) -> list[Estimate]:
@@ -154,6 +158,7 @@ def estimate_cell(
         "reply_tokens": _range(every, whole, lambda sample: sum(sample.replies)),
     }
     figures = {name: figure * len(seeds) for name, figure in per_episode.items()}
+    cut, results = sum(sample.cut for sample in samples), sum(sample.results for sample in samples)
     return Estimate(
         cell,
         len(seeds),
@@ -161,6 +166,7 @@ def estimate_cell(
         cost=Range(0, 0, 0)
         if not is_model(player_of(cell)) and price is None
         else _cost(every, whole, price, len(seeds)),
+        cut_share=cut / results if results else 0.0,
         reply_length=lengths,
     )
 
@@ -230,10 +236,11 @@ def _sample(cell: CellConfig, seed: int, name: str, reply_tokens: int) -> _Sampl
         play(new_conversation(episode, name, cell.protocol), wordy, on_prompt=before, on_turn=after)
         stats = episode.stats
         is_over = episode.end_reason != "closed"
+        cut = stats.cut_results
     hit, written = _cached(cell, Record(events))
     reply = cost_rule(cell.budget.cost_rule or NO_CACHE).output
     rates = (stats.spent_cost - reply * sum(replies)) / max(1, sum(prompts[: len(replies)])), reply
-    return _Sample(tuple(prompts), tuple(replies), stats.summaries, hit, written, rates, is_over)
+    return _Sample(tuple(prompts), tuple(replies), stats.summaries, hit, written, rates, is_over, cut, stats.tool_calls)
 
 
 def _cached(cell: CellConfig, record: Record) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from smartplay_tools.evaluation.runs.roster import roster_of
 from smartplay_tools.evaluation.runs.run_options import RunKeywords, RunOptions
 from smartplay_tools.evaluation.runs.run_progress import Display, Signals, StopFlag, following, not_shown
 from smartplay_tools.evaluation.runs.run_writer import RunWriter
-from smartplay_tools.evaluation.runs.scheduler import Scheduler
+from smartplay_tools.evaluation.runs.scheduler import Scheduler, log
 from smartplay_tools.evaluation.suites import get_suite, suite_games
 from smartplay_tools.files.full_disk import DiskFullError, is_disk_full
 from smartplay_tools.players import is_model
@@ -231,6 +231,12 @@ def _manifest(folder: RunFolder, before: Manifest | None, plan: Plan, options: R
     prices: dict[str, Price] = {}
     if before is not None:
         _check_same_run(folder, before, plan, options.shard)
+        if before.until is not None:
+            log.warning(
+                "%s holds a run that was to end early, once its comparisons were decided (--until, of an earlier "
+                "version); from now on it has all episodes that are asked for.",
+                folder.path,
+            )
         prices = dict(before.prices)
     manifest = plan.manifest(
         shard=options.shard,
@@ -253,6 +259,8 @@ def _check_same_run(folder: RunFolder, before: Manifest, plan: Plan, shard: tupl
         asked = "everything that was asked for there"
         if None in limits[0] - limits[1]:
             asked += ", with stalled_turns=None (--stalled-turns none), which runs of earlier versions have"
+        if before.run_file is not None:
+            asked += " (it was begun by a run file, whose text is in manifest.json)"
         raise InvalidArgumentError(
             f"{folder.path} holds another run: {len(gone)} of its {len(before.episodes)} episodes are not in this "
             f"one. Name another folder, or ask for {asked}."
