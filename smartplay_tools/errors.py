@@ -155,7 +155,7 @@ MOST_NAMES = 12
 
 def check_choice(name: str, value: object, choices: Collection[str]) -> None:
     """Raise an `InvalidArgumentError` unless a value is one of the choices."""
-    if value not in choices:
+    if value not in [*choices]:  # a list is no key of a mapping
         raise InvalidArgumentError(f"{name} must be one of {', '.join(choices)}, not {value!r}.")
 
 

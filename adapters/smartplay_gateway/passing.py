@@ -34,11 +34,11 @@ with extra_named("smartplay_gateway", "gateway"):
 
 from smartplay_gateway.answers import GONE, Report, while_connected
 from smartplay_gateway.compaction import is_managed, managed, opened
-from smartplay_gateway.endpoint import HANDLERS, event_text, json_response
+from smartplay_gateway.endpoint import HANDLERS, event_text, json_response, refuse
 from smartplay_gateway.surfaces import CHAT, COUNTED, MESSAGES, Json, Surface, surface_of
 from smartplay_gateway.usage import PromptTokens
 from smartplay_gateway.window.messages_format import MESSAGES_FORMAT
-from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, SmartPlayError
+from smartplay_tools import ContextManager, FittedPrompt, InvalidArgumentError, PromptOverflowError
 from smartplay_tools.errors import SmartPlayWarning, TranscriptError
 from smartplay_tools.players.wire import RESPONSES, RequestError, Streaming
 from smartplay_tools.types.arguments import object_in
@@ -84,7 +84,7 @@ def passing_app(
             if surface is None or (body := _object(content)) is None:
                 return exchange.passed(await exchange.sent(_countable(request, content)))
             return await exchange.fitted(body, content)
-        except SmartPlayError as error:
+        except (PromptOverflowError, InvalidArgumentError, TranscriptError) as error:
             raise exchange.surface.refused(error) from error
         except _UnansweredError as error:
             return error.response
@@ -98,7 +98,7 @@ def passing_app(
         await client.aclose()
 
     route = Route("/{path:path}", pass_on, methods=["GET", "POST", "PUT", "PATCH", "DELETE", "HEAD"])
-    app = Starlette(routes=[route], exception_handlers=HANDLERS, lifespan=lifespan)
+    app = Starlette(routes=[route], exception_handlers={**HANDLERS, Exception: _fail}, lifespan=lifespan)
     return guarded(app, admit, hosts=hosts, largest=LARGEST)
 
 
@@ -159,6 +159,12 @@ def _countable(request: Request, content: bytes) -> bytes:
         return content
     made = opened(body, surface, _betas(request))
     return content if made is body else json.dumps(made).encode()
+
+
+async def _fail(request: Request, error: Exception) -> Response:
+    """Answer a request at which the endpoint failed; its client may try again, as with a server that fails."""
+    problem = RequestError(500, f"{type(error).__name__}: {error}", headers={"x-should-retry": "true"})
+    return await refuse(request, problem)
 
 
 def _betas(request: Request) -> str:

@@ -76,11 +76,13 @@ class Surface:
 
     def refused(self, error: SmartPlayError) -> RequestError:
         """Return the refusal of a prompt that cannot be sent, as the provider words it."""
-        is_long, status = isinstance(error, PromptOverflowError), 500 if isinstance(error, TranscriptError) else 400
+        is_long = isinstance(error, PromptOverflowError)
+        if isinstance(error, TranscriptError):  # a disk that is full now may have room when the client tries again
+            return RequestError(500, str(error), headers={"x-should-retry": "true"})
         if self.form == "anthropic":
-            return RequestError(status, f"prompt is too long: {error}" if is_long else str(error))
+            return RequestError(400, f"prompt is too long: {error}" if is_long else str(error))
         code = "context_length_exceeded" if is_long else "invalid_prompt"
-        return RequestError(status, str(error), param=self.messages, code=code)
+        return RequestError(400, str(error), param=self.messages, code=code)
 
     def refusal(self, error: RequestError) -> Json:
         """Return the body of a refusal in the provider's form; a code is where its clients look for one."""

@@ -27,7 +27,7 @@ class PlayerChatModel(BaseChatModel):
     choice, so a `tool_choice` has no effect; where a summary is asked for, `Prompt.purpose` tells the player.
     """
 
-    model_config = ConfigDict(arbitrary_types_allowed=True)
+    model_config = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
 
     player: Player | AsyncPlayer = Field(exclude=True)
     max_tokens: int | None = None

@@ -131,7 +131,7 @@ class ContextManager:
 
         `options` are arguments that a budget does not have, such as `tokenizer` and `head`.
         """
-        names = [name for name in inspect.signature(cls).parameters if name in Budget.model_fields]
+        names = [name for name in inspect.signature(ContextManager).parameters if name in Budget.model_fields]
         for name, field in Budget.model_fields.items():
             if name not in (*names, "summary_tokens") and getattr(budget, name) != field.default:
                 raise InvalidArgumentError(
@@ -143,7 +143,7 @@ class ContextManager:
         if budget.summary_tokens is not None:
             summaries = Summaries(budget.summary_tokens, budget.question_tokens)
             shared |= {"strategy": summaries, "question_tokens": None}
-        return cls(**shared, **options)
+        return cls(**shared | options)
 
     def count(self, messages: Sequence[Any], **beside: Any) -> int:
         """Return the tokens of a prompt that shows everything, whole; `beside` are the other arguments of `fit`."""

@@ -23,6 +23,7 @@ from smartplay_tools.context.choosing import choosing
 from smartplay_tools.context.strategies.custom import (
     FunctionCompactor,
     Loaded,
+    chooses,
     compacts,
     load_strategy,
     make_strategy,
@@ -31,7 +32,7 @@ from smartplay_tools.context.strategies.custom import (
 from smartplay_tools.context.tokens import PRIMING
 from smartplay_tools.context.turns import Form
 from smartplay_tools.context.view import Selection
-from smartplay_tools.errors import PromptOverflowError, StrategyError, name_of
+from smartplay_tools.errors import InvalidArgumentError, PromptOverflowError, StrategyError, name_of
 from smartplay_tools.manager.counting import MessageCounter
 from smartplay_tools.manager.kept import KeptCompacting
 from smartplay_tools.manager.memo import Texts
@@ -58,6 +59,12 @@ class StrategyMaker:
             self.name, self._given, self._loaded = name_on_record(given), given, load_strategy(given)
         else:
             is_function, is_class = inspect.isroutine(given), isinstance(given, type)
+            if not is_function and chooses(given) == compacts(given):
+                raise InvalidArgumentError(
+                    f"{name_of(given if is_class else type(given))} is no strategy: give Summaries(tokens=...), a "
+                    "name, a class or an object with choose(past, room) or compact(history, room), or a function of "
+                    "history and room."
+                )
             self.name = self._given = name_of(given if is_function or is_class else type(given))
             made_of = partial(FunctionCompactor if is_function else copy.deepcopy, given)
             self._loaded = Loaded(given if is_class else made_of)

@@ -17,6 +17,8 @@ NAMES = ("type", "name", "server_label")
 
 def plain_tool(tool: Any) -> Mapping[str, Any]:
     """Return a tool as plain data; a client's object is read by `model_dump`."""
+    if isinstance(tool, Mapping):
+        return tool  # an agent may keep its own data in it
     return tool.to_json() if isinstance(tool, ToolSpec) else plain(tool, "A tool")[0]
 
 

@@ -114,8 +114,8 @@ class Price:
 
     def _dollars(self, prompt: int, cached: int, written: int, reply: int, written_1h: int = 0) -> float:
         given, read, write, write_1h, taken = self._rates_for(prompt)
-        dollars = (prompt - cached - written) * given + cached * read
-        dollars += (written - written_1h) * write + written_1h * write_1h + reply * taken
+        uncached, briefly = prompt - cached - written, written - written_1h  # one sum, in the order of earlier records
+        dollars = uncached * given + cached * read + briefly * write + written_1h * write_1h + reply * taken
         return dollars / 1_000_000
 
     def _rates_for(self, prompt: int) -> tuple[float, ...]:

@@ -253,8 +253,24 @@ def test_a_prompt_that_cannot_be_recorded_is_not_sent(upstream: Upstream, tmp_pa
         file.write_text(file.read_text() + "\n")
         answer = httpx2.post(f"{endpoint.base_url}/chat/completions", json={"messages": steps(3)})
     assert answer.status_code == 500
+    assert answer.headers["x-should-retry"] == "true"
     assert "written by another program" in answer.json()["error"]["message"]
     assert len(upstream.requests) == 1
+
+
+def test_a_client_may_try_again_where_a_summary_could_not_be_asked_for_and_a_bug_is_no_fault_of_its_own(
+    upstream: Upstream,
+):
+    def ask(*_: Any) -> str:
+        raise ConnectionError("the server of summaries restarts")
+
+    for manager in (
+        sp.ContextManager(CAP, slack=0.5, strategy=sp.Summaries(40), ask=ask),
+        sp.ContextManager(CAP, strategy=lambda history, room: history.nothing),
+    ):
+        with ContextEndpoint(f"{upstream.url}/v1", manager) as endpoint:
+            answer = httpx2.post(f"{endpoint.base_url}/chat/completions", json={"messages": steps(40)})
+        assert (answer.status_code, answer.headers["x-should-retry"]) == (500, "true")
 
 
 @pytest.mark.parametrize("path", ["/v1/models", "/v1/files/a%2Fb", "/v1/embeddings"])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from functools import partial
 
 import pytest
@@ -113,6 +115,15 @@ def test_a_dry_run_obeys_the_caps_of_an_episode_and_the_length_that_is_assumed()
     # Short replies leave more room for prompts, so the two upper ends are not of one episode.
     assert tokens["prompt_tokens"]["expected"] + tokens["reply_tokens"]["expected"] <= 5000
     assert max(tokens["prompt_tokens"]["high"], tokens["reply_tokens"]["high"]) <= 5000 * 1.1
+
+
+@pytest.mark.slow
+def test_a_person_who_leaves_ends_their_own_episodes_alone(tmp_path):
+    arguments = ["--games", HANOI, "--players", "human,rule", "--trials", "2", "--out", str(tmp_path), "--quiet"]
+    command = [sys.executable, "-m", "smartplay_tools", "eval", *arguments]
+    subprocess.run(command, input="q\nq\n", capture_output=True, text=True, timeout=120)
+    rows = (tmp_path / "results.jsonl").read_text().splitlines()
+    assert [json.loads(row)["player"] for row in rows] == ["rule", "rule"]
 
 
 def test_shards_are_merged_by_command(tmp_path):

@@ -151,6 +151,18 @@ def test_a_name_is_a_strategy_as_in_a_budget():
     prompt = of_budget.fit(steps(40))
     assert prompt == managed("memory-bm25:tokens=60").fit(steps(40))
     assert prompt.messages[2]["content"].startswith("Turn ")
+    shared = sp.Budget(history=None, prompt_tokens=CAP)
+    given = sp.ContextManager.of(shared, strategy="memory-bm25:tokens=60", tokenizer=Letters())
+    assert given.fit(steps(40)) == prompt
+
+
+def test_a_subclass_takes_a_budget_and_a_tool_keeps_an_agents_own_data():
+    class Own(sp.ContextManager):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+
+    tool = {"name": "read", "description": "Reads.", "input_schema": {"type": "object"}, "call": print}
+    assert Own.of(sp.Budget(history=2, prompt_tokens=CAP)).fit(steps(4), tools=[tool]).tokens <= CAP
 
 
 def too_long(history: Any, room: Any) -> Any:
@@ -177,7 +189,7 @@ def test_what_cannot_be_sent_is_an_error(strategy: Any):
         ({"strategy": cleared, "own_words": 2}, "rewrites messages itself, so own_words has no meaning"),
         ({"question_tokens": 100}, "questions of a compactor"),
         ({"strategy": Rewritten}, "give ask"),
-        ({"strategy": int}, "The strategy int needs one of two methods"),
+        ({"strategy": int}, "int is no strategy"),
     ],
 )
 def test_what_a_strategy_cannot_be_combined_with_is_refused(options: dict[str, Any], sentence: str):

@@ -180,7 +180,7 @@ async def asynchronous(messages: Messages, max_tokens: int) -> str:
     [
         ({"ask": None}, "give ask"),
         ({"strategy": None}, "Nobody asks without a strategy"),
-        ({"strategy": 3}, "The strategy int needs one of two methods"),
+        ({"strategy": 3}, r"int is no strategy: give Summaries\(tokens=...\)"),
         ({"question_tokens": 300}, "questions of a compactor"),
         ({"strategy": sp.Summaries(0)}, "tokens is a whole number from 1 on"),
         ({"strategy": sp.Summaries(40, 100)}, "raise question_tokens"),

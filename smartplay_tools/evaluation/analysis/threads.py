@@ -54,7 +54,7 @@ COUNTS: Sequence[ShownColumn[Thread]] = (
 def threads_tables(rows: Sequence[Thread]) -> tuple[TextTable, TextTable]:
     """Return what each thread's prompts were, and what became of messages, with the provider's count beside ours."""
     second = "messages, and the provider's count"
-    return _table("threads", rows, PROMPTS, NOTES), _table(second, rows, COUNTS, COUNT_NOTES)
+    return _table("threads", rows, PROMPTS, NOTES, mark=""), _table(second, rows, COUNTS, COUNT_NOTES)
 
 
 def threads_table(rows: Sequence[Thread]) -> TextTable:
@@ -62,8 +62,11 @@ def threads_table(rows: Sequence[Thread]) -> TextTable:
     return _table("threads", rows, (*PROMPTS, *COUNTS), (*NOTES, *COUNT_NOTES))
 
 
-def _table(title: str, rows: Sequence[Thread], shown: Sequence[ShownColumn[Thread]], notes: Sequence[str]) -> TextTable:
-    named = [(row["thread"] + MANAGED * bool(row["managed"]), row) for row in rows]
+def _table(
+    title: str, rows: Sequence[Thread], shown: Sequence[ShownColumn[Thread]], notes: Sequence[str], mark: str = MANAGED
+) -> TextTable:
+    """`mark` follows the names of threads whose provider managed the context; the notes explain it."""
+    named = [(row["thread"] + mark * bool(row["managed"]), row) for row in rows]
     return figures_table(title, "thread", {"": named}, lambda _: shown, notes)
 
 

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from smartplay_tools.episode import schema
+from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.records.prompts import SentPrompt
 from smartplay_tools.records.record import Record
 from smartplay_tools.types import Purpose, SampledTokens
@@ -70,6 +71,8 @@ def plain(message: Message) -> Row:
 
 def _steps(episode: Record, *, summaries: bool) -> Iterator[tuple[SentPrompt, list[Row], Row]]:
     """Yield every prompt, and its messages and the reply as a row has them."""
+    if episode.config.context == "host":
+        raise InvalidArgumentError("The host managed the context of this record, so its prompts are not recorded.")
     for sent, reply in episode.answered:
         if summaries or sent.prompt.purpose == "play":
             yield sent, list(map(plain, sent.prompt.messages)), plain(reply)

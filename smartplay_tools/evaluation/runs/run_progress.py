@@ -84,6 +84,10 @@ class StopFlag:
         """Make the attempts stop between two turns."""
         self._flag.value = 1
 
+    def clear(self) -> None:
+        """Let the attempts of another executor begin."""
+        self._flag.value = 0
+
 
 class Signals:
     """The signal that was received, which sets the stop flag; `with` handles those that stop a run."""

@@ -191,6 +191,10 @@ def run_plan(
                     chosen = executors[name](options.workers or default_workers(name), caps, scheduler.spent, stop)
                     try:
                         apart_from_event_loop(scheduler.play, chosen, episodes)
+                        if scheduler.refused is None:
+                            stop.clear()  # a person who has left ends their own executor's episodes alone
+                            if signals.received is not None:
+                                stop.set()
                     finally:
                         with warned_if_not_closed(f"The executor {name}"):
                             chosen.close()

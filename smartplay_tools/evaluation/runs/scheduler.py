@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from smartplay_tools.errors import SmartPlayError
+from smartplay_tools.errors import SmartPlayError, TranscriptError
 from smartplay_tools.evaluation.run_folder.folder import Manifest, reason_of
 from smartplay_tools.evaluation.run_folder.follower import run_snapshot
 from smartplay_tools.evaluation.runs.attempt import Task
@@ -347,4 +347,7 @@ class Scheduler:
         return self._failures[where]
 
     def _row(self, episode: PlannedEpisode) -> Row:
-        return row_of(Record.follow(self._folder.transcript(episode.key), self._prices), episode.trial)
+        try:
+            return row_of(Record.follow(self._folder.transcript(episode.key), self._prices), episode.trial)
+        except TranscriptError as error:
+            raise TranscriptError(f"{error} Move the file away, and its episode is played again.") from error
