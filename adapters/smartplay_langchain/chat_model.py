@@ -11,13 +11,15 @@ from langchain_core.messages import AIMessage, BaseMessage
 from langchain_core.outputs import ChatGeneration, ChatResult
 from langchain_core.runnables import Runnable
 from langchain_core.utils.function_calling import convert_to_openai_tool
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from smartplay_langchain.asking import spec_of
 from smartplay_langchain.messages import from_langchain, to_langchain, usage_metadata_of
 from smartplay_tools import AsyncPlayer, InvalidArgumentError, Player, Prompt, Reply
 from smartplay_tools.conversation.loop import reply_of
 from smartplay_tools.players.conversion import received
+
+NO_STOP = "A player has no texts at which a reply is cut off; leave `stop` out."
 
 
 class PlayerChatModel(BaseChatModel):
@@ -27,11 +29,18 @@ class PlayerChatModel(BaseChatModel):
     choice, so a `tool_choice` has no effect; where a summary is asked for, `Prompt.purpose` tells the player.
     """
 
-    model_config = ConfigDict(arbitrary_types_allowed=True, extra="forbid")
+    model_config = ConfigDict(arbitrary_types_allowed=True)
 
     player: Player | AsyncPlayer = Field(exclude=True)
     max_tokens: int | None = None
     """The cap on a reply that the player is told."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_stop(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and given.get("stop"):
+            raise ValueError(NO_STOP)
+        return given
 
     @property
     def model_name(self) -> str:
@@ -74,7 +83,7 @@ class PlayerChatModel(BaseChatModel):
 
     def _prompt(self, messages: Sequence[BaseMessage], stop: list[str] | None, settings: Mapping[str, Any]) -> Prompt:
         if stop:
-            raise InvalidArgumentError("A player has no texts at which a reply is cut off; leave `stop` out.")
+            raise InvalidArgumentError(NO_STOP)
         tools, cap = tuple(map(spec_of, settings.get("tools") or ())), settings.get("max_tokens") or self.max_tokens
         return received([from_langchain(message) for message in messages], tools, cap)
 

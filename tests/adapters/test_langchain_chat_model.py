@@ -42,3 +42,5 @@ def test_a_text_to_stop_at_is_refused_in_a_sentence():
     model = PlayerChatModel(player=sp.get_player("rule"))
     with pytest.raises(sp.InvalidArgumentError, match="leave `stop` out"):
         model.invoke("Go!", stop=["."])
+    with pytest.raises(ValueError, match="leave `stop` out"):
+        PlayerChatModel(player=model.player, stop=["."])
