@@ -24,7 +24,7 @@ from smartplay_tools.manager.counting import CUTS, MessageCounter, Tokens
 from smartplay_tools.manager.drafting import Drafts
 from smartplay_tools.manager.fitted import Conversation, FittedPrompt
 from smartplay_tools.manager.forms import Given, form_of
-from smartplay_tools.manager.plain import check_plain, plain, plain_messages
+from smartplay_tools.manager.plain import PlainMessages, check_plain, plain
 from smartplay_tools.manager.record import ThreadRecord
 from smartplay_tools.manager.settings import FormName, Settings
 from smartplay_tools.manager.summaries import Summaries
@@ -117,6 +117,7 @@ class ContextManager:
         self._drafts = Drafts(self._settings, self._asking)
         folder, written = record, self._settings.recorded | self._asking.recorded
         self._threads = None if folder is None else ThreadRecords(Path(folder), written)
+        self._plain = PlainMessages()
         self._lock = threading.Lock()
         """Held while a prompt is made, and never while a model is asked."""
 
@@ -226,7 +227,7 @@ class ContextManager:
 
     def _read(self, messages: Sequence[Any], form: FormName | None) -> Conversation:
         """The messages of a request as plain data."""
-        data, keys = plain_messages(messages)
+        data, keys = self._plain.read(messages)
         return Conversation(messages, data, keys, form_of(data, form or self._settings.form))
 
     def _record(self, conversation: Conversation, thread: str | None) -> ThreadRecord | None:

@@ -6,23 +6,78 @@ import json
 import marshal
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from itertools import repeat
+from itertools import compress, count, repeat
+from operator import ne
 from typing import Any
 
 from smartplay_tools.errors import InvalidArgumentError
 from smartplay_tools.manager.forms import Given
 
+CONVERSATIONS = 16
+"""How many conversations are known again, by how they begin."""
+
+UNORDERED = (
+    frozenset({"role", "content", "tool_calls", "tool_call_id"}),
+    frozenset({"id", "type", "function"}),
+    frozenset({"name", "arguments"}),
+)
+"""Fields of messages, of calls and of functions that are read by name, whatever their order."""
+
 DEEPEST = 100
 """How many levels any message has that a program has made on purpose."""
 
 
-def plain_messages(messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
-    """Return messages as plain data, each with a key that stands for what it says."""
-    if {*map(type, messages)} == {dict}:
-        with suppress(ValueError):
-            return [*messages], [*map(marshal.dumps, messages, repeat(2))]
-    given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
-    return [data for data, _ in given], [key for _, key in given]
+class PlainMessages:
+    """Messages as plain data, each with a key that stands for what it says.
+
+    A conversation is compared with what it was at the prompt before, and only what is new is encoded, since that takes
+    most of the time of a prompt. Equal messages have one key where they are words alone: 1 and True are equal, too.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, tuple[list[Any], list[object]]] = {}
+        """Copies of messages, None for one that is more than words, and their keys, by the first two."""
+
+    def read(self, messages: Sequence[Any]) -> tuple[Sequence[Given], list[object]]:
+        """Return messages as plain data, and their keys."""
+        if {*map(type, messages)} == {dict}:
+            with suppress(ValueError):
+                return [*messages], self._keys([*messages])
+        given = [plain(message, f"Message {number}") for number, message in enumerate(messages)]
+        return [data for data, _ in given], [key for _, key in given]
+
+    def _keys(self, messages: list[Any]) -> list[object]:
+        begin = marshal.dumps(messages[:2], 2)
+        before, keys = self._known.get(begin, ([], []))
+        same = next(compress(count(), map(ne, messages, before)), min(len(messages), len(before)))
+        if same == len(messages):
+            return keys[:same]
+        new = [*map(marshal.dumps, messages[same:], repeat(2))]
+        self._known.pop(begin, None)
+        self._known[begin] = [*before[:same], *map(_copied, messages[same:])], [*keys[:same], *new]
+        if len(self._known) > CONVERSATIONS:
+            del self._known[next(iter(self._known))]
+        return self._known[begin][1]
+
+
+def _copied(value: Any) -> Any:
+    """Return a copy of a message with the same texts; None if it is more than texts in fields whose order says nothing.
+
+    Texts that are one object are compared at once, whatever their length.
+    """
+    with suppress(ValueError):
+        return _copy_of_words(value)
+    return None
+
+
+def _copy_of_words(value: Any) -> Any:
+    if value is None or type(value) is str:
+        return value
+    if type(value) is dict and any(value.keys() <= names for names in UNORDERED):
+        return {name: _copy_of_words(inner) for name, inner in value.items()}
+    if type(value) is list and {*map(type, value)} <= {dict}:
+        return [*map(_copy_of_words, value)]
+    raise ValueError
 
 
 def plain(message: Any, what: str) -> tuple[Given, object]:
