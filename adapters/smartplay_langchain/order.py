@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait as wait_for
+from contextlib import contextmanager
 
 PATIENCE = 1.0
 """Seconds that a call waits for an earlier one that has not begun, before it is held; no result depends on it."""
 
-PAUSE = 0.005
-"""Seconds after which a call that waits looks again."""
-
 
 class TurnOrder:
-    """The calls of one reply that are being played, and those that are held.
+    """The calls of one reply that wait, and those that are being played.
 
     Arguments:
         earlier_open: returns the positions of the calls before a position that are not answered yet.
@@ -31,38 +29,65 @@ class TurnOrder:
         self._lock = threading.Lock()
         self._playing: set[int] = set()
         self._held: set[int] = set()
-        self._ended = 0.0
-        """When a call was last answered: the next one has time to begin."""
+        self._waiting: list[tuple[int, Future[bool]]] = []
 
     def begin(self, position: int) -> bool:
         """Wait for the calls before a position; whether the call may be played now. If not, it is held."""
-        begun = time.monotonic()
-        while (decision := self._decide(position, begun)) is None:
-            time.sleep(PAUSE)
-        return decision
+        with self._asking(position) as future:
+            while not future.done():
+                wait_for([future], timeout=PATIENCE)
+                self._give_up(position, future)
+            return future.result()
 
     async def abegin(self, position: int) -> bool:
         """Wait as `begin` does, without blocking the event loop."""
-        begun = time.monotonic()
-        while (decision := self._decide(position, begun)) is None:
-            await asyncio.sleep(PAUSE)
-        return decision
+        with self._asking(position) as future:
+            while not future.done():
+                await asyncio.wait([asyncio.wrap_future(future)], timeout=PATIENCE)
+                self._give_up(position, future)
+            return future.result()
 
     def end(self, position: int) -> None:
-        """Note that a call has been answered."""
+        """Note that a call has been answered, and wake those that waited for it."""
         with self._lock:
             self._playing.discard(position)
-            self._ended = time.monotonic()
+            self._decide_all()
 
-    def _decide(self, position: int, begun: float) -> bool | None:
-        """Whether a call that has waited since a time may be played; None while that is not known."""
+    @contextmanager
+    def _asking(self, position: int) -> Iterator[Future[bool]]:
+        """Ask whether a call may be played. One that is cancelled while it waits is not played, nor waited for."""
+        future: Future[bool] = Future()
         with self._lock:
-            earlier = self._earlier_open(position)
-            is_tired = time.monotonic() - max(begun, self._ended) > PATIENCE and not self._playing & earlier
-            if position in self._held or earlier & self._held or (earlier and is_tired):
-                self._held.add(position)
-                return False
-            if earlier:
-                return None
+            self._decide(position, future)
+        try:
+            yield future
+        except BaseException:
+            with self._lock:
+                self._playing.discard(position)
+                self._waiting = [each for each in self._waiting if each[1] is not future]
+            raise
+
+    def _decide_all(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for position, future in waiting:
+            self._decide(position, future)
+
+    def _decide(self, position: int, future: Future[bool]) -> None:
+        """Resolve the future if it is known whether the call may be played."""
+        earlier = self._earlier_open(position)
+        if position in self._held or earlier & self._held:
+            self._held.add(position)
+            future.set_result(False)
+        elif not earlier:
             self._playing.add(position)
-            return True
+            future.set_result(True)
+        else:
+            self._waiting.append((position, future))
+
+    def _give_up(self, position: int, future: Future[bool]) -> None:
+        """Hold a call that has waited long enough, unless an earlier call is being played at this moment."""
+        with self._lock:
+            if future.done() or self._playing & self._earlier_open(position):
+                return
+            self._held.add(position)
+            self._decide_all()

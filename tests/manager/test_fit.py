@@ -296,7 +296,7 @@ def test_a_part_of_a_type_that_nobody_knows_is_kept_as_it_is(kind: Any):
 
 @pytest.mark.parametrize("own", [nested(120), {"role": "user", "content": "Look.", "seen": {1, 2}, "raw": b"raw"}])
 def test_what_is_sent_or_ignored_whatever_it_holds_is_kept(own: dict[str, Any]):
-    """Calls of a degenerate model are nested deep, and an agent may keep data of its own beside a message."""
+    """A model can send deeply nested arguments, and an agent can keep fields of its own in a message."""
     assert manager(100_000).fit([*HEAD, own]).messages[-1] is own
 
 
