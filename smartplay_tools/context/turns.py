@@ -275,10 +275,6 @@ class Turn:
         kept: Any = {name: value for name, value in self.shown.items() if name not in THOUGHT_PLACES}
         return None if len(kept) == len(self.shown) or not (kept["content"] or self.calls) else Form(kept)
 
-    def trimming_saves(self, counter: TokenCounter) -> int:
-        """Return the budget tokens that a trimmed reply saves."""
-        return self.whole[0].tokens(counter) - self.trimmed.tokens(counter) if self.is_wordy else 0
-
     def masked_items(self, oldest: int, elided: int = 0) -> list[int]:
         """Return the indices of the items shown as the marker: they are old, or only a picture that is elided."""
         old: list[int] = []
